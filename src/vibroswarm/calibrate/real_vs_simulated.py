@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
+import polars as pl
 
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions, sessions_of
 from vibroswarm.calibrate.held_out_accuracy import scikit_learn
+from vibroswarm.calibrate.histograms import AXES, draw_panel, highest_of, histograms_of
 from vibroswarm.calibrate.interval_classifier import IntervalAccuracy, interval_accuracy
 from vibroswarm.calibrate.similarity import (
     EnergyDistance,
@@ -179,28 +179,6 @@ def _similarities(real: Sessions, simulated: Sessions) -> tuple[Similarity, ...]
 
 INK: Final = ("#2b2b2b", "#4c78a8")
 """Colours of the real and of the simulated histogram: one darker than the other, so legible in grey."""
-AXES: Final = {
-    "avoidance": ("avoidance time (s)", "share of samples"),
-    "vibrating": ("energy (RMS)", "share of samples"),
-    "still": ("energy (RMS)", "share of samples"),
-    "places": ("x (m)", "y (m)"),
-    "distances": ("time (s)", "distance (m)"),
-    "steps": ("dx (m)", "dy (m)"),
-}
-"""Labels of the x and the y axis, by feature."""
-SPANS: Final = {
-    "avoidance": ((0.0, 8.0),),
-    "vibrating": ((0.0, 6.0),),
-    "still": ((0.0, 3.0),),
-    "places": ((0.0, 1.0), (0.0, 1.0)),
-    "distances": ((0.0, 1200.0), (0.0, 0.2)),
-    "steps": ((-0.2, 0.2), (-0.2, 0.2)),
-}
-"""Range of each column of a feature in the histograms that are drawn, as in the paper's figures."""
-_BINS: Final = {"avoidance": 40, "vibrating": 50, "still": 50, "places": 15, "distances": 24, "steps": 39}
-"""Number of bins along each axis, by feature."""
-
-Floats = NDArray[np.float64]
 
 
 def comparison_figure(
@@ -214,17 +192,22 @@ def comparison_figure(
     """
     from matplotlib.figure import Figure
 
-    real_sessions, simulated_sessions = sessions_of(real), sessions_of(seen_through(simulated, found.camera))
+    values = histograms_of({"real": real, "simulated": seen_through(simulated, found.camera)})
     shown = [feature for feature in features if feature not in found.missing]
     rows = max(len(shown), 1)  # matplotlib needs at least one row
     figure = Figure(figsize=(7.0, 2.6 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False)
     for row, feature in enumerate(shown):
         similarity = next(each for each in found.similarities if each.feature == feature)
-        values = [
-            np.concatenate(sessions.values(feature)) for sessions in (real_sessions, simulated_sessions)
-        ]
-        _draw(axes[row], values, feature)
+        of_feature = values.filter(pl.col("feature") == feature)
+        highest = highest_of(of_feature)
+        for axis, part, ink in zip(
+            axes[row], of_feature.partition_by("source", maintain_order=True), INK, strict=True
+        ):
+            draw_panel(axis, part, feature, highest, ink)
+            axis.set_xlabel(AXES[feature][0], fontsize=7)
+            axis.set_ylabel(AXES[feature][1], fontsize=7)
+            axis.tick_params(labelsize=6)
         axes[row][0].set_title(f"{WORDS[feature]}, real", fontsize=8)
         axes[row][1].set_title(
             f"simulated: S {similarity.at_equal_counts:.3f} "
@@ -232,38 +215,6 @@ def comparison_figure(
             fontsize=8,
         )
     return figure
-
-
-def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None:
-    """Draw the histograms of one feature into two axes with a common scale.
-
-    A feature of one column is drawn as bars, a feature of two columns as a grey map.
-
-    Args:
-        pair: the two axes. values: the real and the simulated values, (n, 1) or (n, 2) each. There are some of each,
-            because ``compare`` counts a feature with few values as missing.
-    """
-    spans, bins = SPANS[feature], _BINS[feature]
-    if len(spans) == 1:
-        # Shares of all values, those beyond the range included. ``max`` has no effect, because there are some values.
-        heights = [np.histogram(each[:, 0], bins, spans[0])[0] / max(len(each), 1) for each in values]
-        for axis, height, ink in zip(pair, heights, INK, strict=True):
-            axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)
-            # The same limits for both axes, with 5 % of room above the highest bar.
-            axis.set_ylim(0.0, 1.05 * max(float(counts.max()) for counts in heights))
-    else:
-        grids = [np.histogram2d(each[:, 0], each[:, 1], bins, spans)[0] / len(each) for each in values]
-        most = max(float(grid.max()) for grid in grids)
-        for axis, grid in zip(pair, grids, strict=True):
-            extent = (*spans[0], *spans[1])
-            # ``grid`` has a row for each bin of the first column (x); an image has a row for each bin along y.
-            axis.imshow(
-                grid.T, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=most
-            )
-    for axis in pair:
-        axis.set_xlabel(AXES[feature][0], fontsize=7)
-        axis.set_ylabel(AXES[feature][1], fontsize=7)
-        axis.tick_params(labelsize=6)
 
 
 def write_comparison_pictures(real: Result, simulated: Result, found: Comparison, folder: Path) -> list[Path]:

@@ -23,10 +23,8 @@ from vibroswarm.analysis.verdict import (
 )
 from vibroswarm.documents.knowledge import told
 from vibroswarm.observation.decision_boundary import expected_classes_on
-from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.reports import draw_reports
-from vibroswarm.plots.run import run_figure
-from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.plots.run import draw_run
 from vibroswarm.result import Result
 from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
@@ -62,7 +60,7 @@ def run_document(result: Result, run: int) -> Document:
     parts += _reports(result, run)
     parts += _map(result, run)
     parts += _reports_over_time(result, run)
-    parts.append(Figure("run", lambda style: _picture(result, run)))
+    parts.append(Figure("run", lambda style: draw_run(result, run, style=style)))
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
         answer=(*failure_sentences(result), *_outcome(found)),
@@ -72,13 +70,6 @@ def run_document(result: Result, run: int) -> Document:
         made_by=_made_by(result),
         data=_verdict_data(found) | _failed_parts(result, run),
     )
-
-
-def _picture(result: Result, run: int) -> Picture:
-    """Draw the floor, and paths and samples of the robots."""
-    samples = result.motion.filter(pl.col("run") == run).select("robot", "sample", "x_m", "y_m")
-    with MATPLOTLIB_LOCK:
-        return Picture(run_figure(result, run), samples, f"Floor, paths and samples of run {run}.")
 
 
 def verdict_document(found: Verdict) -> Document:

@@ -42,7 +42,7 @@ from vibroswarm.optimize.search_files import file_text
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Front, Scored, Truth
 from vibroswarm.plots.front import draw_front
-from vibroswarm.plots.labels import label_of, setting_words
+from vibroswarm.plots.labels import setting_words
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
@@ -276,14 +276,10 @@ def _draw_scores(found: Found, truth: Truth | None, style: str) -> Picture:
 
 def _draw_parameters(found: Found, style: str) -> Picture:
     """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's bounds."""
-    names = found.search.space.names
-    texts = [label_of(name).text for name in names]
-    # Fields of two sections may have one name; they are then named in full.
-    series = [text if texts.count(text) == 1 else name for name, text in zip(names, texts, strict=True)]
     shares = [
         (iteration.number, name, share)
         for iteration in found.history
-        for name, share in zip(series, iteration.mean_point, strict=True)
+        for name, share in zip(found.search.space.names, iteration.mean_point, strict=True)
     ]
     return draw_parameters(
         pl.DataFrame(shares, schema=["iteration", "series", "share"], orient="row"), style=style

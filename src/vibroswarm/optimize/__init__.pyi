@@ -13,6 +13,8 @@ from .outcomes import outcomes_of as outcomes_of
 from .pso import PsoSettings as PsoSettings
 from .scenario_comparison import compare_scenarios as compare_scenarios
 from .search_files import best_scenario as best_scenario
+from .search_files import candidate_table as candidate_table
+from .search_files import history_table as history_table
 from .search_files import write_grid as write_grid
 from .search_files import write_search as write_search
 from .sensitivity import ped_anova as ped_anova
@@ -23,4 +25,5 @@ from .spec import SearchSettings as SearchSettings
 from .validation import Front as Front
 from .validation import Truth as Truth
 from .validation import front_of as front_of
+from .validation import paired_score as paired_score
 from .validation import truth_of as truth_of

@@ -46,6 +46,9 @@ def history_table(found: Found) -> pl.DataFrame:
     the value is therefore a geometric mean, and for a list of choices it is the choice at the mean coordinate. In a
     race both are those of the best candidate. The scores of the personal bests are given only for a particle swarm.
     Scores that are not finite are null.
+
+    Args:
+        found: result of a search.
     """
     rows = []
     space = found.search.space
@@ -71,6 +74,9 @@ def candidate_table(found: Found) -> pl.DataFrame:
     """Tabulate the candidates, one row each: origin, values, runs, failures, and a score for each objective.
 
     Scores are null if a run failed, unless the search drops failed runs, and if no run succeeded.
+
+    Args:
+        found: result of a search.
     """
     rows = []
     for c in found.archive.candidates:

@@ -298,6 +298,9 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     Runs with the same number are paired. Each resample takes the same runs for both scores, so that noise that is
     common to both cancels. If runs failed and fewer than two are left in both, the limits are infinite; without a run
     in both, the difference is nan.
+
+    Args:
+        objective: of the search. first, second: scored sets, such as those of ``Truth.others``.
     """
     width = first.rows.shape[2]
     # the indices, in each score's rows, of the runs that both have

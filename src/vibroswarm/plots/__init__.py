@@ -14,6 +14,7 @@ from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture, write_picture
 from vibroswarm.plots.reports import draw_reports
+from vibroswarm.plots.run import draw_run
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.spectrum import draw_spectrum
 
@@ -31,6 +32,7 @@ __all__ = [
     "draw_outcomes",
     "draw_parameters",
     "draw_reports",
+    "draw_run",
     "draw_search",
     "draw_spectrum",
     "write_picture",

@@ -24,6 +24,7 @@ from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
+from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN, kind_colours
 from vibroswarm.result import Result
 
@@ -151,6 +152,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     )
     grid = figure.add_gridspec(1 + bool(small), max(len(small), 1), height_ratios=[4, 1][: 1 + bool(small)])
     axes = figure.add_subplot(grid[0, :])
+    axes.spines[:].set_visible(True)  # the walls
     _draw_floor(
         axes,
         floor.at(end_s),
@@ -348,6 +350,24 @@ def _draw_robots(axes: Axes, result: Result, run: int) -> None:
             str(robot), (x_m, y_m), ha="center", va="center", fontsize=6.5, fontweight="bold", zorder=5,
             color=INK if decision == -1 else PAPER,
         )  # fmt: skip
+
+
+@drawn
+def draw_run(result: Result, run: int = 0, *, caption: str = "", style: str = "column") -> Picture:
+    """Draw the floor, the robots' paths and their samples in one run, to scale.
+
+    Args:
+        result: has the run; paths are drawn if it has segments. run: number of the run.
+        caption: by default, what is drawn. style: "column", "page" or "slide"; it sets the type, not the size.
+
+    Returns:
+        Picture; its numbers are ``robot, sample, x_m, y_m`` of the samples.
+
+    Raises:
+        InputError: the result has no run of that number.
+    """
+    samples = result.motion.filter(pl.col("run") == run).select("robot", "sample", "x_m", "y_m")
+    return Picture(run_figure(result, run), samples, caption or f"Floor, paths and samples of run {run}.")
 
 
 def write_run_picture(result: Result, path: Path, run: int = 0) -> None:

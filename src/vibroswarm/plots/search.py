@@ -7,6 +7,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.inputs import check_once, tidy, with_series
+from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.layout import legend_below, plain_axes, whole_ticks
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, SERIES, look, style_named
@@ -96,7 +97,8 @@ def draw_parameters(
 
     Args:
         frame: one row per iteration and field with the columns ``iteration``, ``share`` (the mean: 0 at the field's
-            lower bound, 1 at the upper) and, for several fields, ``series`` (the name of the field).
+            lower bound, 1 at the upper) and, for several fields, ``series`` (the name of the field,
+            which is labelled with its words, symbol and unit unless two fields would have the same label).
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -110,6 +112,10 @@ def draw_parameters(
     sizes = style_named(style)
     frame = tidy(frame, numbers=("iteration", "share"), complete=("iteration", "share"))
     frame, series = with_series(frame)
+    labels = {name: label_of(name).text for name in series if "." in name}
+    once = {name: text for name, text in labels.items() if list(labels.values()).count(text) == 1}
+    frame = frame.with_columns(pl.col("series").replace(once))
+    series = [once.get(name, name) for name in series]
     check_once(frame, ["iteration", "series"])
     if not frame["share"].is_between(-1e-9, 1 + 1e-9).all():  # 1e-9: for rounding
         raise InputError("lies outside 0 to 1; give shares of the bounds", field="share")

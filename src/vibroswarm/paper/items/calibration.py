@@ -19,9 +19,10 @@ import polars as pl
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.camera import seen_through
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
 from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
-from vibroswarm.calibrate.similarity import RealCache, null_similarity, similarity
+from vibroswarm.calibrate.similarity import null_similarity, similarity
 from vibroswarm.core.optional_library import lacking
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, published
@@ -29,10 +30,7 @@ from vibroswarm.paper.item import CLAIMS, Drawn, Item, Picture, Settings, Tables
 from vibroswarm.paper.real_data import (
     AUTHORS,
     REAL,
-    draw_maps,
-    draw_shares,
     hash_of,
-    histograms_of,
     missing,
     read_recordings,
     real_floor,
@@ -287,7 +285,7 @@ def compute(work: Work) -> Tables:
     sources: dict[str, Result] = {SIMULATOR: authors}
     sources |= {column: _first_set(source) for column, source in simulated.items()}
     comparisons: dict[str, Comparison] = {}
-    known: RealCache = {}  # distances among the recordings, which all comparisons share
+    known: dict[Any, Any] = {}  # distances among the recordings, which all comparisons share
     for place, (name, source) in enumerate(sources.items()):
         comparisons[name] = compare(real, source, known)
         work.progress(0.2 + 0.6 * (place + 1) / len(sources))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache, partial
 from typing import Final
 
@@ -12,10 +13,7 @@ from vibroswarm.paper.cells import options_of
 from vibroswarm.paper.claim_values import frame, mean
 from vibroswarm.paper.columns import STRATEGIES
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, TableView, Work
-from vibroswarm.plots import Picture as Plotted
-from vibroswarm.plots.run import run_figure
-from vibroswarm.plots.style import settings as drawn_with
-from vibroswarm.plots.style import style_named
+from vibroswarm.plots import draw_run
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
@@ -91,15 +89,13 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 def _draw(tables: Tables, settings: Settings, *, style: str) -> Drawn:
     """Draw the example run, which ``example`` simulates: saved tables do not hold the whole result."""
     result = example(settings)
-    with drawn_with(style_named(style)):
-        figure = run_figure(result)
     options = " ".join(options_of(settings.columns[0], result.scenario))
     caption = (
         f"Seven robots, run 0 of seed {settings.seed}: paths, {tables['samples'].height:,} samples, and the "
         f"tiles that vibrate. "
         f"Alone: `vibroswarm run {options} --seed {settings.seed}`"
     )
-    return Plotted(figure, tables["samples"], caption, style)
+    return replace(draw_run(result, caption=caption, style=style), numbers=tables["samples"])
 
 
 ITEM: Final = Item(

@@ -24,14 +24,22 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
-from vibroswarm.optimize import Found, Objective, PsoSettings, Search, Space, Truth, run_search, truth_of
-from vibroswarm.optimize.search_files import candidate_table, history_table
-from vibroswarm.optimize.space import PAPER
+from vibroswarm.optimize import (
+    Found,
+    Objective,
+    PsoSettings,
+    Search,
+    Truth,
+    candidate_table,
+    history_table,
+    paired_score,
+    run_search,
+    truth_of,
+)
 from vibroswarm.paper.claim_values import Row, exact, frame, mean, of_interval
 from vibroswarm.paper.columns import parameters, published
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_error_bars, draw_parameters, draw_search
-from vibroswarm.plots.labels import SYMBOLS
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Column
 from vibroswarm.study.spec import Study
@@ -61,7 +69,6 @@ def search_of(settings: Settings) -> Search:
     fill = swarm["fill_ratio"]
     return Search(
         study=Study(settings.scenario(COLUMN, {"floor.source": f"random:{fill}"}), seed=settings.seed),
-        space=Space.of(PAPER),
         objectives=(Objective("authors_code"),),  # the cost as the authors' program computes it
         pso=PsoSettings(
             particles=swarm["particles"],
@@ -136,8 +143,6 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     and, for each parameter, how far its mean over particles still moves after the iteration at which the paper's search
     has settled, as a share of the parameter's range.
     """
-    from vibroswarm.optimize.validation import paired_score
-
     objective = found.search.objectives[0]
     scored = {scored_set.name: scored_set for scored_set in truth.others}
     start, star, other = scored["start"], scored["P*"], scored[ELSEWHERE]
@@ -196,16 +201,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     means = history.select("iteration", *shares).unpivot(
         index="iteration", value_name="share", variable_name="series"
     )
-    # The last part of the field's dotted name.
-    field = (
-        pl.col("series")
-        .str.strip_prefix("mean ")
-        .str.strip_suffix(", of its bounds")
-        .str.split(".")
-        .list.last()
-    )
-    labels = {name.rpartition(".")[2]: label.text for name, label in SYMBOLS.items()}
-    drawn = means.with_columns(pl.col("iteration").cast(pl.Int64), series=field.replace(labels))
+    field = pl.col("series").str.strip_prefix("mean ").str.strip_suffix(", of its bounds")
+    drawn = means.with_columns(pl.col("iteration").cast(pl.Int64), series=field)
     yield Picture("search-parameters", "Mean of the parameters", partial(draw_parameters, drawn))
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.calibrate.cross_validation import on_floor
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
-from vibroswarm.calibrate.features import FEATURES, WORDS, values_of
+from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions
 from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.similarity import at_equal_counts
 from vibroswarm.paper.claim_values import Row, frame, mean
@@ -69,12 +69,10 @@ def predict(
     dataset = dataset_of([simulate(scenario, seed, SIMULATED)])
     simulated = replace(dataset, samples=dataset.seen_by(fitted.camera)).by_session
     held_out = found.only([session]).samples
+    real, ours_by, theirs_by = (Sessions(tuple(one)) for one in ([held_out], simulated, theirs.by_session))
     similarity = {}
     for feature in FEATURES:
-        own = values_of(held_out, feature)
-        ours, others = (
-            [values_of(one, feature) for one in source] for source in (simulated, theirs.by_session)
-        )
+        (own,), ours, others = (one.values(feature) for one in (real, ours_by, theirs_by))
         count = min(len(values) for values in (own, *ours, *others))
         near, far = (
             [at_equal_counts(feature, own, one, count) for one in source] for source in (ours, others)

@@ -1,0 +1,165 @@
+"""Histograms of samples, feature by feature, and their pictures: of several sources in one, or side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.calibrate.features import FEATURES, sessions_of
+from vibroswarm.plots.layout import legend_below, new_figure, plain_axes
+from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.style import look, style_named
+from vibroswarm.result import Result
+
+AXES: Final = {
+    "avoidance": ("avoidance time (s)", "share of samples"),
+    "vibrating": ("energy (RMS)", "share of samples"),
+    "still": ("energy (RMS)", "share of samples"),
+    "places": ("x (m)", "y (m)"),
+    "distances": ("time (s)", "distance (m)"),
+    "steps": ("dx (m)", "dy (m)"),
+}
+"""Labels of the x and the y axis, by feature."""
+SPANS: Final = {
+    "avoidance": ((0.0, 8.0),),
+    "vibrating": ((0.0, 6.0),),
+    "still": ((0.0, 3.0),),
+    "places": ((0.0, 1.0), (0.0, 1.0)),
+    "distances": ((0.0, 1200.0), (0.0, 0.2)),
+    "steps": ((-0.2, 0.2), (-0.2, 0.2)),
+}
+"""Range of each column of a feature, as in the paper's figures."""
+BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "distances": 24, "steps": 39}
+"""Number of bins along each axis, by feature."""
+_SCHEMA: Final = {
+    "source": pl.String,
+    "feature": pl.String,
+    "x": pl.Float64,
+    "y": pl.Float64,
+    "share": pl.Float64,
+}
+
+
+def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
+    """Return the histograms of all features: one row for each source, feature and bin.
+
+    Columns: source; feature; x and y, the centre of the bin (y is null for a feature with one column); share, the
+    number of values in the bin divided by the number of all values of the source, those beyond the bins included.
+
+    Args:
+        sources: results by name; their sessions are pooled.
+    """
+    frames = []
+    for source, result in sources.items():
+        sessions = sessions_of(result)
+        for feature in FEATURES:
+            values = np.concatenate(sessions.values(feature))
+            spans, bins = SPANS[feature], BINS[feature]
+            counts, edges = np.histogramdd(values, bins=[bins] * len(spans), range=spans)
+            centres = [(edge[:-1] + edge[1:]) / 2 for edge in edges]
+            grid = np.meshgrid(*centres, indexing="ij")
+            columns = {
+                "source": [source] * counts.size,
+                "feature": [feature] * counts.size,
+                "x": grid[0].ravel(),
+                "y": grid[1].ravel() if len(grid) > 1 else [None] * counts.size,
+                "share": counts.ravel() / max(len(values), 1),
+            }
+            frames.append(pl.DataFrame(columns, schema=_SCHEMA))
+    return pl.concat(frames)
+
+
+@drawn
+def draw_shares(frame: pl.DataFrame, *, x_label: str = "", title: str = "", style: str = "column") -> Picture:
+    """Draw histograms of one variable over each other, a step line for each series.
+
+    Args:
+        frame: one row per bin: ``x`` (its centre), ``share``, ``series``. x_label: label of the x axis.
+        title: text above the picture. style: "column", "page" or "slide".
+    Returns:
+        Picture; its numbers are ``series, x, share``.
+    """
+    sizes = style_named(style)
+    series = frame["series"].unique(maintain_order=True).to_list()
+    figure, axes = plain_axes(sizes, x_label, "share of samples", title=title)
+    handles: list[Any] = []
+    for index, name in enumerate(series):
+        part, looks = frame.filter(pl.col("series") == name).sort("x"), look(index)
+        handles += axes.step(
+            part["x"].to_numpy(), part["share"].to_numpy(), where="mid", color=looks.colour, linestyle=looks.line,
+            linewidth=sizes.line_pt,
+        )  # fmt: skip
+    axes.set_ylim(bottom=0.0)
+    legend_below(figure, sizes, handles, series)
+    caption = f"Share of samples by {x_label}, of {len(series)} sources."
+    return Picture(figure, frame.select("series", "x", "share"), caption)
+
+
+@drawn
+def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str = "column") -> Picture:
+    """Draw histograms of two variables side by side, on one grey scale.
+
+    Args:
+        frame: one row per bin: ``panel`` (its title), ``x`` and ``y`` (centre of the bin), ``share``.
+        feature: name of a feature with two columns, which gives the labels and ranges of the axes.
+        title: text above the picture. style: "column", "page" or "slide".
+    Returns:
+        Picture; its numbers are ``panel, x, y, share``.
+    """
+    sizes = style_named(style)
+    panels = frame.partition_by("panel", maintain_order=True)
+    columns = 2
+    rows = math.ceil(len(panels) / columns)
+    # A panel is about half as wide as the figure, so 0.48 of the width as height makes it nearly square.
+    figure = new_figure(sizes, height_in=rows * sizes.width_in * 0.48, title=title)
+    grid: Any = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    highest = highest_of(frame)
+    for place, axes in enumerate(grid.ravel()):
+        if place >= len(panels):
+            axes.set_visible(False)
+            continue
+        draw_panel(axes, panels[place], feature, highest)
+        axes.set_title(panels[place]["panel"][0], fontsize=sizes.small_pt)
+        axes.locator_params(nbins=4)
+        axes.xaxis.set_tick_params(labelbottom=place + columns >= len(panels))  # if no panel is below
+        axes.tick_params(labelsize=sizes.small_pt)
+    figure.supxlabel(AXES[feature][0], fontsize=sizes.font_pt)
+    figure.supylabel(AXES[feature][1], fontsize=sizes.font_pt)
+    caption = f"Shares of samples by {AXES[feature][0]} and {AXES[feature][1]}; darker is more, up to {highest:.3g}."
+    return Picture(figure, frame.select("panel", "x", "y", "share"), caption)
+
+
+def highest_of(frame: pl.DataFrame) -> float:
+    """Return the share at the end of a common scale: of bars the highest, of maps one that few bins exceed.
+
+    A single extreme bin of a map must not make all others pale.
+
+    Args:
+        frame: rows of ``histograms_of`` of one feature.
+    """
+    return float(np.quantile(frame["share"].to_numpy(), 1.0 if frame["y"].null_count() else 0.999))
+
+
+def draw_panel(axes: Any, part: pl.DataFrame, feature: str, highest: float, colour: str = "") -> None:
+    """Draw the histogram of one source: as bars in a colour, or as a grey map of two columns.
+
+    Args:
+        part: rows of ``histograms_of`` of one source and feature. highest: end of the scale (``highest_of``).
+    """
+    spans = SPANS[feature]
+    if len(spans) == 1:
+        edges = np.linspace(*spans[0], BINS[feature] + 1)
+        axes.stairs(part.sort("x")["share"].to_numpy(), edges, fill=True, color=colour)
+        axes.set_ylim(0.0, 1.05 * highest)
+        return
+    # Shares as an image: one row per y, ascending, and one column per x, in the order of the frame.
+    shares = part.pivot("x", index="y", values="share").sort("y").drop("y").to_numpy()
+    extent = tuple(end for span in spans for end in span)  # left, right, bottom, top
+    axes.imshow(
+        shares, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=highest,
+        interpolation="nearest",
+    )  # fmt: skip
