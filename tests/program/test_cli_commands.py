@@ -173,7 +173,9 @@ def test_a_detection_searches_robots_and_time(monkeypatch):
     assert few.scenario.run.t_end_s == 20.0
     assert not few.finds_nothing, "4 runs cannot show 5 %"
     ends = []
-    monkeypatch.setattr(detection, "run", lambda study, *_: ends.append(study.cells[0].scenario.run.t_end_s))
+    monkeypatch.setattr(
+        detection, "run", lambda study, *_: [ends.append(study.cells[0].scenario.run.t_end_s)]
+    )
     nothing = type("Nothing", (), {"finds_nothing": True})()
     monkeypatch.setattr(detection, "detection_of", lambda *_: nothing)
     detection.detect(scenario, robots=[2], fills=[0.4, 0.6], runs=4)

@@ -9,6 +9,7 @@ from typing import Annotated
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, Json, TomlFile
+from vibroswarm.cli.output import print_saved_file
 from vibroswarm.errors import InputError
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
@@ -194,7 +195,7 @@ def fit(
     from vibroswarm.calibrate.fit import fit as fitted_to
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import check_free, whole_file
+    from vibroswarm.core.atomic_io import check_free, write_text
     from vibroswarm.documents.fit import fit_document
     from vibroswarm.recordings.recording import read_result
 
@@ -216,8 +217,6 @@ def fit(
         with progress_bar("folds") as progress:
             judged = validated(dataset, scenario, other, candidates=candidates, progress=progress)
     if out is not None:
-        with whole_file(out, replace=force) as part:
-            part.write_text(fitted.scenario.to_toml(), encoding="utf-8")
+        write_text(out, fitted.scenario.to_toml(), replace=force)
     print_document(fit_document(fitted, judged), as_json=json)
-    if out is not None and not json:
-        print(f"\nSaved: {out}")
+    print_saved_file(out, as_json=json)

@@ -24,7 +24,7 @@ def check(
     *,
     kind: Annotated[
         Literal["strategy", "network", "task", "sensor", "motion", "method"] | None,
-        Option("strategy, network, task, sensor, motion or method, if several have that name", "KIND"),
+        Option("{names}, if several have that name", "KIND"),
     ] = None,
     json: Json = False,
 ) -> int:
@@ -40,25 +40,10 @@ def check(
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.documents.check import check_document
-    from vibroswarm.testing import (
-        check_method,
-        check_motion,
-        check_network,
-        check_sensor,
-        check_strategy,
-        check_task,
-    )
+    from vibroswarm.testing import CHECKS
 
     kind_found, known_name = _kind_and_name(kind, name)
-    checks = {
-        "strategy": check_strategy,
-        "network": check_network,
-        "task": check_task,
-        "sensor": check_sensor,
-        "motion": check_motion,
-        "method": check_method,
-    }
-    results = checks[kind_found](known_name)
+    results = CHECKS[kind_found](known_name)
     failed = any(not result.holds and not result.is_warning for result in results)
     rows = [(result.what, result.holds, result.is_warning, result.why) for result in results]
     print_document(check_document(known_name, rows), as_json=json)

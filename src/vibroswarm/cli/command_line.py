@@ -266,6 +266,24 @@ def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf
     return value
 
 
+def pair_of(
+    separator: str, form: str, kind: type, low: float, high: float = math.inf
+) -> Callable[[str], Any]:
+    """Return the function that converts two numbers, such as those of ``1.2x0.8``.
+
+    Args:
+        form: what is right, for messages, such as "WxH, such as 1.2x0.8". kind, low, high: as of ``number``.
+    """
+
+    def read(text: str) -> tuple[Any, Any]:
+        parts = text.lower().split(separator)
+        if len(parts) != 2:
+            raise argparse.ArgumentTypeError(f"'{text}' is not of the form {form}")
+        return number(parts[0], kind, low, high), number(parts[1], kind, low, high)
+
+    return read
+
+
 def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.BoundArguments:
     """Return the arguments of a call of a command.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,26 +11,68 @@ from vibroswarm.cli import terminal
 from vibroswarm.cli.output import print_json, print_line, print_saved
 
 if TYPE_CHECKING:
+    from polars import DataFrame
+
     from vibroswarm.show.document import Document
 
 
-def deliver(document: Document, output: Any, command: str, work: str = "") -> None:
-    """Save a document in the folder of ``--out``, if it is given; then print it, and say where it is.
+class Destination:
+    """The folder of ``--out`` of a command whose results are known again by its settings, and the terminal.
+
+    Args:
+        output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "lab import".
+        settings: all that results depend on, for a hash (``saved.hash_of``); none if they are known otherwise.
+        at_once: False for a command that writes a new folder, which replaces an older one when it is complete.
+    Raises:
+        InputError: the folder holds something else (``out_folder.claim``).
+    """
+
+    def __init__(self, output: Any, command: str, *settings: object, at_once: bool = True) -> None:
+        from vibroswarm.cli.out_folder import claim
+        from vibroswarm.documents.saved import hash_of, refuse_other
+
+        self.output, self.command = output, command
+        self.work = hash_of(*settings) if settings else ""
+        claim(output, lambda folder: refuse_other(folder, command, self.work), at_once=at_once)
+
+    def deliver(self, document: Document, tables: Mapping[str, DataFrame] | None = None) -> None:
+        """Save a document and tables, as ``deliver`` does, and print it."""
+        deliver(document, self.output, self.command, tables, self.work)
+
+
+def deliver(
+    document: Document,
+    output: Any,
+    command: str,
+    tables: Mapping[str, DataFrame] | None = None,
+    work: str = "",
+) -> None:
+    """Save tables and a document in the folder of ``--out``, if it is given; print the document, and where it is.
 
     With ``--pictures`` its pictures are files too, with ``--no-pictures`` its page has none.
 
     Args:
         output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "league".
-        work: hash of the command's settings, by which ``saved.refuse_other`` knows the folder again.
+        tables: by name; they become CSV and Parquet. work: hash of the command's settings (``Destination``).
     """
     from vibroswarm.documents.saved import REPORT
 
     if output.out is not None:
+        if tables:
+            from vibroswarm.study.summary import write_table
+
+            for name, table in tables.items():
+                write_table(table, output.out / name)
         save_with_pictures(document, output, output.out, command, work)
+    print_with_place(document, output, REPORT)
+
+
+def print_with_place(document: Document, output: Any, page: str | None) -> None:
+    """Print a document, and where it is saved, with which page."""
     print_result(document, output)
     if not getattr(output, "json", False):
         print_line()
-    print_saved(output, REPORT)
+    print_saved(output, page)
 
 
 def save_with_pictures(document: Document, output: Any, folder: Path, command: str, work: str = "") -> None:

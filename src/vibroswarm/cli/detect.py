@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from vibroswarm.cli.command_line import Option
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.study.detection import Detection
     from vibroswarm.study.spec import Study
+    from vibroswarm.study.study_result import StudyResult
 
 
 @dataclass(kw_only=True)
@@ -69,7 +71,6 @@ def detect(
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.documents.detection import detection_document
     from vibroswarm.errors import share_from
-    from vibroswarm.study.summary import write_table
 
     alarms = None if false_alarms is None else share_from(false_alarms, "--false-alarms")
     tolerated = (share_from(error, "--error"), alarms)
@@ -77,10 +78,7 @@ def detect(
     found = _searched(base, fills, runs, tolerated, scenario, execution, output)
     if found is None:  # only a shard or a batch of the runs was requested
         return
-    if output.out is not None:
-        for name, table in found.tables.items():
-            write_table(table, output.out / name)
-    deliver(detection_document(found), output, "detect")
+    deliver(detection_document(found), output, "detect", found.tables)
 
 
 def _searched(
@@ -92,29 +90,27 @@ def _searched(
     execution: Parts,
     output: Drawn,
 ) -> Detection | None:
-    """Do what ``study.detection.detect`` does, with plans and progress; None if only a part of the runs was done."""
+    """Search with a plan and progress of each study; None if only a part of the runs was done."""
     from vibroswarm.cli.studies import run_study_of
     from vibroswarm.cli.terminal import report
-    from vibroswarm.study import detection
+    from vibroswarm.study.detection import detect_by
 
-    sizes = scenario.robots or detection.sizes_of(base)
-    shares, added = detection.fills_around(base, fills)
-    found = None
-    for longer in detection.LONGER:
-        study: Study = detection.detection_study(
-            detection.until(base, longer), sizes, shares, runs, scenario.seed
-        )
-        place = output
-        if output.out is not None and longer > 1:
-            place = replace(output, out=detection.folder_of(output.out, longer))
-        result = run_study_of(study, execution, place, drawn=output.out is not None)
-        if result is None:
-            return None
-        found = detection.detection_of(result, *tolerated, added)
-        if not found.finds_nothing:
-            break
-        report(f"No floor is found by {found.scenario.run.t_end_s:g} s.")
-    return found
+    def run_study(study: Study, place: Path | None) -> StudyResult | None:
+        end_s = study.cells[0].scenario.run.t_end_s
+        if end_s > base.run.t_end_s:
+            report(f"No floor is found yet; next with runs of {end_s:g} s.")
+        return run_study_of(study, execution, replace(output, out=place), drawn=output.out is not None)
+
+    return detect_by(
+        run_study,
+        base,
+        *tolerated,
+        robots=scenario.robots,
+        fills=fills,
+        runs=runs,
+        seed=scenario.seed,
+        folder=output.out,
+    )
 
 
 def base_of(scenario: Inspected, more_than: str | None, boundary_of: str | None) -> Scenario:

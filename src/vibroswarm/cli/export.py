@@ -9,6 +9,7 @@ from typing import Annotated
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, Json, ScenarioOptions
+from vibroswarm.cli.output import print_saved_file
 
 
 def c(
@@ -42,8 +43,8 @@ def c(
         timing = None if memory is None else timed(part / "src", made, memory.flags)
     document = export_document(made, files, memory, timing, has_compiler=shutil.which(COMPILER) is not None)
     print_document(document, as_json=json)
-    if not json:
-        print(f"Saved: {folder} ({len(files)} files; begin with examples/inspection/inspection.ino)")
+    begin = "examples/inspection/inspection.ino"
+    print_saved_file(folder, f"{len(files)} files; begin with {begin}", as_json=json)
 
 
 def check(

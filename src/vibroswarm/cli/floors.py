@@ -10,6 +10,7 @@ from vibroswarm.cli import terminal
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
+from vibroswarm.cli.output import print_saved_file
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
@@ -58,8 +59,7 @@ def show(
 
         draw_floor(out, grid, name, replace=force)
     print_document(tiles_document(name, grid, in_terminal(grid), _values(floor, tiles, seed)))
-    if out is not None:
-        print(f"Saved: {out}")
+    print_saved_file(out)
 
 
 def measure(
@@ -108,8 +108,7 @@ def make(
         write_tiles(out, design.tiles, replace=force)
     target = {"fill_ratio": fill_ratio, "moran_index": moran, "entropy": entropy}
     print_document(design_document(design, target, in_terminal(design.tiles)), as_json=json)
-    if out is not None and not json:
-        print(f"Saved: {out}")
+    print_saved_file(out, as_json=json)
     return 0 if design.reached else 1
 
 

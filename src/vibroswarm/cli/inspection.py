@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from vibroswarm.cli.command_line import Option, number
+from vibroswarm.cli.command_line import Option, number, pair_of
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
 from vibroswarm.errors import InputError
 
@@ -20,16 +19,8 @@ DEFAULT: Final = "optimised-places"
 """Preset that is simulated by default: its robots walk to be mapped, and estimate their places."""
 
 
-def size(text: str) -> tuple[float, float]:
-    """Return width and height from a text such as ``1.2x0.8``.
-
-    Raises:
-        argparse.ArgumentTypeError: it is not two lengths.
-    """
-    parts = text.lower().split("x")
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"'{text}' is not of the form WxH, such as 1.2x0.8")
-    return number(parts[0], float, low=1e-3), number(parts[1], float, low=1e-3)
+size = pair_of("x", "WxH, such as 1.2x0.8", float, low=1e-3)
+"""Reads width and height, m."""
 
 
 @dataclass(kw_only=True)
@@ -152,31 +143,27 @@ def inspect(
       vibroswarm inspect plate.csv --laws reference.csv --size 1x1 --least-cm 15 --risk 1% --out plate
       vibroswarm inspect --plan 3,5,8 --minutes 5,10,20 --want-cm 10       how many robots, how long? (minutes)
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.deliver import Destination
+    from vibroswarm.core.atomic_io import make_folder
     from vibroswarm.documents.damage import CERTIFICATE, write_certificate
     from vibroswarm.documents.inspection import inspection_document
-    from vibroswarm.documents.saved import hash_of, refuse_other
-    from vibroswarm.study.summary import write_table
 
     _refuse(
         planned.plan is not None and source is not None,
         "--plan",
         "plans with a scenario; leave out the result or file",
     )
-    work = hash_of(str(source), evidence, damage, planned, scenario, seed)
-    claim(output, lambda folder: refuse_other(folder, "inspect", work))
+    destination = Destination(output, "inspect", str(source), evidence, damage, planned, scenario, seed)
     if planned.plan is not None:
-        deliver(_plan_document(planned, scenario, seed), output, "inspect", work)
+        destination.deliver(_plan_document(planned, scenario, seed))
         return
     found = _inspected(source, evidence, damage, scenario, seed)
-    if output.out is not None:
-        for name, table in (("samples", found.samples.frame), ("map", found.maps), ("scores", found.scores)):
-            if not table.is_empty():
-                write_table(table, output.out / name)
-        if found.assessment is not None:
-            write_certificate(output.out / CERTIFICATE, found)
-    deliver(inspection_document(found), output, "inspect", work)
+    if output.out is not None and found.assessment is not None:
+        make_folder(output.out)
+        write_certificate(output.out / CERTIFICATE, found)
+    tables = {"samples": found.samples.frame, "map": found.maps, "scores": found.scores}
+    written = {name: table for name, table in tables.items() if not table.is_empty()}
+    destination.deliver(inspection_document(found), written)
 
 
 def _plan_document(planned: Planned, scenario: ScenarioOptions, seed: int) -> Document:

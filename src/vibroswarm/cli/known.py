@@ -2,41 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from vibroswarm.cli.options import Json
 
 
-def _print(kind: str, *, json: bool) -> None:
-    from vibroswarm.cli.deliver import print_document
-    from vibroswarm.documents.known import known_document
+def _listing(kind: str, words: str) -> Callable[..., None]:
+    """Return the command that lists a kind; ``words`` are its help."""
 
-    print_document(known_document(kind), as_json=json)
+    def command(*, json: Json = False) -> None:
+        from vibroswarm.cli.deliver import print_document
+        from vibroswarm.documents.known import known_document
 
+        print_document(known_document(kind), as_json=json)
 
-def strategies(*, json: Json = False) -> None:
-    """List the strategies: what robots remember, send and decide. More in docs/strategies.md."""
-    _print("strategy", json=json)
-
-
-def networks(*, json: Json = False) -> None:
-    """List the networks: which messages arrive, and when. More in docs/networks.md."""
-    _print("network", json=json)
+    command.__doc__ = words
+    return command
 
 
-def tasks(*, json: Json = False) -> None:
-    """List the tasks: what is asked of the swarm."""
-    _print("task", json=json)
-
-
-def motions(*, json: Json = False) -> None:
-    """List the sources of motion: where and when robots sample."""
-    _print("motion", json=json)
-
-
-def sensors(*, json: Json = False) -> None:
-    """List the sensors: what a sample measures. More in docs/scenario.md."""
-    _print("sensor", json=json)
-
-
-def presets(*, json: Json = False) -> None:
-    """List the presets: scenarios by name."""
-    _print("preset", json=json)
+strategies = _listing(
+    "strategy", "List the strategies: what robots remember, send and decide. More in docs/strategies.md."
+)
+networks = _listing(
+    "network", "List the networks: which messages arrive, and when. More in docs/networks.md."
+)
+tasks = _listing("task", "List the tasks: what is asked of the swarm.")
+motions = _listing("motion", "List the sources of motion: where and when robots sample.")
+sensors = _listing("sensor", "List the sensors: what a sample measures. More in docs/scenario.md.")
+presets = _listing("preset", "List the presets: scenarios by name.")

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from vibroswarm.cli.command_line import Option, number
+from vibroswarm.cli.command_line import Option, pair_of
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile, toml_path
+from vibroswarm.cli.output import print_saved_file
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.recordings.log import Log
     from vibroswarm.scenario.scenario import Scenario
 
+costs = pair_of(":", "A:B, such as 1:5", float, low=0)
+"""Reads the costs of a false positive and of a false negative, of which only the ratio matters."""
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
 
 
@@ -49,13 +51,12 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
+    from vibroswarm.cli.deliver import Destination, print_with_place
     from vibroswarm.cli.options import Paged
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import check_one_floor, scenario_from, stated_fields
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.recording import import_document, write_pages
-    from vibroswarm.documents.saved import hash_of, refuse_other, save
+    from vibroswarm.documents.saved import save
     from vibroswarm.recordings.assemble_recording import recording_of
 
     output = Paged(out=out, force=force, json=json, open=page.open)
@@ -65,28 +66,23 @@ def import_logs(
     check_one_floor(made)
     stated = stated_fields(scenario)
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
-    work = hash_of(
-        made.hash, stated, reader, None if known_robots is None else list(known_robots), any_floor, files
-    )
-    # An older recording stays until the new one is complete and replaces it.
-    claim(output, lambda folder: refuse_other(folder, "lab import", work), at_once=False)
+    robots = None if known_robots is None else list(known_robots)
+    settings = (made.hash, stated, reader, robots, any_floor, files)
+    destination = Destination(output, "lab import", *settings, at_once=False)
     recording = recording_of(
         read,
         made.floor_for(0, 0),  # seed and run do not matter: the floor is not random
         made,
         stated,
-        robots=None if known_robots is None else list(known_robots),
+        robots=robots,
         any_floor=any_floor,
     )
     with whole_folder(out, replace=True) as part:
         recording.write_into(part)
         pages = write_pages(recording, part)
         document = import_document(recording, pages, computed)
-        save(document, part, "lab import", work, page=None)
-    print_document(document, as_json=json)
-    if not json:
-        print()
-    print_saved(output, pages[0])
+        save(document, part, destination.command, destination.work, page=None)
+    print_with_place(document, output, pages[0])
 
 
 def _logs_of(
@@ -132,7 +128,7 @@ def export(
 
     # Runs are numbered from 0; the writer of CSV ignores the number and writes all runs.
     WRITERS[format](Result.read(folder), out, session - 1, replace=force)
-    print(f"Saved: {out}")
+    print_saved_file(out)
 
 
 def replay(
@@ -194,20 +190,6 @@ def replay(
     print_document(replay_document(recording, replays, draws, seed, warnings), as_json=json)
 
 
-def costs(text: str) -> tuple[float, float]:
-    """Return the costs of a false positive and of a false negative, in this order, from a text such as ``1:5``.
-
-    Only their ratio matters. A cost of 0 is accepted here and refused by ``find_thresholds``.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is not two finite numbers, or one is negative.
-    """
-    parts = text.split(":")
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"'{text}' is not of the form A:B, such as 1:5")
-    return number(parts[0], float, low=0), number(parts[1], float, low=0)
-
-
 def threshold(
     folder: Folder,
     /,
@@ -245,7 +227,7 @@ def threshold(
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import check_free, whole_file
+    from vibroswarm.core.atomic_io import check_free, write_text
     from vibroswarm.documents.recording import threshold_document
     from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
     from vibroswarm.recordings.recording import Recording
@@ -278,15 +260,13 @@ def threshold(
     # The last one is that of --at, else of different --costs; the first one that of equal error.
     chosen = thresholds[-1] if at is not None or false_positive != false_negative else thresholds[0]
     written = round(chosen.value, 3)  # robots log energies with three decimals
+    scenario = scenario.with_values({"sensor.rms_threshold": written})
     if out is not None:
-        with whole_file(out, replace=force) as part:
-            part.write_text(
-                scenario.with_values({"sensor.rms_threshold": written}).to_toml(), encoding="utf-8"
-            )
+        write_text(out, scenario.to_toml(), replace=force)
     fitted = None
     if law is not None:
         fitted = law_of_recording(recording)
-        write_law(fitted, scenario.with_values({"sensor.rms_threshold": written}), law, replace=force)
+        write_law(fitted, scenario, law, replace=force)
     document = threshold_document(
         thresholds,
         profile,
@@ -297,7 +277,7 @@ def threshold(
         None if fitted is None else law_table(fitted.law),
     )
     print_document(document, as_json=json)
-    if out is not None and not json:
-        print(f"\nSaved in {out}: sensor.rms_threshold = {written:g} ({chosen.rule}).")
-    if law is not None and not json:
-        print(f"\nSaved in {law}: the law of the sensor with its error; vibroswarm inspect ... --laws {law}")
+    print_saved_file(out, f"sensor.rms_threshold = {written:g}: {chosen.rule}", as_json=json)
+    print_saved_file(
+        law, f"law of the sensor with its error; vibroswarm inspect ... --laws {law}", as_json=json
+    )

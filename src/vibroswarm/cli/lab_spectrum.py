@@ -41,20 +41,18 @@ def spectrum(
       vibroswarm lab spectrum acceleration.csv --by robot,time
       vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.documents.saved import hash_of, refuse_other
+    from vibroswarm.cli.deliver import Destination
     from vibroswarm.documents.spectrum import spectra_frame, spectrum_document
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.recordings.spectrum import Group, spectra_of
-    from vibroswarm.study.summary import write_table
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:
         if group not in get_args(Group):
             raise InputError(f"'{group}' is not one of {', '.join(get_args(Group))}", field="--by")
-    work = hash_of(str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors)
-    claim(output, lambda folder: refuse_other(folder, "lab spectrum", work))
+    destination = Destination(
+        output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors
+    )
     found = spectra_of(
         acceleration,
         rate_hz=rate,
@@ -66,6 +64,4 @@ def spectrum(
         tiles=parse_tiles(tiles),
         motors_hz=motors,
     )
-    if output.out is not None:
-        write_table(spectra_frame(found), output.out / "spectra")
-    deliver(spectrum_document(found), output, "lab spectrum", work)
+    destination.deliver(spectrum_document(found), {"spectra": spectra_frame(found)})

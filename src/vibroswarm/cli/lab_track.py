@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.command_line import Option, pair_of
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.errors import InputError
 
@@ -20,22 +19,8 @@ if TYPE_CHECKING:
 
 REVIEW = "review.html"
 """File name of the page."""
-
-
-def board(text: str) -> tuple[int, int]:
-    """Return the numbers of inner corners of a chessboard, across and down, in a text such as ``9x6``.
-
-    Both are at least 3, since OpenCV detects no smaller boards.
-
-    Raises:
-        argparse.ArgumentTypeError: the text has another form, or a number is not from 3 to 50.
-    """
-    across, _, down = text.lower().partition("x")
-    if not (across.isdigit() and down.isdigit() and 3 <= int(across) <= 50 and 3 <= int(down) <= 50):
-        raise argparse.ArgumentTypeError(
-            f"'{text}' is not two numbers of inner corners from 3 to 50, such as 9x6"
-        )
-    return int(across), int(down)
+board = pair_of("x", "WxH, such as 9x6 (inner corners)", int, low=3, high=50)
+"""Reads numbers of inner corners of a chessboard; OpenCV detects none with fewer than 3."""
 
 
 @dataclass(kw_only=True)
@@ -120,12 +105,10 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.cli.deliver import print_result
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.output import print_line, print_saved
+    from vibroswarm.cli.deliver import Destination, print_with_place
     from vibroswarm.cli.scenario_options import scenario_from, stated_fields
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.documents.saved import hash_of, refuse_other, save
+    from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
@@ -138,12 +121,11 @@ def track(
     samples = _samples(log, scenario, made)
     stated = stated_fields(scenario)  # `recording_of` prefers their values to those that the log implies
     # The video is identified by its path, not by its content; the log by its samples.
-    work = hash_of(
+    settings = (
         made.hash, stated, markers.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
         None if samples is None else samples.to_dicts(), camera.board, partial, any_floor,
     )  # fmt: skip
-    # Older results stay until the new ones are complete and replace them.
-    claim(output, lambda folder: refuse_other(folder, "lab track", work), at_once=False)
+    destination = Destination(output, "lab track", *settings, at_once=False)
     tracking = _tracking(video, markers, camera, partial=partial)
     # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
     # control period after the sample; ``with_positions`` needs this to match samples with stops.
@@ -159,11 +141,8 @@ def track(
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)
         document = tracking_document(tracking, tracked, samples)
-        save(document, part, "lab track", work, page=REVIEW)
-    print_result(document, output)
-    if not output.json:
-        print_line()
-    print_saved(output, REVIEW)
+        save(document, part, destination.command, destination.work, page=REVIEW)
+    print_with_place(document, output, REVIEW)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

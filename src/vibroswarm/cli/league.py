@@ -365,6 +365,7 @@ def tune(
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.interruption import folder_of_runs, saves_in
+    from vibroswarm.cli.output import print_saved_file
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.core.atomic_io import remove_folder, whole_file
     from vibroswarm.documents.tune import tune_document
@@ -401,5 +402,4 @@ def tune(
     if runs_folder is not None and runs_folder.exists():
         remove_folder(runs_folder)
     print_document(tune_document(tuned))
-    if out is not None:
-        print(f"Saved: {out}")
+    print_saved_file(out)

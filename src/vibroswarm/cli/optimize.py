@@ -228,24 +228,21 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.documents.saved import hash_of, refuse_other
+    from vibroswarm.cli.deliver import Destination
     from vibroswarm.documents.sensitivity import sensitivity_document
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
 
     if execution.mixed:
         raise InputError("applies to a search or a grid that is continued", field="--mixed")
     made = search_of(search, SearchOptions(cost=cost, seed=seed))
-    work = hash_of(made.hash, budget)
     design_of(made, budget)  # refuses a small budget now, since `--force` removes the folder
-    claim(output, lambda folder: refuse_other(folder, "optimize sensitivity", work))
+    destination = Destination(output, "optimize sensitivity", made.hash, budget)
     _start(made)
     with _counting("simulating", budget) as counted:
         indices = sobol_indices(made, budget, progress=counted, **execution.where)
     if output.out is not None:
         write_sensitivity(indices, output.out)
-    deliver(sensitivity_document(indices), output, "optimize sensitivity", work)
+    destination.deliver(sensitivity_document(indices))
 
 
 def compare(

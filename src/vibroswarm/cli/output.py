@@ -59,6 +59,12 @@ def print_saved(output: Any, page: str | None = None) -> None:
             open_page(out / page)
 
 
+def print_saved_file(path: Path | None, note: str = "", *, as_json: bool = False) -> None:
+    """Print where a file was written, if it was, unless stdout holds JSON."""
+    if path is not None and not as_json:
+        print_line(f"Saved: {path}{f' ({note})' if note else ''}")
+
+
 TABLES: Final = {".csv": "CSV", ".parquet": "Parquet"}
 """Suffixes of tables, which are not listed one by one."""
 

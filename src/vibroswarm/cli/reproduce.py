@@ -53,12 +53,11 @@ def reproduce(
       vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
       vibroswarm reproduce --out out/paper --archive paper.zip      one file to publish
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.deliver import Destination
     from vibroswarm.cli.progress import labelled_progress_bar
     from vibroswarm.core.atomic_io import folder_lock, make_folder
     from vibroswarm.documents.reproduction import reproduction_document
-    from vibroswarm.documents.saved import begin, refuse_other
+    from vibroswarm.documents.saved import begin
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
     from vibroswarm.paper.reproduce import reproduce as computed
@@ -73,7 +72,7 @@ def reproduce(
         raise InputError("is required", field="--out")
     items, settings = items_named(only), settings_of(runs, seed, columns, control, recordings, workers)
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
-    claim(output, lambda folder: refuse_other(folder, "reproduce"))
+    destination = Destination(output, "reproduce")
     make_folder(out)
     with folder_lock(out):
         begin(out, "reproduce")
@@ -83,7 +82,7 @@ def reproduce(
         write_tables(reproduction, out / TABLES)
         if archive is not None:
             write_archive(reproduction, archive)
-        deliver(reproduction_document(reproduction), output, "reproduce")
+        destination.deliver(reproduction_document(reproduction))
 
 
 def settings_of(

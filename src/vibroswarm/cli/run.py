@@ -27,9 +27,9 @@ def run(
       vibroswarm run --floor diagonal:0.46 --robots 8
       vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
     """
-    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.cli.deliver import print_with_place
     from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.output import print_line, print_paragraph, print_saved
+    from vibroswarm.cli.output import print_paragraph
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.documents.run import result_document
     from vibroswarm.documents.run_folder import write_run_folder
@@ -46,11 +46,8 @@ def run(
     result = _simulate(made, scenario.seed, motion, segments=out is not None)
     if out is not None:
         write_run_folder(result, out, pictures=pictures)
-    print_result(result_document(result), output)
-    if not output.json:
-        print_line()
     why_not = why_no_page(result)
-    print_saved(output, "run.html" if why_not is None else None)
+    print_with_place(result_document(result), output, "run.html" if why_not is None else None)
     if out is not None and why_not is not None and not output.json:
         print_paragraph(f"No page: {why_not}")
 

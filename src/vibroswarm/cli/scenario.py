@@ -11,13 +11,13 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
     example:
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
     """
+    from vibroswarm.cli.output import print_saved_file
     from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.core.atomic_io import write_text
 
     made = scenario_from(scenario)
     if out is None:
         print(made.to_toml(), end="")
         return
-    with whole_file(out, replace=force) as part:
-        part.write_text(made.to_toml(), encoding="utf-8")
-    print(f"Saved: {out} (scenario {made.hash})")
+    write_text(out, made.to_toml(), replace=force)
+    print_saved_file(out, f"scenario {made.hash}")

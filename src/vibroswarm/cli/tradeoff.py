@@ -39,38 +39,25 @@ def tradeoff(
     output: Drawn,
 ) -> None:
     """Decision time against error for each credible threshold and minimum of observations, by replay."""
-    from vibroswarm.cli.deliver import print_result, save_with_pictures
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.deliver import Destination, print_with_place, save_with_pictures
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.documents.saved import REPORT, hash_of, refuse_other
+    from vibroswarm.documents.saved import REPORT
     from vibroswarm.documents.tradeoff import tradeoff_document
     from vibroswarm.study.summary import write_table
     from vibroswarm.study.tradeoff import time_error_curve
 
     made = scenario_from(scenario)
-    work = hash_of(made.hash, scenario.seed, runs, list(thresholds), list(observations))
-    # An existing folder is accepted only if it holds results of the same settings, or with --force. at_once=False: the
-    # older folder stays until the new one is complete and replaces it.
-    claim(output, lambda folder: refuse_other(folder, "evaluate tradeoff", work), at_once=False)
+    settings = (made.hash, scenario.seed, runs, list(thresholds), list(observations))
+    destination = Destination(output, "evaluate tradeoff", *settings, at_once=False)
     say_compiling()
-    curve = time_error_curve(
-        made,
-        scenario.seed,
-        runs,
-        thresholds,
-        observations,
-        workers=workers,
-    )
-
+    curve = time_error_curve(made, scenario.seed, runs, thresholds, observations, workers=workers)
     document = tradeoff_document(curve, made, scenario.seed)
     if output.out is not None:
         # replace=True even without --force: `claim` has accepted the folder.
         with whole_folder(output.out, replace=True) as part:
             write_table(curve, part / "tradeoff")
             (part / "scenario.toml").write_text(made.to_toml(), encoding="utf-8")
-            save_with_pictures(document, output, part, "evaluate tradeoff", work)
-    print_result(document, output)
-    print_saved(output, REPORT)
+            save_with_pictures(document, output, part, destination.command, destination.work)
+    print_with_place(document, output, REPORT)

@@ -32,6 +32,7 @@ def view(
       vibroswarm view first --html first.html
       vibroswarm view first --picture first.png --at 300
     """
+    from vibroswarm.cli.output import print_saved_file
     from vibroswarm.cli.terminal import report
     from vibroswarm.errors import InputError
     from vibroswarm.recordings.recording import read_result
@@ -59,11 +60,11 @@ def view(
         from vibroswarm.view.picture import write_picture
 
         way = write_picture(result, number, picture, time_s=at)
-        print(f"Saved: {picture} (drawn by {way})")
+        print_saved_file(picture, f"drawn by {way}")
         return
     if html is not None:
         frames = write_html(result, number, html, speed=speed)
-        print(f"Saved: {html} ({frames} frames, {html.stat().st_size / 1e6:.1f} MB)")
+        print_saved_file(html, f"{frames} frames, {html.stat().st_size / 1e6:.1f} MB")
         return
     server = Server(result, number, port=port, speed=speed)
     print(f"Run {number} at {server.url} (Ctrl-C ends it)", flush=True)

@@ -299,6 +299,12 @@ def _short_suffix(path: Path) -> str:
     return path.suffix if len(os.fsencode(path.suffix)) <= MAX_BYTES_IN_NAME else ""
 
 
+def write_text(path: Path, text: str, *, replace: bool) -> None:
+    """Write a text file whole or not at all, as ``whole_file`` does, with the same line ends on all systems."""
+    with whole_file(path, replace=replace) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+
+
 @contextmanager
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield the path of a new empty file beside ``path``; after the ``with`` block, rename the file to ``path``.

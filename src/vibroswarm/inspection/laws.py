@@ -27,7 +27,7 @@ from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, SensorFit, fit_sensor
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
@@ -270,5 +270,4 @@ def write_law(fitted: FittedLaw, base: Scenario, path: Path, *, replace: bool = 
     Args:
         base: what the scenario is in all else. replace: whether a file that exists is replaced.
     """
-    with whole_file(path, replace=replace) as part:
-        part.write_text(scenario_of_law(fitted, base).to_toml(), encoding="utf-8")
+    write_text(path, scenario_of_law(fitted, base).to_toml(), replace=replace)

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -124,15 +124,52 @@ def detect(
     Args:
         scenario: such as one of ``more_than``; its floor is not used. error, false_alarms: tolerated probabilities.
         robots: by default ``TIMES_ROBOTS`` times the scenario's number. fills: fill ratios of random floors; by default
-            those of ``fills_around``. runs: per cell. folder: where runs are saved (``folder_of``).
+            those of ``fills_around``. runs: per cell. folder: where runs are saved.
         how: further arguments of ``study.run.run``, such as workers.
+    """
+    found = detect_by(
+        lambda study, place: run(study, place, **how),
+        scenario,
+        error,
+        false_alarms,
+        robots=robots,
+        fills=fills,
+        runs=runs,
+        seed=seed,
+        folder=folder,
+    )
+    assert found is not None  # `run` returns all runs
+    return found
+
+
+def detect_by(
+    run_study: Callable[[Study, Path | None], StudyResult | None],
+    scenario: Scenario,
+    error: float,
+    false_alarms: float | None,
+    *,
+    robots: Sequence[int] | None,
+    fills: Sequence[float] | None,
+    runs: int,
+    seed: int,
+    folder: Path | None,
+) -> Detection | None:
+    """Do what ``detect`` does with another function that runs a study in a folder.
+
+    Args:
+        run_study: returns None if it did only a part of the runs; then so does this function.
     """
     sizes = sizes_of(scenario) if robots is None else robots
     shares, added = fills_around(scenario, fills)
+    found = None
     for longer in LONGER:
-        study = detection_study(until(scenario, longer), sizes, shares, runs, seed)
-        place = None if folder is None else folder_of(folder, longer)
-        found = detection_of(run(study, place, **how), error, false_alarms, added)
+        later = {"run.t_end_s": scenario.run.t_end_s * longer} if longer > 1 else {}
+        study = detection_study(scenario.with_values(later), sizes, shares, runs, seed)
+        place = folder if folder is None or longer == 1 else folder / f"{longer}-times-longer"
+        result = run_study(study, place)
+        if result is None:
+            return None
+        found = detection_of(result, error, false_alarms, added)
         if not found.finds_nothing:
             break
     return found
@@ -141,16 +178,6 @@ def detect(
 def sizes_of(scenario: Scenario) -> tuple[int, ...]:
     """Return the numbers of robots that are tried for a scenario."""
     return tuple(scenario.swarm.robots * times for times in TIMES_ROBOTS)
-
-
-def until(scenario: Scenario, longer: int) -> Scenario:
-    """Return a scenario whose runs end so many times later."""
-    return scenario.with_values({"run.t_end_s": scenario.run.t_end_s * longer}) if longer > 1 else scenario
-
-
-def folder_of(folder: Path, longer: int) -> Path:
-    """Return where runs go: the folder itself, or one in it if they end so many times later."""
-    return folder / f"{longer}-times-longer" if longer > 1 else folder
 
 
 def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tuple[list[float], list[float]]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Final
+
 from vibroswarm.testing.method import check_method
 from vibroswarm.testing.motion import check_motion
 from vibroswarm.testing.network import check_network
@@ -11,7 +14,18 @@ from vibroswarm.testing.sensor import check_sensor
 from vibroswarm.testing.strategy import check_strategy
 from vibroswarm.testing.task import check_task
 
+CHECKS: Final[Mapping[str, Callable[[str], list[Finding]]]] = {
+    "strategy": check_strategy,
+    "network": check_network,
+    "task": check_task,
+    "sensor": check_sensor,
+    "motion": check_motion,
+    "method": check_method,
+}
+"""The check of each kind."""
+
 __all__ = [
+    "CHECKS",
     "Finding",
     "PlainRun",
     "check_method",
