@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -75,6 +76,14 @@ class Interval(NamedTuple):
 def plain(value: Any) -> Any:
     """Return a value for JSON: a float that is not finite becomes None, any other value stays as it is."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
+    """Return an interval, or an estimate and its limits, as the columns NAME, NAME_low and NAME_high of a table.
+
+    A value that is not finite becomes None.
+    """
+    return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found, strict=False)}
 
 
 def undefined(level: float, n: int, how: str) -> Interval:

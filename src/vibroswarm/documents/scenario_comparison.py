@@ -6,8 +6,9 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.documents.knowledge import told
-from vibroswarm.documents.search_tables import frame_of, limits, parts_of
+from vibroswarm.documents.search_tables import frame_of, parts_of
 from vibroswarm.documents.search_words import aim
 from vibroswarm.optimize.scenario_comparison import Checked
 from vibroswarm.show.document import Column, Document, Table
@@ -48,7 +49,7 @@ def checked_document(found: Checked) -> Document:
 
 def _scores(found: Checked) -> Table:
     rows = [
-        {"name": one.name, **limits("score", one.score), "runs": one.score.n, "failed": one.failed}
+        {"name": one.name, **columns_of("score", one.score), "runs": one.score.n, "failed": one.failed}
         for one in (found.first, found.second)
     ]
     columns = {
@@ -63,7 +64,7 @@ def _differences(found: Checked) -> pl.DataFrame:
     """Tabulate the difference of the scores on each block of seeds, and whether the second confirms the first."""
     return frame_of(
         [
-            {"seeds": seeds, **limits("difference", each), "pairs": each.n, "confirmed": found.confirmed}
+            {"seeds": seeds, **columns_of("difference", each), "pairs": each.n, "confirmed": found.confirmed}
             for seeds, each in (("first", found.difference), ("second", found.replicate))
         ]
     )

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import plain
+from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.documents.search_words import (
     bound_of,
     other_names,
@@ -25,7 +25,7 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Front, Scored, Truth
 from vibroswarm.show.document import Column, Table, Tone
-from vibroswarm.show.numbers import Estimate, HasLimits, count, decimals_of
+from vibroswarm.show.numbers import Estimate, count, decimals_of
 
 BEST: Final = 20
 """Number of candidates in the table of the best."""
@@ -72,10 +72,10 @@ def _believed_and_true(truth: Truth, believed_runs: int | None, unit: str) -> Ta
     shifted = Estimate(*(value - believed for value in score[:3]))
     rows = [
         {"what": "during the search (believed)", "score": plain(believed), "runs": believed_runs},
-        {"what": "on fresh runs (true)", **limits("score", score), "runs": score.n},
+        {"what": "on fresh runs (true)", **columns_of("score", score), "runs": score.n},
         {
             "what": "difference",
-            **limits("score", shifted),
+            **columns_of("score", shifted),
             "share": plain(truth.difference),
             "luck": truth.luck,
         },
@@ -97,7 +97,7 @@ def parts_of(scored: Sequence[Scored], cases: Sequence[str], unit: str) -> tuple
         cases: names of the cases. unit: of the scores.
     """
     in_cases = [
-        {"name": one.name, "case": name, **limits("score", case)}
+        {"name": one.name, "case": name, **columns_of("score", case)}
         for one in scored
         if one.cases
         for name, case in zip(cases, one.cases, strict=True)
@@ -106,7 +106,7 @@ def parts_of(scored: Sequence[Scored], cases: Sequence[str], unit: str) -> tuple
         {
             "name": one.name,
             "part": title,
-            **limits("value", Estimate(*(factor * value for value in part[:3]))),
+            **columns_of("value", Estimate(*(factor * value for value in part[:3]))),
             "against limit": one.near.get(name),
         }
         for one in scored
@@ -147,8 +147,8 @@ def against(truth: Truth, names: Sequence[str], unit: str = "") -> Table:
     rows = [
         {
             "other": name,
-            **limits("score", other.score),
-            **limits("difference", paired),
+            **columns_of("score", other.score),
+            **columns_of("difference", paired),
             "pairs": paired.n,
             "failed": other.failed,
             "standing": standing(truth, k),
@@ -351,14 +351,6 @@ def failure_table(archive: Archive) -> Table | None:
 def _stage(candidate: Candidate) -> str:
     of_race = candidate.origin in ("surface", "start") or candidate.origin.startswith("finalist ")
     return "race" if of_race else "search"
-
-
-def limits(name: str, value: HasLimits) -> dict[str, float | None]:
-    """Return an estimate and its limits as three columns; None where it is not finite."""
-    return {
-        f"{name}{end}": plain(part)
-        for end, part in zip(("", "_low", "_high"), (value.estimate, value.low, value.high), strict=True)
-    }
 
 
 def frame_of(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> pl.DataFrame:

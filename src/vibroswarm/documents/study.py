@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import polars as pl
 
 from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
+from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.documents.cell_figures import column_of, figure_columns, with_limits_of
@@ -38,14 +39,14 @@ from vibroswarm.documents.study_words import (
     traded,
     warnings_of,
 )
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
 from vibroswarm.show.made_by import versions_in_words
 from vibroswarm.show.numbers import count, counts, listed, number, percent
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.study_outputs import Comparison
-from vibroswarm.study.summary import Outcome
+from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_SENTENCES: Final = 12
 """Most comparisons, or cells, that are described in sentences; and most rows of differences on the first screen."""
@@ -146,8 +147,7 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     for answer in answers:
         row: dict[str, Any] = {"name": answer.name}
         for effect in answer.effects:
-            ends = zip((effect.figure, *limits_of(effect.figure)), effect.interval[:3], strict=True)
-            row |= {name: value if math.isfinite(value) else None for name, value in ends}
+            row |= columns_of(effect.figure, effect.interval)
         better = {True: [], False: [], None: []}  # type: dict[bool | None, list[str]]
         for effect in answer.effects:
             better[effect.better].append(SHORT[effect.figure])
@@ -194,18 +194,7 @@ _OUTCOME_WORDS: Final = (
 
 def _outcome_section(outcome: Outcome) -> Section:
     parts: list[Part] = [_outcome_table(outcome)]
-    lacking = [
-        one.cell.number
-        for one in outcome.cells
-        if lacks_truth(one.summary) and not one.cell.scenario.task.asks_number
-    ]
-    if lacking:
-        parts.append(_agreement_table(outcome, lacking))
-    changing = [one.cell.number for one in outcome.cells if one.cell.scenario.change.is_given]
-    if changing:
-        parts.append(_change_table(outcome, changing))
-    if mapping := [one.cell.number for one in outcome.cells if keeps_map(one.cell.scenario)]:
-        parts.append(_map_table(outcome, mapping))
+    parts += _tables_of_some_cells(outcome)
     if words := _levels(outcome):
         parts.append(Text(words))
     parts.append(Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True))
@@ -237,53 +226,55 @@ def _figures_of(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return (*_OUTCOME, *ESTIMATES) if any(asking) else _OUTCOME, _SHOWN
 
 
-def _change_table(outcome: Outcome, changing: Sequence[int]) -> Table:
-    """Tabulate how right answers were over time, of the cells whose floor changes."""
-    rows = outcome.table.filter(pl.col("cell").is_in(changing)).select(
-        "name", "runs", *with_limits_of(JUDGED, outcome.table.columns)
-    )
-    columns = {"name": Column("cell"), **figure_columns(("runs",))}
-    caption = (
-        "The floor changes: right when they decided, over time, and how long after a change of the truth the swarm "
-        "answered anew; at most to the next change or the end of the run. All other figures are of the floor at the "
-        "end. 95 % intervals over runs."
-    )
-    return Table(rows, columns, caption=caption, name="change")
+class _SomeCells(NamedTuple):
+    """A table of figures that only some cells have."""
+
+    name: str
+    has_them: Callable[[CellOutcome], bool]
+    figures: tuple[str, ...]
+    caption: str
 
 
-def _map_table(outcome: Outcome, mapping: Sequence[int]) -> Table:
-    """Tabulate how good the robots' maps are, of the cells whose robots keep them."""
-    rows = outcome.table.filter(pl.col("cell").is_in(mapping)).select(
-        "name", "runs", *with_limits_of(MAPPED, outcome.table.columns)
-    )
-    columns = {"name": Column("cell"), **figure_columns(("runs",))}
-    caption = (
-        "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
-        "knows nothing), distance between the centres of gravity of map and truth. 95 % intervals over runs."
-    )
-    return Table(rows, columns, caption=caption, name="maps")
-
-
-def _agreement_table(outcome: Outcome, lacking: Sequence[int]) -> Table:
-    """Tabulate on what the swarms agreed, of the cells with runs in which no answer is right."""
-    names = (
-        "agreed_on_0",
-        "agreed_on_1",
-        "swarm_split",
-        "swarm_incomplete",
-        "agreement_lasted",
-        "consensus_time_s",
-    )
-    rows = outcome.table.filter(pl.col("cell").is_in(lacking)).select(
-        "name", "runs", *with_limits_of(names, outcome.table.columns)
-    )
-    columns = {"name": Column("cell"), **figure_columns(("runs",))}
-    caption = (
+_OF_SOME_CELLS: Final = (
+    _SomeCells(
+        "agreement",
+        lambda one: lacks_truth(one.summary) and not one.cell.scenario.task.asks_number,
+        (
+            *("agreed_on_0", "agreed_on_1", "swarm_split", "swarm_incomplete"),
+            *("agreement_lasted", "consensus_time_s"),
+        ),
         "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over runs. "
         "Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions are "
-        "final). Runs without agreement count with their whole time."
-    )
-    return Table(rows, columns, caption=caption, name="agreement")
+        "final). Runs without agreement count with their whole time.",
+    ),
+    _SomeCells(
+        "change",
+        lambda one: one.cell.scenario.change.is_given,
+        JUDGED,
+        "The floor changes: right when they decided, over time, and how long after a change of the truth the swarm "
+        "answered anew; at most to the next change or the end of the run. All other figures are of the floor at the "
+        "end. 95 % intervals over runs.",
+    ),
+    _SomeCells(
+        "maps",
+        lambda one: keeps_map(one.cell.scenario),
+        tuple(MAPPED),
+        "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
+        "knows nothing), distance between the centres of gravity of map and truth. 95 % intervals over runs.",
+    ),
+)
+
+
+def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
+    tables = []
+    for kind in _OF_SOME_CELLS:
+        if cells := [one.cell.number for one in outcome.cells if kind.has_them(one)]:
+            rows = outcome.table.filter(pl.col("cell").is_in(cells)).select(
+                "name", "runs", *with_limits_of(kind.figures, outcome.table.columns)
+            )
+            columns = {"name": Column("cell"), **figure_columns(("runs",))}
+            tables.append(Table(rows, columns, caption=kind.caption, name=kind.name))
+    return tables
 
 
 def _levels(outcome: Outcome) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import mean_interval, plain, share_interval
+from vibroswarm.analysis.intervals import columns_of, mean_interval, share_interval
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.entries import Entry, floors_of
@@ -159,13 +159,8 @@ def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
         np.where(works, found, 0.0).sum(axis=1) / works.sum(axis=1) for found in (with_faults, without_faults)
     )
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
-    found_of = {"forced_error": share_interval(of_run), "rise": mean_interval(of_run - before)}
-    for figure, found in found_of.items():
-        row |= {
-            figure: plain(found.estimate),
-            f"{figure}_low": plain(found.low),
-            f"{figure}_high": plain(found.high),
-        }
+    row |= columns_of("forced_error", share_interval(of_run))
+    row |= columns_of("rise", mean_interval(of_run - before))
     low, high = row["rise_low"], row["rise_high"]
     # None: there are no faulty robots or no limits, or the margin lies within the limits.
     row["bears"] = None

@@ -29,7 +29,7 @@ import polars as pl
 
 from vibroswarm.analysis.best_group import best_group
 from vibroswarm.analysis.forced_error import DRAWS, LEAST_KNOWN, front_of, on_line
-from vibroswarm.analysis.intervals import generator, plain
+from vibroswarm.analysis.intervals import columns_of, generator, plain
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.standings import Standings
 
@@ -115,10 +115,7 @@ def _rows(level: float, names: list[str], times: Array, units: int) -> list[dict
             rows[row] |= {
                 "time_s_low": float(low),
                 "time_s_high": float(high),
-                **{
-                    f"behind_s{end}": plain(float(x))
-                    for end, x in zip(("", "_low", "_high"), behind, strict=True)
-                },
+                **columns_of("behind_s", behind.tolist()),
                 "in_group": bool(group.member[place]),
             }
     return rows

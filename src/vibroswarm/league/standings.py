@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
 from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
-from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
+from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
@@ -257,11 +257,11 @@ class Standings(NotebookView):
             }
             for figure in FIGURES:
                 found = self.interval(k, figure)
-                row |= _columns(figure, found)
+                row |= columns_of(figure, found)
             floor, found = self.worst_floor(k)
             row |= {
                 "worst_floor": f"{floor.pattern} {floor.fill_ratio:g}",
-                **_columns("worst_floor_error", found),
+                **columns_of("worst_floor_error", found),
             }
             rows.append(row)
         return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
@@ -280,7 +280,7 @@ class Standings(NotebookView):
                 }
                 for figure in FIGURES:
                     found = self.interval(k, figure, [place])
-                    row |= _columns(figure, found)
+                    row |= columns_of(figure, found)
                 rows.append(row)
         return pl.DataFrame(rows)
 
@@ -327,7 +327,7 @@ class Standings(NotebookView):
                         "name": names[k],
                         "reference": against,
                         "figure": figure,
-                        **_columns("difference", one.interval),
+                        **columns_of("difference", one.interval),
                         "p_value": plain(one.p_value),
                         "p_holm": plain(p_holm),
                     }
@@ -382,12 +382,6 @@ def _p_of_mean(differences: Array) -> float:
     if np.ptp(differences) == 0.0:
         return 1.0 if differences[0] == 0.0 else 0.0
     return float(ttest_1samp(differences, 0.0).pvalue)
-
-
-def _columns(name: str, interval: Interval) -> dict[str, float | None]:
-    """Return the columns ``name``, ``name_low`` and ``name_high`` of an interval; a value not finite becomes None."""
-    values = (interval.estimate, interval.low, interval.high)
-    return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), values, strict=True)}
 
 
 def standings_of(league: League, study: StudyResult) -> Standings:

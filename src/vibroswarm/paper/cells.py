@@ -22,7 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms, figures_of, interval
-from vibroswarm.analysis.intervals import Interval, mean_interval, plain
+from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.scenario.scenario import Scenario, differences, preset
@@ -262,22 +262,17 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     runs = robots["decision"].shape[0]
     row: dict[str, Any] = {"runs": runs}
     for name in ("decision_time_s", "belief_in_truth"):
-        row |= _with_limits(name, interval(name, figures))
+        row |= columns_of(name, interval(name, figures))
     time_s = capped_time_s(robots["decision_time_s"], t_end_s)
     row["decision_time_s_bar"] = float(time_s.std()) / math.sqrt(runs)
     belief = robots["belief_in_truth"].ravel()
     belief = belief[~np.isnan(belief)]  # nan, for example, on floors where neither decision is right
     row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
-        row |= _with_limits(name, interval(name, figures))
+        row |= columns_of(name, interval(name, figures))
     for name in WALKED[:2]:  # avoidance per sample, and distance between samples
-        row |= _with_limits(name, mean_interval(figures[name]))
+        row |= columns_of(name, mean_interval(figures[name]))
     return row
-
-
-def _with_limits(name: str, found: Interval) -> dict[str, Any]:
-    """Return an interval as NAME (the estimate), NAME_low and NAME_high; None for values that are not finite."""
-    return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found[:3], strict=True)}
 
 
 def digest_of(robots: Columns) -> str:

@@ -16,7 +16,7 @@ from typing import Final
 from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.forced_error import MatchedError
-from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.intervals import Interval, columns_of
 from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Cell
@@ -98,13 +98,8 @@ class Answer:
         if found is None:
             return row
         row |= {"error": found.error, "time_s": found.time_s, "runs": found.time_difference_s.n}
-        for name, interval in (
-            ("time_difference_s", found.time_difference_s),
-            ("error_difference", found.error_difference),
-        ):
-            for end, value in zip(("", "_low", "_high"), interval[:3], strict=True):
-                row[f"{name}{end}"] = value if math.isfinite(value) else None
-        return row
+        row |= columns_of("time_difference_s", found.time_difference_s)
+        return row | columns_of("error_difference", found.error_difference)
 
 
 def answers_of(

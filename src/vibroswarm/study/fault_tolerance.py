@@ -25,7 +25,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import summary
-from vibroswarm.analysis.intervals import plain
+from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import as_series, numbers, run_columns
 from vibroswarm.scenario.fault_draws import working
@@ -156,6 +156,5 @@ def _figures(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, level
     row: dict[str, Any] = {}
     cell = summary(robots, runs, scenario.run.t_end_s, level) if runs.height else None
     for name, field in FIGURES.items():
-        estimate, low, high = (None, None, None) if cell is None else getattr(cell, field)[:3]
-        row |= {name: plain(estimate), f"{name}_low": plain(low), f"{name}_high": plain(high)}
+        row |= columns_of(name, (None, None, None) if cell is None else getattr(cell, field))
     return row

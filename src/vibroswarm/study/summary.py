@@ -17,7 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
@@ -207,9 +207,7 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
         values = runs[name].drop_nulls().to_numpy()
         if name == "effective_samples":  # infinite in a run in which all tiles were sampled equally often
             values = values[[math.isfinite(value) for value in values]]
-        interval = mean_interval(values)
-        for end, value in zip(("", "_low", "_high"), interval[:3], strict=True):
-            columns[f"{name}{end}"] = value if math.isfinite(value) else None
+        columns |= columns_of(name, mean_interval(values))
     return columns
 
 
