@@ -136,45 +136,36 @@ def compare(
     camera = camera_between(real, simulated) if camera is None else camera
     real_sessions = sessions_of(real)
     simulated_sessions = sessions_of(seen_through(simulated, camera))
-    similarities, distances, missing = [], [], []
-    for feature in FEATURES:
-        values = real_sessions.values(feature), simulated_sessions.values(feature)
-        # The values as the authors computed them, for the similarity that they would have printed.
-        published = (
-            real_sessions.values(feature, as_published=True),
-            simulated_sessions.values(feature, as_published=True),
+    similarities = _similarities(real_sessions, simulated_sessions)
+    distances = [
+        compare_distance(
+            feature, real_sessions.values(feature), simulated_sessions.values(feature), known=known
         )
-        similarity = compare_feature(feature, *values, published)
-        distance = compare_distance(feature, *values, known=known)
-        if similarity is None or distance is None:
-            missing.append(feature)
-            continue
-        similarities.append(similarity)
-        distances.append(distance)
+        for feature in similarities
+    ]
     return Comparison(
-        similarities=tuple(similarities),
-        distances=tuple(distances),
+        similarities=tuple(similarities.values()),
+        distances=tuple(each for each in distances if each is not None),
         classifier=classifier_accuracy(real_sessions.samples, simulated_sessions.samples),
-        missing=tuple(missing),
+        missing=tuple(feature for feature in FEATURES if feature not in similarities),
         camera=camera,
-        without_camera=() if camera == RIGHT else _similarities(real_sessions, sessions_of(simulated)),
+        without_camera=()
+        if camera == RIGHT
+        else tuple(_similarities(real_sessions, sessions_of(simulated)).values()),
         intervals=interval_accuracy(real_sessions.samples, simulated_sessions.samples) if intervals else None,
     )
 
 
-def _similarities(real: Sessions, simulated: Sessions) -> tuple[Similarity, ...]:
-    """Return the similarities of all features of which every session has enough values."""
-    found = []
+def _similarities(real: Sessions, simulated: Sessions) -> dict[str, Similarity]:
+    """Return the similarities by feature, of all features of which every session has enough values."""
+    found = {}
     for feature in FEATURES:
         # The values as the authors computed them, for the similarity that they would have printed.
-        published = (
-            real.values(feature, as_published=True),
-            simulated.values(feature, as_published=True),
-        )
+        published = real.values(feature, as_published=True), simulated.values(feature, as_published=True)
         similarity = compare_feature(feature, real.values(feature), simulated.values(feature), published)
         if similarity is not None:
-            found.append(similarity)
-    return tuple(found)
+            found[feature] = similarity
+    return found
 
 
 INK: Final = ("#2b2b2b", "#4c78a8")
