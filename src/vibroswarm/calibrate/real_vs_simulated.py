@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,10 +27,9 @@ from vibroswarm.calibrate.similarity import (
     compare_distance,
     compare_feature,
 )
-from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.plots.picture import save_figure
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
@@ -224,13 +224,12 @@ def write_comparison_pictures(real: Result, simulated: Result, found: Comparison
     for name in [feature for feature in FEATURES if feature not in found.missing] + ["together"]:
         # Of all features, ``comparison_figure`` leaves out the missing ones.
         chosen = FEATURES if name == "together" else (name,)
-        with whole_file(folder / f"{name}.png") as unfinished, MATPLOTLIB_LOCK:
-            comparison_figure(real, simulated, found, chosen).savefig(unfinished, dpi=150)
-        written.append(folder / f"{name}.png")
+        path = folder / f"{name}.png"
+        save_figure(partial(comparison_figure, real, simulated, found, chosen), path)
+        written.append(path)
     return written
 
 
 def write_comparison_picture(real: Result, simulated: Result, found: Comparison, path: Path) -> None:
     """Draw all features into a file: PNG, SVG or PDF by its suffix."""
-    with whole_file(path) as part, MATPLOTLIB_LOCK:
-        comparison_figure(real, simulated, found).savefig(part, dpi=150)
+    save_figure(lambda: comparison_figure(real, simulated, found), path)

@@ -65,10 +65,10 @@ def _picture(tiles: NDArray[Any], caption: str) -> Figure:
         # imported here, since a terminal draws no figure
         from vibroswarm.plots.picture import Picture
         from vibroswarm.plots.run import floor_figure
-        from vibroswarm.plots.style import MATPLOTLIB_LOCK
+        from vibroswarm.plots.style import settings
 
         rows, columns = tiles.nonzero()
-        with MATPLOTLIB_LOCK:
+        with settings():
             return Picture(floor_figure(tiles), pl.DataFrame({"row": rows, "column": columns}), caption)
 
     return Figure("floor", draw)

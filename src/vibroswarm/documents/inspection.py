@@ -15,7 +15,7 @@ from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import maps_figure
-from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.plots.style import settings
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
 from vibroswarm.show.numbers import count, number, percent
 from vibroswarm.simulation import versions
@@ -146,7 +146,7 @@ def _map(found: Inspection) -> list[Part]:
         parts.append(Text("\n".join(lines), "code"))
 
     def draw(style: str) -> Picture:
-        with MATPLOTLIB_LOCK:
+        with settings():
             return Picture(
                 maps_figure(maps), maps, "Probability that each tile vibrates: all robots, each by itself."
             )

@@ -143,6 +143,20 @@ def write_picture(
     return [*written, path]
 
 
+def save_figure(draw: Callable[[], Figure], path: Path, *, replace: bool = True) -> None:
+    """Draw a figure with the settings of pictures, and write it with 150 dots per inch.
+
+    Args:
+        draw: makes the figure. path: of the file, which ends in .svg, .pdf or .png.
+        replace: whether an existing file may be replaced.
+
+    Raises:
+        InputError: the file exists, or its folder cannot be written. RunError: the disk is full or failed.
+    """
+    with whole_file(path, replace=replace) as part, settings():
+        part.write_bytes(picture_bytes(draw(), path.suffix.lower()[1:], dots_per_inch=150))
+
+
 def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> bytes:
     """Return a figure as the bytes of a file of the given ``kind``: "svg", "pdf" or "png".
 

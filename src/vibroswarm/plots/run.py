@@ -15,7 +15,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of
-from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import check_suffix
@@ -24,8 +23,8 @@ from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
-from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN, kind_colours
+from vibroswarm.plots.picture import Picture, drawn, save_figure
+from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, kind_colours
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -74,6 +73,7 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
         rasterized=tiles.size > _VECTORS_UP_TO,
     )
     axes.set(aspect="equal", xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
+    axes.spines[:].set_visible(True)  # the edges of the floor
     if title:
         axes.set_title(title, fontsize=10, parse_math=False)  # a file name may contain a dollar
     marks = [
@@ -95,18 +95,9 @@ def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, r
         InputError: another suffix, the file exists, or its folder cannot be written.
         RunError: the disk is full or failed.
     """
-    from matplotlib import rc_context
-
     path = Path(path)
-    kind = check_suffix(path, SUFFIXES)
-    no_date: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[kind]
-    # the fixed salt makes the ids in an SVG the same each time; its text stays text
-    with (
-        whole_file(path, replace=replace) as part,
-        MATPLOTLIB_LOCK,
-        rc_context({"svg.hashsalt": "vibroswarm", "svg.fonttype": "none"}),
-    ):
-        floor_figure(tiles, title).savefig(part, format=kind[1:], dpi=150, metadata=no_date)
+    check_suffix(path, SUFFIXES)
+    save_figure(lambda: floor_figure(tiles, title), path, replace=replace)
 
 
 POINTS_PER_S = 2
@@ -126,9 +117,8 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     circle if it was read as still; a misread sample is struck through. A robot is drawn where it is at the end, in the
     shape and colour of its decision, or open if it is undecided.
 
-    The caller holds ``MATPLOTLIB_LOCK``, since settings of matplotlib are changed meanwhile. If it draws within
-    ``style.settings``, which also colour the text and the axes, all colours have names (see ``style``), so that a page
-    may replace them by dark ones.
+    The caller draws within ``style.settings``, which also colour the text and the axes: all colours have names (see
+    ``style``), so that a page may replace them by dark ones.
 
     Args:
         result: has the run; the floor of the run must be known. Paths are drawn only if it has segments.
@@ -381,8 +371,7 @@ def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")
-    with whole_file(path) as part, MATPLOTLIB_LOCK:
-        run_figure(result, run).savefig(part, dpi=150)
+    save_figure(lambda: run_figure(result, run), path)
 
 
 ACROSS: Final = 4
@@ -422,6 +411,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
         wrong = own.filter((pl.col("vibrating") > 0.5) != (pl.col("vibrates") == 1))
         ax.plot(wrong["column"].to_numpy() + 0.5, wrong["row"].to_numpy() + 0.5, "x", color="#c2410c", mew=2)
         ax.set(aspect="equal", xlim=(0, shape[1]), ylim=(shape[0], 0), xticks=[], yticks=[])
+        ax.spines[:].set_visible(True)
         ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)
     for ax in axes[count:]:
         ax.set_visible(False)
@@ -438,5 +428,4 @@ def write_maps_picture(maps: pl.DataFrame, path: Path, run: int = 0) -> None:
         InputError: the folder cannot be written.
         RunError: the disk is full or failed.
     """
-    with whole_file(path) as part, MATPLOTLIB_LOCK:
-        maps_figure(maps, run).savefig(part, format="png", dpi=150)
+    save_figure(lambda: maps_figure(maps, run), path)
