@@ -21,14 +21,17 @@ import math
 from typing import Final, Literal
 
 import numpy as np
-import polars as pl
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.energy_model import error_rates, factors_differ, log_likelihood
+from vibroswarm.observation.energy_model import (
+    MOST_EXACT,
+    factors_differ,
+    log_ratios_of_bits,
+    log_ratios_of_energies,
+)
 from vibroswarm.result import Result
-from vibroswarm.scenario.fields import Sensor
 
 PriorName = Literal["tiles", "counts", "mirror"]
 Prior = PriorName | ArrayLike
@@ -57,31 +60,14 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
             "where edges are felt, or tiles or robots differ, a reading does not depend on the tile below alone",
             field="sensor",
         )
-    if energies:
-        return _log_density_ratio(result.observations["energy"], sensor)
-    a, b = error_rates(sensor)
-    with np.errstate(divide="ignore"):
-        if_vibrating, if_still = np.log([b, 1.0 - b]), np.log([1.0 - a, a])  # of the bits 0 and 1
-    # With an error rate of 0 a bit excludes one kind of tile: its probability there is 0 and the logarithm infinite.
-    # exp(-700), nearly the smallest positive float, in place of 0 keeps the ratio finite.
-    of_bit = np.clip(if_vibrating, -700, 0) - np.clip(if_still, -700, 0)
-    return np.asarray(of_bit[result.observations["observation"].to_numpy()])
-
-
-def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
-    """Compute ln [density on vibrating tiles / density on still tiles] of each sample's energy, shape (samples,).
-
-    Raises:
-        InputError: a sensor that states no likelihood, or missing energies.
-    """
+    if not energies:
+        return log_ratios_of_bits(sensor, result.observations["observation"].to_numpy(), MOST_EXACT)
+    energy = result.observations["energy"]
     if energy.null_count():
         raise InputError(
             "this result holds no energies; simulate with energies, or leave them out", field="energies"
         )
-    read = energy.cast(pl.Float64).to_numpy()
-    if_vibrating, if_still = (log_likelihood(sensor, kind, read) for kind in (1, 0))
-    # exp(-700) in place of a density of 0 keeps the ratio finite.
-    return np.asarray(np.clip(if_vibrating, -700, None) - np.clip(if_still, -700, None))
+    return log_ratios_of_energies(sensor, energy.to_numpy(), MOST_EXACT)
 
 
 def log_prior(prior: Prior, tiles: int) -> Values:

@@ -183,7 +183,11 @@ def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 MOST: Final = 8.0
-"""Limit on the absolute value of L, so that no single energy can decide alone."""
+"""Limit on the absolute value of L, so that no single energy can decide alone: for robots and inspections, whose law of
+the sensor may be wrong."""
+MOST_EXACT: Final = 700.0
+"""The same for who knows the law exactly: e^700 is nearly the largest number, so that a reading that is impossible on
+one kind of tile excludes it."""
 
 
 def log_ratios(
@@ -210,14 +214,15 @@ def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
     return model.classes(value, sensor.params).astype(np.uint8)
 
 
-def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any]) -> NDArray[np.float64]:
-    """Return L of each bit, by the sensor's error rates."""
+def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any], most: float = MOST) -> NDArray[np.float64]:
+    """Return L of each bit, by the sensor's error rates, limited to +-``most``."""
     # Error rates of exactly 0 or 1 would give infinite ratios.
-    positive, negative = (min(max(rate, 1e-6), 1.0 - 1e-6) for rate in error_rates(sensor))
-    of_bit = np.where(
-        observation == 1, math.log((1.0 - negative) / positive), math.log(negative / (1.0 - positive))
+    least = min(1e-6, math.exp(-most))
+    a, b = (min(max(rate, least), 1.0 - least) for rate in error_rates(sensor))
+    of_zero, of_one = (
+        math.log((vibrating or least) / (still or least)) for vibrating, still in ((b, 1.0 - a), (1.0 - b, a))
     )
-    return np.clip(of_bit, -MOST, MOST)
+    return np.clip(np.where(observation == 1, of_one, of_zero), -most, most)
 
 
 def log_ratios_of_classes(
@@ -233,13 +238,15 @@ def log_ratios_of_classes(
     return np.asarray(np.clip(np.log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
 
 
-def log_ratios_of_energies(sensor: Sensor, energy: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return L of each energy, limited to +-``MOST``; 0 for one whose density is 0 on both kinds of tile."""
+def log_ratios_of_energies(
+    sensor: Sensor, energy: NDArray[np.float32], most: float = MOST
+) -> NDArray[np.float64]:
+    """Return L of each energy, limited to +-``most``; 0 for one whose density is 0 on both kinds of tile."""
     exact = energy.astype(np.float64)
     still, vibrating = (log_likelihood(sensor, kind, exact) for kind in (0, 1))
     with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
-        ratio = np.nan_to_num(vibrating - still, nan=0.0, posinf=MOST, neginf=-MOST)
-    return np.clip(ratio, -MOST, MOST)
+        ratio = np.nan_to_num(vibrating - still, nan=0.0, posinf=most, neginf=-most)
+    return np.clip(ratio, -most, most)
 
 
 def log_likelihood(sensor: Sensor, kind: int, energy: NDArray[np.float64]) -> NDArray[np.float64]:

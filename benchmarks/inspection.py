@@ -1,0 +1,239 @@
+"""Measure what docs/figures/inspect.md says of simulated inspections, whose robots estimate their places.
+
+python benchmarks/inspection.py map|pod|isotonic|risk|checks|time --inspections 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from vibroswarm import Scenario, preset, simulate
+from vibroswarm.analysis.intervals import generator, wilson_limits
+from vibroswarm.analysis.map_scores import map_scores
+from vibroswarm.inspection.checks import law_checks
+from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, random_places
+from vibroswarm.inspection.laws import law_of_scenario
+from vibroswarm.inspection.missed import SIDES_M, Trials, pooled_trials
+from vibroswarm.inspection.patches import Patches, declared, log_likelihoods, raster, shares_of, told_risk
+from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.sources import samples_of_result
+from vibroswarm.inspection.tile_map import tile_map
+
+Floats = NDArray[np.float64]
+LOOKS = 40
+
+
+def scenario_of(name: str, t_end_s: float, floor: str) -> Scenario:
+    """Return a preset whose robots estimate their places."""
+    values = {"run.t_end_s": t_end_s, "floor.source": floor, "localisation.method": "mixture"}
+    return preset(name).with_values(values)
+
+
+def inspections(name: str, count: int, t_end_s: float, floor: str, seed: int) -> Iterator[Samples]:
+    """Return the samples of simulated inspections, one after the other."""
+    scenario = scenario_of(name, t_end_s, floor)
+    law = law_of_scenario(scenario, "the scenario")
+    for begin in range(0, count, 20):
+        result = simulate(scenario, seed, range(begin, min(begin + 20, count)))
+        for run in result.runs["run"].to_list():
+            yield samples_of_result(result, run, law)
+
+
+def interval(values: Floats) -> str:
+    """Return the mean of runs with its 95 % interval."""
+    half = 1.96 * values.std(ddof=1) / np.sqrt(values.size)
+    return f"{values.mean():.4f} [{values.mean() - half:.4f}, {values.mean() + half:.4f}]"
+
+
+def share(k: int, n: int) -> str:
+    """Return a share with Wilson's limits."""
+    low, high = wilson_limits(k, n)
+    return f"{k / n:.1%} [{float(low):.1%}, {float(high):.1%}]"
+
+
+def measure_map(count: int) -> None:
+    """Print Brier scores over time."""
+    at_s = (60.0, 120.0, 300.0, 600.0)
+    for name in ("optimised-places", "calibrated"):
+        scores = []
+        for samples in inspections(name, count, 600.0, "random:0.48", 1):
+            assert samples.floor is not None
+            scores.append([map_scores(p, samples.floor)["brier"] for p in tile_map(samples, at_s)])
+        columns = (interval(column) for column in np.array(scores).T)
+        print(
+            name, *(f"{s:g} s: {text}" for s, text in zip(at_s, columns, strict=True)), sep="; ", flush=True
+        )
+
+
+def fits_of_plates(trials: Trials, count: int, repeats: int, **how: bool) -> tuple[Floats, Floats]:
+    """Return a90 and a90/95 of repeats with one plate in each inspection, its size at random, m."""
+    found = trials.found.reshape(count, -1)
+    sizes = trials.size_m.reshape(count, -1)
+    random = generator(1, "plates of inspections")
+    fits = []
+    for _ in range(repeats):
+        one = np.arange(count), random.integers(found.shape[1], size=count)
+        some = Trials(sizes[one], found[one], trials.false, trials.intact).fit(**how)
+        fits.append((some.a90_m, some.a90_95_m))
+    a90_m, limit_m = np.array(fits).T
+    return a90_m, limit_m
+
+
+def measure_pod(count: int) -> None:
+    """Print sizes that are found, by energies and by bits."""
+    damaged = list(inspections("optimised-places", count, 1200.0, "random:0.0", 2))
+    fresh = list(inspections("optimised-places", count, 1200.0, "random:0.0", 3))
+    for bits in (False, True):
+        for until_s in (300.0, 600.0, 1200.0):
+            trials = pooled_trials(damaged, fresh, until_s=until_s, each=1, bits=bits)
+            pod = trials.fit()
+            _, limit_m = fits_of_plates(trials, count, 100)
+            low, middle, high = 100 * np.nanquantile(limit_m, (0.05, 0.5, 0.95))
+            print(
+                f"{'bits' if bits else 'energies'} {until_s:g} s: a50 {100 * pod.a50_m:.1f}, "
+                f"a90 {100 * pod.a90_m:.1f}, a90/95 {100 * pod.a90_95_m:.1f} cm of {pod.trials} surfaces; of {count} "
+                f"plates {middle:.1f} cm (5 to 95 %: {low:.1f} to {high:.1f}); false calls "
+                f"{share(trials.false, trials.intact)}",
+                flush=True,
+            )
+
+
+def measure_isotonic(count: int) -> None:
+    """Compare fits of plates, one in each inspection, with an isotonic fit to all surfaces."""
+    damaged = list(inspections("optimised-places", count, 300.0, "random:0.0", 2))
+    fresh = list(inspections("optimised-places", count, 300.0, "random:0.0", 3))
+    trials = pooled_trials(damaged, fresh, until_s=300.0, each=max(1, 7200 // count // len(SIDES_M)))
+    rates = [trials.found[trials.size_m == side].mean() for side in SIDES_M]
+    steps = isotonic_regression(rates).x
+    truth_m = float(np.interp(0.9, steps, SIDES_M))
+    whole = trials.fit()
+    print(
+        f"isotonic a90 {100 * truth_m:.2f} cm, fitted {100 * whole.a90_m:.2f} cm, of {trials.found.size} surfaces"
+    )
+    for floor in (True, False):
+        a90_m, limit_m = fits_of_plates(trials, count, 200, floor=floor)
+        above = int(np.sum(~(limit_m < truth_m)))  # a limit that does not exist is above
+        print(
+            f"{'with' if floor else 'without'} p_f: a90 {100 * np.nanmean(a90_m):.2f} cm on average, "
+            f"a90/95 above the truth in {share(above, 200)}",
+            flush=True,
+        )
+
+
+def sizes_of(patches: Patches) -> list[Floats]:
+    """Return weights of the places of each size, whose sum is 1."""
+    return [(patches.size == k) / np.sum(patches.size == k) for k in range(len(patches.sides_m))]
+
+
+def told_at_looks(
+    samples: Samples, values: Floats, sides_m: list[float], contrasts: tuple[float, ...]
+) -> Floats:
+    """Return the told risk of each surface at each look, (looks, surfaces), as ``scan.risk_of`` tells it.
+
+    Evidence is added look by look, which takes a fortieth of the time.
+
+    Args:
+        values: of each sample and surface.
+    """
+    patches = declared(samples.size_m, sides_m)
+    look = np.ceil(samples.column("time_s") / (1200.0 / LOOKS)).astype(int) - 1
+    logs = np.zeros((len(contrasts), patches.left_m.size, values.shape[1]))
+    told = np.empty((LOOKS, values.shape[1]))
+    for k in range(LOOKS):
+        now = look == k
+        if now.any():
+            shares = shares_of(samples.with_frame(samples.frame.filter(now)), patches)
+            for c, contrast in enumerate(contrasts):
+                logs[c] += log_likelihoods(shares, contrast_ratios(samples.law, contrast, values[now]))
+        ratio = np.max(
+            [w @ np.exp(np.minimum(one, 600.0)) for one in logs for w in sizes_of(patches)], axis=0
+        )
+        told[k] = told_risk(ratio, 0.5)
+    return told
+
+
+def measure_risk(count: int, name: str, surfaces: int) -> None:
+    """Print true beside told risks: half of the surfaces are damaged, and an inspection ends when it is tolerated."""
+    risks = (0.1, 0.05, 0.01)
+    cases = {(side, told): (side, told) for side in (0.2, 0.1) for told in ((1.0,), (1.0, 0.75, 0.5))}
+    for side_m, contrasts in cases.values():
+        sides = [side for side in (0.10, 0.14, 0.20, 0.28) if side >= side_m]
+        least: dict[str, list[Floats]] = {"intact": [], "full": [], "half": []}
+        random = generator(5, "damaged surfaces")
+        for samples in inspections(name, count, 1200.0, "random:0.0", 4):
+            x_m, y_m = random_places(random, np.full(surfaces, side_m), samples.size_m)
+            patches = None, patch_of(x_m, y_m, side_m), patch_of(x_m, y_m, side_m, 0.5)
+            values = np.hstack([drawn_values(random, samples, surfaces, patch) for patch in patches])
+            told = told_at_looks(samples, values, sides, contrasts)
+            for group, column in zip(least, np.hsplit(told, 3), strict=True):
+                least[group].append(column)
+        tables = {group: np.concatenate(columns, axis=1) for group, columns in least.items()}
+        for risk in risks:
+            cleared = {group: (table <= risk).any(axis=0) for group, table in tables.items()}
+            intact = int(cleared["intact"].sum())
+            when_s = (1 + (tables["intact"] <= risk).argmax(axis=0)) * 1200.0 / LOOKS
+            median_s = np.median(when_s[cleared["intact"]]) if intact else np.nan
+            truly = [
+                share(int(cleared[group].sum()), int(cleared[group].sum()) + intact) if intact else "-"
+                for group in ("full", "half")
+            ]
+            print(
+                f"{name}, {100 * side_m:g} cm, contrasts {contrasts}, told {risk:.0%}: truly {truly[0]}, at half the "
+                f"contrast {truly[1]}; intact cleared {share(intact, cleared['intact'].size)}, half of them by "
+                f"{median_s:.0f} s",
+                flush=True,
+            )
+
+
+def measure_checks(count: int) -> None:
+    """Print how often right laws are refused."""
+    for name in ("optimised-places", "calibrated"):
+        refused = 0
+        for number, samples in enumerate(inspections(name, count, 1200.0, "random:0.0", 6)):
+            value = drawn_values(generator(number, "values"), samples, 1)[:, 0]
+            everywhere = np.ones(value.size, dtype=bool)
+            refused += bool(law_checks(samples.with_columns(value=value), everywhere)["refused"].any())
+        print(f"{name}: refused {share(refused, count)}", flush=True)
+
+
+def measure_time(count: int) -> None:
+    """Print the CPU time of maps and scans of inspections of 1200 s, beyond motion."""
+    found = list(inspections("optimised-places", count, 1200.0, "random:0.48", 7))
+    patches = declared(found[0].size_m)
+
+    def scanned(samples: Samples) -> None:
+        logs = log_likelihoods(shares_of(samples, patches), samples.column("log_ratio")[:, None])
+        raster(patches, logs[:, 0], 0.5, 40, samples.size_m)
+
+    for words, made in (
+        ("map of 25 tiles", lambda samples: tile_map(samples, [1200.0])),
+        ("raster of 40 x 40", scanned),
+    ):
+        made(found[0])
+        each_ms = []
+        for samples in found:
+            begin = time.process_time()
+            made(samples)
+            each_ms.append(1000.0 * (time.process_time() - begin))
+        print(
+            f"{words}: {np.mean(each_ms):.2f} ms of CPU on average, least {min(each_ms):.2f} ms", flush=True
+        )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["map", "pod", "isotonic", "risk", "checks", "time"])
+    parser.add_argument("--inspections", type=int, default=200)
+    parser.add_argument("--preset", default="optimised-places", help="of risk")
+    parser.add_argument("--surfaces", type=int, default=1, help="of each sort in each inspection, for risk")
+    options = parser.parse_args()
+    if options.what == "risk":
+        measure_risk(options.inspections, options.preset, options.surfaces)
+    else:
+        globals()[f"measure_{options.what}"](options.inspections)
