@@ -10,7 +10,13 @@ import pytest
 from vibroswarm import Study, preset, simulate
 from vibroswarm.analysis.floor_maps import floor_maps
 from vibroswarm.analysis.map_figures import keeps_map
+from vibroswarm.documents.detection import detection_document
+from vibroswarm.documents.league import league_document
 from vibroswarm.documents.study import study_document
+from vibroswarm.league.entries import Entry, LeagueFloor
+from vibroswarm.league.standings import League
+from vibroswarm.result import Result
+from vibroswarm.study.detection import detection_of, detection_study
 from vibroswarm.study.summary import outcome_of
 
 FIGURES = ("map_brier", "map_auc", "map_location_error_m")
@@ -28,6 +34,27 @@ def by_hand(p: np.ndarray, x: np.ndarray) -> tuple[float, float, float]:
     return brier, sum(pairs) / len(pairs), 0.2 * float(np.hypot(*(centres[0] - centres[1])))
 
 
+def detection_by_hand(result: Result) -> list[float | None]:
+    """Time to detection of each run, in plain loops over the robots' beliefs; None where nothing is to be detected."""
+    found: list[float | None] = []
+    key = ["run", "robot", "sample"]
+    beliefs = result.inference.join(result.motion.select(*key, "time_s"), on=key).sort(key)
+    for run, truth in result.runs.select("run", "truth").iter_rows():
+        times = []
+        for robot in range(result.scenario.swarm.robots):
+            since = result.scenario.run.t_end_s
+            for time_s, below in (
+                beliefs.filter(run=run, robot=robot).select("time_s", "belief_below").iter_rows()
+            ):
+                if 1.0 - below < result.scenario.decision.credible_threshold:
+                    since = result.scenario.run.t_end_s
+                else:
+                    since = min(since, time_s)
+            times.append(since)
+        found.append(float(np.mean(times)) if truth == 1 else None)
+    return found
+
+
 @pytest.mark.parametrize("name", ["places", "explore", "fading"])
 def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     scenario = preset("paper").with_values({"strategy.name": name, "run.t_end_s": 200.0, "swarm.robots": 3})
@@ -41,6 +68,8 @@ def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
             for _, own in maps.filter(run=run).group_by("robot", maintain_order=True)
         ]
         assert stored.filter(run=run).select(FIGURES).row(0) == pytest.approx(np.mean(each, axis=0))
+    by_loops = detection_by_hand(simulate(scenario, 4, 3))
+    assert stored["detection_time_s"].to_list() == pytest.approx(by_loops, nan_ok=True)
     table = outcome_of(study).table
     assert table["map_brier"].item() == pytest.approx(stored["map_brier"].mean())
     assert table["map_brier_low"].item() < table["map_brier"].item() < table["map_brier_high"].item()
@@ -54,6 +83,46 @@ def test_who_keeps_no_map_has_no_scores(tmp_path: Path) -> None:
     assert result.agreements(0) is None
     table = outcome_of(result).table
     assert table["map_brier"].is_null().to_list() == [True, False]
+
+
+@pytest.mark.parametrize("name", ["places", "explore"])
+def test_damage_is_detected_where_there_is_some(name: str) -> None:
+    """Floors with 60 % vibrating are detected in a part of the run, those with 30 % not at all."""
+    base = preset("paper").with_values({"strategy.name": name, "run.t_end_s": 600.0, "swarm.robots": 3})
+    study = Study.of(base, 3, 5, floor__source=["random:0.6", "random:0.32"]).run()
+    damaged, sound = (study.agreements(cell)["detection_time_s"] for cell in (0, 1))
+    assert sound.null_count() == 3
+    assert 60.0 < damaged.mean() < 500.0
+    by_loops = detection_by_hand(simulate(base.with_values({"floor.source": "random:0.6"}), 5, 3))
+    assert damaged.to_list() == pytest.approx(by_loops)
+    # Negative control: robots that are never sure enough detect nothing, which counts as the whole time.
+    unsure = base.with_values({"floor.source": "random:0.6", "decision.credible_threshold": 0.9999999})
+    assert Study.of(unsure, 3, 5).run().agreements(0)["detection_time_s"].mean() > damaged.mean() + 50.0
+
+
+def test_leagues_and_detections_show_maps_where_robots_keep_them() -> None:
+    base = preset("paper").with_values({"run.t_end_s": 60.0})
+    floors = (LeagueFloor("random", 0.32, "random:0.32"), LeagueFloor("random", 0.6, "random:0.6"))
+    entries = tuple(Entry(name, name, {}) for name in ("none", "places"))
+    for chosen, names in ((entries, ["places"]), (entries[:1], [])):
+        standings = League(base, chosen, floors, (2, 3), 3, 6).play()
+        tables = league_document(standings).tables
+        assert ("maps" in tables) == bool(names)
+        if names:
+            row = tables["maps"].frame.row(0, named=True)
+            assert (row["name"], row["runs"]) == ("places", 6)
+            own = standings.study.maps()
+            assert row["map_brier"] == pytest.approx(own["map_brier"].mean())
+            assert row["detection_time_s"] == pytest.approx(own["detection_time_s"].mean())
+            assert standings.main.maps.equals(standings.maps)
+    for name in ("places", "none"):
+        scenario = base.with_values({"strategy.name": name})
+        study = detection_study(scenario, [2], [0.32, 0.6], 3)
+        found = detection_of(study.run(), 0.05)
+        assert ("maps" in detection_document(found).tables) == (name == "places")
+        if name == "places":
+            assert found.tables["maps"]["fill_ratio"].to_list() == [0.32, 0.6]
+            assert found.tables["maps"]["detection_time_s"].is_null().to_list() == [True, False]
 
 
 def test_patches_have_no_scores() -> None:

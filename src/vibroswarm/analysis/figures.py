@@ -64,7 +64,7 @@ FOLLOWED: Final = {
         name: name
         for name in (
             *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
-            *("map_brier", "map_auc", "map_location_error_m"),
+            *("map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
         )
     },
 }
@@ -508,6 +508,9 @@ FIGURES: Final = (
         lambda s: s.runs["map_location_error_m"],
         better=-1,
         unit="m",
+    ),
+    RunFigure(
+        "detection_time_s", "time to detection", lambda s: s.runs["detection_time_s"], better=-1, unit="s"
     ),
 )
 """All figures, in the order in which tables have them."""

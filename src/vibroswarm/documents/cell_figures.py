@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
+import polars as pl
+
 from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
-from vibroswarm.show.document import Column, limits_of
+from vibroswarm.show.document import Column, Table, limits_of
 
 _NUMBERS: Final = {
     "icc_decision_time": Column("correlation within a run: decision time", decimals=3),
@@ -22,6 +24,14 @@ _NUMBERS: Final = {
     "t_end_s": Column("end of a run", "s"),
     "level": Column("level of intervals", share=True, decimals=0),
 }
+
+
+MAP_CAPTION: Final = (
+    "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
+    "knows nothing), distance between the centres of gravity of map and truth. Time to detection: from when on a robot "
+    "believes with p_c that more vibrates than the boundary, on floors where this is so. 95 % intervals over runs."
+)
+"""What the figures of ``analysis.map_figures`` are."""
 
 
 def with_limits_of(names: Iterable[str], columns: Collection[str]) -> list[str]:
@@ -41,3 +51,14 @@ def figure_columns(wide: Collection[str] = ()) -> dict[str, Column]:
     formats = {figure.name: column_of(figure) for figure in FIGURES} | _NUMBERS
     formats["error"] = column_of(BY_NAME["robots_wrong"])
     return {name: replace(column, wide=name in wide) for name, column in formats.items()}
+
+
+def map_table(rows: pl.DataFrame, names: Mapping[str, Column]) -> Table:
+    """Tabulate how good robots' maps are, and how soon they detect (``analysis.map_figures``).
+
+    Args:
+        names: formats of the columns that say whose maps they are.
+    """
+    return Table(
+        rows, {**figure_columns(("runs",)), **names}, caption=MAP_CAPTION, name="maps", names=len(names)
+    )

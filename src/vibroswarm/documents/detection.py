@@ -15,7 +15,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import with_limits_of
+from vibroswarm.documents.cell_figures import map_table, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
@@ -41,6 +41,8 @@ def detection_document(detection: Detection) -> Document:
     if found.height:
         parts.append(_found_table(found, scenario, detection))
     parts.append(Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))))
+    if "maps" in tables:
+        parts.append(Section("Maps", (_map_table(tables["maps"]),)))
     if figures:
         parts.append(Section("Misses against the fill ratio", figures))
     return Document(
@@ -183,6 +185,10 @@ def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
         "only."
     )
     return Table(rows.select(*columns), columns, caption=caption, name="needed", names=2)
+
+
+def _map_table(maps: pl.DataFrame) -> Table:
+    return map_table(maps, {"fill_ratio": _fills(maps, "fill_ratio"), "robots": Column("robots")})
 
 
 def _pairs_table(pairs: pl.DataFrame) -> Table:

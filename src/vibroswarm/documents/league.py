@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import with_limits_of
+from vibroswarm.documents.cell_figures import map_table, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import AT_95
@@ -70,6 +70,7 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             *_fronts(standings, tables["fronts"]),
             _time_and_error(standings),
             _costs(standings.main.table),
+            *_maps(standings, tables.get("maps")),
             *_differences(
                 tables["differences"], folded=len(league.entries) > len(standings.main.league.entries)
             ),
@@ -157,6 +158,14 @@ def _costs(table: pl.DataFrame) -> Section:
     caption = "Messages and bytes are those that a robot sends in a run."
     costs = Table(frame, FIGURES, name="costs", caption=caption, folded=True)
     return Section("What it costs, and what a robot knows", (costs,))
+
+
+def _maps(standings: Standings, maps: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section on the maps of the main entries; none if no robots keep maps."""
+    if maps is None or maps.is_empty():
+        return ()
+    shown = maps.filter(pl.col("name").is_in(standings.main.table["name"].to_list()))
+    return (Section("Maps", (map_table(shown, {"name": ENTRY}),)),)
 
 
 def _differences(differences: pl.DataFrame, folded: bool) -> tuple[Section, ...]:

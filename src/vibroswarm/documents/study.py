@@ -20,7 +20,7 @@ from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
-from vibroswarm.documents.cell_figures import column_of, figure_columns, with_limits_of
+from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.study_figures import (
     comparison_figures,
@@ -258,9 +258,8 @@ _OF_SOME_CELLS: Final = (
     _SomeCells(
         "maps",
         lambda one: keeps_map(one.cell.scenario),
-        tuple(MAPPED),
-        "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
-        "knows nothing), distance between the centres of gravity of map and truth. 95 % intervals over runs.",
+        MAPPED,
+        MAP_CAPTION,
     ),
 )
 

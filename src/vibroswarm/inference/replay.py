@@ -107,14 +107,14 @@ def replay_followed(
     timeline: Timeline,
     observation: NDArray[np.uint8],
     energy: NDArray[np.float32] | None = None,
-) -> tuple[Swarm, NDArray[np.int8]]:
-    """Return the state of all robots at the end, and the decision or opinion after each sample, (rows,).
+) -> tuple[Swarm, Log]:
+    """Return the state of all robots at the end, and that after each sample.
 
     Arguments and errors are those of ``replay_to_end``.
     """
     strategy, rows = strategy_used(scenario), timeline.robot.size
     messages, log = zero_rows(rows, strategy.message_type), empty_log(rows, strategy.state_type)
-    return _replay(scenario, seed, timeline, observation, energy, messages, log), log.decision
+    return _replay(scenario, seed, timeline, observation, energy, messages, log), log
 
 
 def sent_messages(

@@ -37,6 +37,7 @@ from scipy.stats import ttest_1samp
 
 from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
 from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain, sign_flip
+from vibroswarm.analysis.map_figures import MAPPED, mean_figures
 from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
@@ -265,6 +266,25 @@ class Standings(NotebookView):
             }
             rows.append(row)
         return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
+
+    @cached_property
+    def maps(self) -> pl.DataFrame:
+        """How good the maps of entries are whose robots keep them: name, runs, ``map_figures.MAPPED`` with limits.
+
+        Figures are averaged over the floors that have them, then over units. There are no rows if no robots keep maps.
+        """
+        of_entry = len(self.league.floors) * len(self.league.robots)
+        unit = (
+            pl.col("cell") % len(self.league.robots),
+            "run",
+        )  # cells are by entry, then floor, then swarm size
+        labels, rows = {entry.label for entry in self.league.entries}, []
+        for (_,), own in self.study.maps().group_by(pl.col("cell") // of_entry, maintain_order=True):
+            label = self.study.study.cells[own["cell"][0]].point[LABEL]
+            units = own.group_by(*unit, maintain_order=True).agg(pl.col(MAPPED).mean())
+            if label in labels:
+                rows.append({"name": label, "runs": units.height, **mean_figures(units)})
+        return pl.DataFrame(rows, infer_schema_length=None)
 
     @cached_property
     def floor_table(self) -> pl.DataFrame:

@@ -15,11 +15,11 @@ def league_tables(standings: Standings, reference: str | None = None) -> dict[st
     Args:
         reference: label of the entry with which others are compared, or name of its strategy; by default the first.
     Returns: "fronts" (from ``front_table``), "best" (from ``best_table``), "standings" and "floors" of ``Standings``;
-        and of its ``main`` entries "differences" and "floor_differences".
+        of its ``main`` entries "differences" and "floor_differences"; and "maps" if robots keep maps.
     Raises:
         InputError: there is no such entry.
     """
-    main = standings.main
+    main, maps = standings.main, standings.maps
     return {
         "fronts": front_table(standings),
         "best": best_table(standings),
@@ -27,4 +27,4 @@ def league_tables(standings: Standings, reference: str | None = None) -> dict[st
         "differences": main.differences(reference),
         "floor_differences": main.floor_differences(reference),
         "floors": standings.floor_table,
-    }
+    } | ({"maps": maps} if maps.height else {})

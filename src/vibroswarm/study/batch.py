@@ -212,17 +212,20 @@ class _SharedMotion:
             self.request.check()
             replayed = (scenario, seed, self.timeline, readings.observation, energy)
             answers = None
-            if scenario.change.is_given:
-                swarm, decision = replay_followed(*replayed)
-                answers = self._answers(scenario, floors, decision)
+            if scenario.change.is_given or keeps_map(scenario):
+                swarm, log = replay_followed(*replayed)
+                if scenario.change.is_given:
+                    answers = self._answers(scenario, floors, log.decision)
+                if keeps_map(scenario):
+                    beliefs = self.motion.samples.select("run", "robot", "time_s", belief_below=log.belief)
+                    found = map_figures(scenario, swarm, floors, self.end_s, beliefs)
+                    maps += of_cells(found, equal_cells)
             else:
                 swarm = replay_to_end(*replayed)
             finals_by_scenario.append(final_columns(swarm))
             if is_followed(scenario):
                 agreed = agreements_of(swarm, runs) if may_change(scenario) else NO_AGREEMENTS
                 agreements += agreed_rows(agreed, answers, equal_cells)
-            if keeps_map(scenario):
-                maps += of_cells(map_figures(scenario, swarm, floors, self.end_s), equal_cells)
         # The same columns, (scenarios, runs, robots) each.
         shape = (len(runs), self.timeline.robots)
         finals = {

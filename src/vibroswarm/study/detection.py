@@ -16,6 +16,7 @@ import polars as pl
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import wilson_limits
+from vibroswarm.analysis.map_figures import mean_figures
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import costs_of
@@ -37,7 +38,7 @@ class Detection(NotebookView):
     """What a detection found."""
 
     tables: Mapping[str, pl.DataFrame]
-    """``detection``, ``needed`` and ``pairs``, as ``analysis.detection`` makes them."""
+    """``detection``, ``needed`` and ``pairs``, as ``analysis.detection`` makes them; ``maps`` if robots keep maps."""
     scenario: Scenario
     """The scenario of all runs, in which floor and number of robots vary."""
     seed: int
@@ -102,6 +103,8 @@ def detection_of(
     need = needed(cells, scenario.run.t_end_s, error, false_alarms=alarms)
     curve = detection_curve(cells, scenario.run.t_end_s)
     tables = {"detection": curve, "needed": need, "pairs": pairs(need)}
+    if (maps := _maps(result, cells)).height:
+        tables["maps"] = maps
     return Detection(tables, scenario, study.seed, error, alarms, tuple(added), tuple(_warnings(study)))
 
 
@@ -173,6 +176,28 @@ def detect_by(
         if not found.finds_nothing:
             break
     return found
+
+
+def _maps(result: StudyResult, cells: Sequence[tuple[pl.DataFrame, pl.DataFrame]]) -> pl.DataFrame:
+    """Return fill ratio, robots and figures of maps with limits, a row for each cell whose robots keep them.
+
+    Args:
+        cells: tables of robots and of runs of the selected cells.
+    """
+    of_cell = {number: own for (number,), own in result.maps().group_by("cell")}
+    rows = [
+        {
+            "fill_ratio": runs["fill_ratio"][0],
+            "robots": result.study.cells[number].scenario.swarm.robots,
+            "runs": runs.height,
+            **mean_figures(of_cell[number]),
+        }
+        for number, (_, runs) in zip(result.selected, cells, strict=True)
+        if number in of_cell
+    ]
+    return (
+        pl.DataFrame(rows, infer_schema_length=None).sort("fill_ratio", "robots") if rows else pl.DataFrame()
+    )
 
 
 def sizes_of(scenario: Scenario) -> tuple[int, ...]:

@@ -32,6 +32,7 @@ from vibroswarm.study.batch_table import (
     AGREED_TABLE,
     FAILED_RUNS,
     FAILED_TABLE,
+    MAPPED_RUNS,
     MAPS_TABLE,
     arrays_of,
     tables_of,
@@ -328,6 +329,14 @@ class StudyResult(NotebookView):
                 'saves no samples; set keep = ["samples"], or simulate them again with result()', field="keep"
             )
         return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
+
+    def maps(self, *cells: int) -> pl.DataFrame:
+        """Return how good the robots' maps are in the runs of ``cells`` (by default all selected) that keep them.
+
+        The columns are ``batch_table.MAPPED_RUNS``; there are no rows if no robots keep maps.
+        """
+        scans = self._scans(MAPS_TABLE, cells)
+        return pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=MAPPED_RUNS)
 
     def failed_runs(self, *cells: int) -> pl.DataFrame:
         """Return the failed runs of ``cells`` (by default all selected), which the source of motion gave up.
