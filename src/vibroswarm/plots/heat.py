@@ -17,6 +17,7 @@ from vibroswarm.plots.layout import (
     few_ticks,
     fitted,
     fitted_names,
+    name_upright,
     new_figure,
     number,
     of_runs,
@@ -158,15 +159,13 @@ def _draw_heat(
         np.ma.masked_invalid(grid), cmap=COLOUR_MAP, vmin=low, vmax=high, zorder=2, linewidth=0,
         rasterized=grid.size > VECTORS_UP_TO,
     )  # fmt: skip
-    # Before the layout is known, the map is taken as 0.62 of the picture's width and 0.7 of its height.
-    _name_ticks(axes.xaxis, style, xs, style.width_in * 72 * 0.62, upright=False)
-    _name_ticks(axes.yaxis, style, ys, height * 72 * 0.7, upright=True)
-    # 45 of the 72 points of an inch: 0.62 of the picture's width
-    axes.set_xlabel(fitted(labels[0], style.font_pt, style.width_in * 45, lines=2))
-    if known.any():
-        colour_bar(figure, axes, style, mesh, labels[2], labels[1])
-    else:
-        axes.set_ylabel(fitted(labels[1], style.font_pt, axes_size_pt(figure, axes)[1], 2))
+    # The names of y, and the bar, take from the width that those of x have, and these from the height of the labels.
+    bars = [colour_bar(figure, axes, style, mesh)] if known.any() else []
+    _name_ticks(axes.yaxis, style, ys, axes_size_pt(figure, axes)[1], upright=True)
+    room_pt = axes_size_pt(figure, axes)[0]
+    _name_ticks(axes.xaxis, style, xs, room_pt, upright=False)
+    axes.set_xlabel(fitted(labels[0], style.font_pt, room_pt, lines=2))
+    name_upright(figure, style, [*((bar.ax, labels[2]) for bar in bars), (axes, labels[1])])
     _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits)
     _outline(axes, style, chosen)
     return figure
@@ -437,7 +436,8 @@ def _draw_density(
     axes.set(xlim=(0, width_m), ylim=(0, height_m), aspect="equal", xlabel="x (m)")
     # an arrow at the end of the colour bar: values lie beyond; the factor allows for rounding errors
     extended = "max" if density.max() > top * (1 + 1e-12) else "neither"
-    bar = colour_bar(figure, axes, style, mesh, "samples per area (even: 1)", "y (m)", extend=extended)
+    bar = colour_bar(figure, axes, style, mesh, extend=extended)
+    name_upright(figure, style, [(bar.ax, "samples per area (even: 1)"), (axes, "y (m)")])
     if top > 1:  # mark the density of uniform sampling on the scale
         bar.ax.axhline(1, color=ON_LIGHT, linewidth=style.line_pt)
         bar.ax.axhline(1, color=ON_DARK, linewidth=style.line_pt, linestyle=(0, (2, 2)))

@@ -210,23 +210,18 @@ def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
     return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
 
 
-def colour_bar(
-    figure: Figure, axes: Axes, style: Style, mesh: Any, label: str, y_label: str, **how: Any
-) -> Any:
-    """Add a colour bar to a map and return it; also set the label of y.
-
-    The labels of the bar and of y are broken to fit the height of the map, which depends on the bar. This is why the
-    label of y is set here.
-
-    Args:
-        mesh: the map. label: of the bar. y_label: of y. how: further arguments of matplotlib's ``colorbar``.
-    """
+def colour_bar(figure: Figure, axes: Axes, style: Style, mesh: Any, **how: Any) -> Any:
+    """Add a colour bar to a map and return it; ``how`` has further arguments of matplotlib's ``colorbar``."""
     tall = max(1.0, figure.get_figheight() / style.height_in)  # keeps the bar equally narrow in a high figure
     bar = figure.colorbar(mesh, ax=axes, pad=0.02, aspect=25 * tall, **how)
     bar.outline.set_linewidth(style.line_pt * 0.5)
-    bar.set_label(fitted(label, style.font_pt, axes_size_pt(figure, bar.ax)[1], 2))
-    axes.set_ylabel(fitted(y_label, style.font_pt, axes_size_pt(figure, axes)[1], 2))
     return bar
+
+
+def name_upright(figure: Figure, style: Style, labels: Sequence[tuple[Axes, str]]) -> None:
+    """Set labels of upright axes, broken to fit their heights in the layout so far."""
+    for axes, label in labels:
+        axes.set_ylabel(fitted(label, style.font_pt, axes_size_pt(figure, axes)[1], 2))
 
 
 def few_ticks(axis: Any, style: Style) -> None:
