@@ -27,7 +27,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, share_interval
+from vibroswarm.calibrate.features import wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
+from vibroswarm.core.angles import wrapped
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 
@@ -84,8 +86,8 @@ def columns_of(samples: pl.DataFrame) -> Floats:
     distance, spacing = stepped["distance_m"].to_numpy(), stepped["spacing_s"].to_numpy()
     course = np.arctan2(stepped["dy_m"].to_numpy(), stepped["dx_m"].to_numpy())
     # Change of the course from the previous step, in [-pi, pi); 0 for the first step.
-    turned = np.append(0.0, (np.diff(course) + np.pi) % (2 * np.pi) - np.pi)
-    wall = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
+    turned = np.append(0.0, wrapped(np.diff(course)))
+    wall = wall_distance(x, y, (1.0, 1.0))
     rows = []
     for first in range(0, len(x) - STRETCH + 1, STRETCH):
         k = slice(first, first + STRETCH)

@@ -134,6 +134,11 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
     return wraps.to_series()
 
 
+def wall_distance(x_m: Floats, y_m: Floats, arena_m: tuple[float, float]) -> Floats:
+    """Return the distance of places from the nearest wall, m, in the shape of ``x_m`` and ``y_m``."""
+    return np.minimum(np.minimum(x_m, arena_m[0] - x_m), np.minimum(y_m, arena_m[1] - y_m))
+
+
 def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows and the columns of the tiles below some places, in the shape of ``x_m`` and ``y_m``.
 

@@ -30,6 +30,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.calibrate.features import wall_distance
+from vibroswarm.calibrate.fit_rays import scaled_angles
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.motion.event import event_run as _event  # noqa: F401 - makes the engine known
 from vibroswarm.motion.source import source
@@ -101,7 +103,6 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
         base: scenario whose rays' angles are scaled, if ``values`` has ``ray_deg``.
         speed_m_s: speed of the robots' wheels, with which the turning rate gives the track of a turning robot.
     """
-    rays = base.rays
     fields: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
         "walk.turn_gain_percent_per_deg": round(values["gain"], 2),
@@ -111,12 +112,8 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
         "rays.disc_radius_m": round(values["seen_m"], 4),
     }
     if "threshold_mm" in values:
-        # If all rays point straight ahead, all angles are 0 and stay 0; 1.0 avoids a division by 0.
-        outermost = max(abs(angle) for angle in rays.angle_deg) or 1.0
         fields["walk.avoidance_threshold_mm"] = round(values["threshold_mm"], 2)
-        fields["rays.angle_deg"] = [
-            round(angle / outermost * values["ray_deg"], 2) for angle in rays.angle_deg
-        ]
+        fields["rays.angle_deg"] = scaled_angles(base, values["ray_deg"])
     return fields
 
 
@@ -142,7 +139,7 @@ def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
     quantiles_s = (
         np.quantile(positive_s, [0.1, 0.25, 0.5, 0.75, 0.9, 0.975]) if positive_s.size else np.zeros(6)
     )
-    wall = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+    wall = wall_distance(x, y, arena_m)
     # Shares of the samples by distance (m) from the nearest wall.
     rings = np.histogram(wall, [0.0, 0.025, 0.05, 0.075, 0.1])[0] / x.size
     # Fifth of the arena, 0 to 4, along x and along y; a sample on the right or upper wall is in the last fifth.

@@ -68,7 +68,7 @@ class RaysFit:
         """Return the scenario's fields for these estimates, by dotted name, without those that are undetermined."""
         fields: dict[str, object] = {}
         if self.forward_m:
-            fields["rays.angle_deg"] = _angles(base, self.values["ray_deg"])
+            fields["rays.angle_deg"] = scaled_angles(base, self.values["ray_deg"])
             fields["rays.forward_m"] = round(float(np.mean(self.forward_m)), 4)
             fields["rays.forward_each_m"] = [round(forward_m, 4) for forward_m in self.forward_m]
         if "turn_max_deg" in self.values:
@@ -188,7 +188,7 @@ def _fit_forward(
     """
     reach = base.walk.avoidance_threshold_mm / 1000.0  # R = theta_c, m
     # Columns of angles and of lateral offsets, (rays, 1), so that ``rays`` below is (rays, approaches).
-    angle = np.radians(_angles(base, ray_deg))[:, None]
+    angle = np.radians(scaled_angles(base, ray_deg))[:, None]
     side = np.array(base.rays.side_m)[:, None]
     rays = reach * np.cos(angle) * np.cos(incidence) - (side + reach * np.sin(angle)) * np.sin(incidence)
     rest, weight = distance - rays.max(axis=0), np.maximum(np.cos(incidence), 1e-3)  # d - M; cos i, above 0
@@ -209,7 +209,7 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def _angles(base: Scenario, ray_deg: float) -> list[float]:
+def scaled_angles(base: Scenario, ray_deg: float) -> list[float]:
     """Return the angles of the base's rays, deg, multiplied by one factor so that the largest is ``ray_deg``."""
     # If all rays point straight ahead, all angles are 0 and stay 0; 1.0 avoids a division by 0.
     largest = max(abs(angle_deg) for angle_deg in base.rays.angle_deg) or 1.0

@@ -16,7 +16,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_interval
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
-from vibroswarm.calibrate.features import nearest_tile, sample_table
+from vibroswarm.calibrate.features import nearest_tile, sample_table, wall_distance
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
@@ -117,7 +117,7 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
     arena = result.scenario.arena
     x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
     kind, bits = samples["vibrating"].to_numpy(), energy > threshold  # kind: whether the tile below vibrates
-    wall = np.minimum(np.minimum(x, arena.width_m - x), np.minimum(y, arena.height_m - y))
+    wall = wall_distance(x, y, (arena.width_m, arena.height_m))
     avoid = samples["avoid_s"].drop_nulls().to_numpy()
     # Up to 1e-9 s is rounding, not avoidance: recorded times are differences of logged totals.
     positive = avoid[avoid > 1e-9]

@@ -24,6 +24,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.drive import track_of
+from vibroswarm.core.angles import wrapped
 from vibroswarm.result import Result
 
 Floats = NDArray[np.float64]
@@ -200,7 +201,7 @@ def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tu
     """
     distances = np.array([x, size[0] - x, y, size[1] - y])  # left, right, bottom, top
     normals = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])  # directions of the outward normals
-    incidences = _wrapped(course - normals)
+    incidences = wrapped(course - normals)
     ahead = np.flatnonzero(np.abs(incidences) < np.radians(107.0))
     wall = ahead[np.argmin(distances[ahead])]
     return float(distances[wall]), float(incidences[wall])
@@ -236,7 +237,7 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
         if np.nansum(samples[soon, 1][:2]) > 1e-9:
             continue
         turned = _course(path, start, after, 0) - _course(path, before, stop, -1)
-        angle = float(_wrapped(np.array([turned]))[0])
+        angle = float(wrapped(np.array([turned]))[0])
         if abs(angle) > LEAST_TURN:
             turns_rad.append(angle)
     return turns_rad
@@ -258,8 +259,3 @@ def _course(path: _Path, first: int, last: int, end: int) -> float:
     courses = np.unwrap(np.arctan2(np.diff(path.y_m[some]), np.diff(path.x_m[some])))
     change_per_step = (courses[-1] - courses[0]) / (courses.size - 1)
     return float(courses[end] + (0.5 if end else -0.5) * change_per_step)
-
-
-def _wrapped(angle: Floats) -> Floats:
-    """Return angles, rad, in [-pi, pi)."""
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

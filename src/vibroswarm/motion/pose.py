@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.angles import wrapped
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
 
@@ -77,7 +78,7 @@ def _along_arcs(
         [
             column["x_m"] + chord * np.cos(along),
             column["y_m"] + chord * np.sin(along),
-            (heading + np.pi) % (2.0 * np.pi) - np.pi,
+            wrapped(heading),
         ],
         axis=-1,
     )
