@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import vibroswarm
+from vibroswarm.paper.claims import all_claims
 
 HERE = Path(vibroswarm.__file__).parent / "paper"
 NAMES = Path(__file__).parents[2] / "docs" / "api" / "names.md"
@@ -72,3 +73,15 @@ def test_inner_names_are_found() -> None:
     assert "paired_score" in known["vibroswarm.optimize"]
     assert reason_for("vibroswarm.plots.layout", "new_figure") is None
     assert reason_for("vibroswarm.core.folders", "FORMAT") == "core"
+
+
+OTHERWISE_NAMED = {"corners": "a table", "estimate": "a column", "headline-seeds": "a picture"}
+"""Texts of the code that are a claim's id too, and what else they name."""
+
+
+def test_no_code_knows_the_id_of_a_claim() -> None:
+    ids = {claim.id for claim in all_claims()} - set(OTHERWISE_NAMED)
+    assert len(ids) > 50
+    for path in sorted(HERE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            assert not (isinstance(node, ast.Constant) and node.value in ids), f"{path.name}: {node.value}"
