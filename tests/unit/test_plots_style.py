@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_error_bars, draw_outcomes
 from vibroswarm.plots.layout import fitted, fitted_names, number, plain, share, width_pt
-from vibroswarm.plots.picture import FORMATS, picture_bytes, themed_svg, write_picture
+from vibroswarm.plots.picture import FORMATS, picture_bytes, save_figure, themed_svg, write_picture
 from vibroswarm.plots.style import (
     NAMES,
     OUTCOME_HATCHES,
@@ -147,6 +147,17 @@ def test_writing_says_what_is_wrong(tmp_path):
     assert list(tmp_path.iterdir()) == []
     only = write_picture(picture.figure, picture.numbers, tmp_path / "x", formats=())
     assert [path.name for path in only] == ["x.csv"]
+
+
+def test_a_figure_is_saved_by_the_suffix_and_others_are_refused(tmp_path):
+    save_figure(Figure, tmp_path / "a b.PDF")
+    assert (tmp_path / "a b.PDF").read_bytes().startswith(b"%PDF")
+    for name in ("x.gif", "x"):
+        with pytest.raises(InputError, match="end the name with .png, .svg or .pdf"):
+            save_figure(Figure, tmp_path / name)
+    with pytest.raises(InputError, match="exists"):
+        save_figure(Figure, tmp_path / "a b.PDF", replace=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["a b.PDF"]
 
 
 def test_dots_follow_the_style(tmp_path):

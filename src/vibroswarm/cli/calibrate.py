@@ -56,12 +56,15 @@ def compare(
     )
     from vibroswarm.documents.calibration import comparison_document, comparisons_document
     from vibroswarm.floors.io import check_suffix
+    from vibroswarm.plots.picture import SUFFIXES
     from vibroswarm.recordings.recording import read_result
 
     # RIGHT is a camera without error. With None, ``compare`` uses the camera of SIM's scenario, or RIGHT if the
     # positions need no change, as those of two recordings (``camera_between``).
     camera = RIGHT if no_camera else None
     _refuse_twice(simulated, "SIM")
+    if picture is not None:
+        check_suffix(picture, SUFFIXES)  # before the comparison, which takes seconds
     if len(simulated) > 1:
         for option, given in (("--picture", picture), ("--pictures", pictures), ("--intervals", intervals)):
             if given:
@@ -73,7 +76,6 @@ def compare(
     recorded, simulation = read_result(real), read_result(simulated[0])
     comparison = compare(recorded, simulation, camera=camera, intervals=intervals)
     if picture is not None:
-        check_suffix(picture, (".png", ".svg", ".pdf"))
         write_comparison_picture(recorded, simulation, comparison, picture)
     if pictures is not None:
         if pictures.is_file():

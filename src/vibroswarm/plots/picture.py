@@ -21,13 +21,16 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, shown
+from vibroswarm.floors.io import check_suffix
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS: Final = ("svg", "pdf", "png")
-"""Formats of picture files, which are also their suffixes."""
+"""Formats of picture files."""
+SUFFIXES: Final = (".png", ".svg", ".pdf")
+"""Suffixes of picture files."""
 SVG_UP_TO: Final = 1_500_000
 """Most characters of an SVG before ``themed_svg`` replaces its colours. If it has more, marks inside the axes become an
 image; text and axes do not."""
@@ -151,10 +154,12 @@ def save_figure(draw: Callable[[], Figure], path: Path, *, replace: bool = True)
         replace: whether an existing file may be replaced.
 
     Raises:
-        InputError: the file exists, or its folder cannot be written. RunError: the disk is full or failed.
+        InputError: another suffix, the file exists, or its folder cannot be written.
+        RunError: the disk is full or failed.
     """
+    kind = check_suffix(path, SUFFIXES)[1:]
     with whole_file(path, replace=replace) as part, settings():
-        part.write_bytes(picture_bytes(draw(), path.suffix.lower()[1:], dots_per_inch=150))
+        part.write_bytes(picture_bytes(draw(), kind, dots_per_inch=150))
 
 
 def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> bytes:

@@ -15,9 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import check_suffix
 from vibroswarm.floors.patches import Patch
 from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.motion.pose import pose
@@ -31,8 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SUFFIXES: Final = (".png", ".svg", ".pdf")
-"""Suffixes of picture files."""
 VIBRATING: Final = RUN["vibrating"]
 """Colour of vibrating tiles in a picture of a floor or of maps."""
 STILL: Final = RUN["tile-still"]
@@ -95,9 +91,7 @@ def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, r
         InputError: another suffix, the file exists, or its folder cannot be written.
         RunError: the disk is full or failed.
     """
-    path = Path(path)
-    check_suffix(path, SUFFIXES)
-    save_figure(lambda: floor_figure(tiles, title), path, replace=replace)
+    save_figure(lambda: floor_figure(tiles, title), Path(path), replace=replace)
 
 
 POINTS_PER_S = 2
@@ -369,8 +363,6 @@ def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
         InputError: the path has another suffix, its folder cannot be written, or there is no such run.
         RunError: the disk is full or failed.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")
     save_figure(lambda: run_figure(result, run), path)
 
 
