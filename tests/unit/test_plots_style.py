@@ -153,7 +153,7 @@ def test_a_figure_is_saved_by_the_suffix_and_others_are_refused(tmp_path):
     save_figure(Figure, tmp_path / "a b.PDF")
     assert (tmp_path / "a b.PDF").read_bytes().startswith(b"%PDF")
     for name in ("x.gif", "x"):
-        with pytest.raises(InputError, match="end the name with .png, .svg or .pdf"):
+        with pytest.raises(InputError, match=r"end the name with \.png, \.svg or \.pdf"):
             save_figure(Figure, tmp_path / name)
     with pytest.raises(InputError, match="exists"):
         save_figure(Figure, tmp_path / "a b.PDF", replace=False)
