@@ -466,6 +466,15 @@ def test_of_values_that_are_many_or_crowded_whole_numbers_are_shown(xs):
     assert len(ticks) < 9
 
 
+def test_labels_of_thousands_of_values_are_not_laid_out():
+    with mock.patch.object(Figure, "draw_without_rendering") as laid_out:
+        draw_error_bars(estimates(list(range(5000)), ["none"]))
+    assert not laid_out.called
+    with mock.patch.object(Figure, "draw_without_rendering") as laid_out:
+        draw_error_bars(estimates(list(range(5)), ["none"]))
+    assert laid_out.called
+
+
 def test_error_bars_are_where_the_frame_says():
     frame = estimates([3, 1, 2], ["only"]).with_columns(
         estimate=pl.when(pl.col("x") == 2).then(None).otherwise(pl.col("estimate"))

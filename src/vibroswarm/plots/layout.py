@@ -162,6 +162,8 @@ X_LABEL_SHARE = 0.62
 """Share of the width for the label of x in a picture with rows."""
 TICK_GAP_EM = 0.7
 """Least space between the labels of two ticks, in units of the font size."""
+MOST_TICKS: Final = 60
+"""Most values of an axis at which ticks are tried."""
 
 
 def new_figure(style: Style, *, height_in: float | None = None, title: str = "") -> Figure:
@@ -246,14 +248,15 @@ def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     places = sorted({float(value) for value in values})
-    before = axis.get_major_locator(), axis.get_major_formatter()
-    axis.set_major_locator(FixedLocator(places))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
-    figure.draw_without_rendering()
-    if not crowded(axis):
-        return
-    axis.set_major_locator(before[0])
-    axis.set_major_formatter(before[1])
+    if len(places) <= MOST_TICKS:  # more never fit, and take long to lay out
+        before = axis.get_major_locator(), axis.get_major_formatter()
+        axis.set_major_locator(FixedLocator(places))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
+        figure.draw_without_rendering()
+        if not crowded(axis):
+            return
+        axis.set_major_locator(before[0])
+        axis.set_major_formatter(before[1])
     if all(place.is_integer() for place in places):
         whole_ticks(axis)
 
