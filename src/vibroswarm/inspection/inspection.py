@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -143,42 +143,33 @@ def inspect(
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
-    damage = {
+    damage: dict[str, Any] = {
         "sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits, "looks": looks, "shapes": shapes,
     }  # fmt: skip
     if samples.floor is None:
-        return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))  # type: ignore[arg-type]
-    if samples.kinds is not None:
-        return _of_kinds(samples, times_s, question, damage)
+        return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))
+    pooled, by_kind = _maps(samples, times_s)
     own = {
-        robot: tile_map(samples.with_frame(samples.of(robot)), times_s)
+        robot: _maps(samples.with_frame(samples.of(robot)), times_s)[0]
         for robot in samples.robots
         if len(samples.robots) > 1
     }
-    pooled = tile_map(samples, times_s)
+    found = Inspection(samples, times_s, pooled, own, by_kind)
     if question is None:
-        return Inspection(samples, times_s, pooled, own)
+        return found
+    judged = samples
+    if by_kind is not None:
+        judged, damage["bits"] = any_but_still(samples), True
     still = still_by_map(samples, pooled[-1])
-    assessed = assess(samples, question, still=still, **damage)  # type: ignore[arg-type]
-    return Inspection(samples, times_s, pooled, own, assessment=assessed)
+    return replace(found, assessment=assess(judged, question, still=still, **damage))
 
 
-def _of_kinds(
-    samples: Samples, times_s: Floats, question: Question | None, damage: Mapping[str, Any]
-) -> Inspection:
-    """Return what samples of more than two kinds of tile say: the probability of each kind, and of any but kind 0."""
-    pooled = kind_map(samples, times_s)
-    own = {
-        robot: 1.0 - kind_map(samples.with_frame(samples.of(robot)), times_s)[..., 0]
-        for robot in samples.robots
-        if len(samples.robots) > 1
-    }
-    any_kind = 1.0 - pooled[..., 0]
-    if question is None:
-        return Inspection(samples, times_s, any_kind, own, by_kind=pooled[-1])
-    still = still_by_map(samples, any_kind[-1])
-    assessed = assess(any_but_still(samples), question, still=still, **{**damage, "bits": True})
-    return Inspection(samples, times_s, any_kind, own, by_kind=pooled[-1], assessment=assessed)
+def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:
+    """Return the probability of each tile over time, and that of each kind at the end if there are more than two."""
+    if samples.kinds is None:
+        return tile_map(samples, times_s), None
+    kinds = kind_map(samples, times_s)
+    return 1.0 - kinds[..., 0], kinds[-1]
 
 
 def _samples_of(

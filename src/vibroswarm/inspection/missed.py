@@ -76,45 +76,16 @@ def own_trials(
         intact: intact surfaces, other than those that gave ``critical``. seed: of what is drawn.
         shape: of ``damage.SHAPES``. looks: how often is looked, as for ``critical``.
     """
-    statistics = damaged_statistics(
-        samples,
-        patches,
-        shares,
-        sides_m,
-        each,
-        contrast=contrast,
-        seed=seed,
-        bits=bits,
-        shape=shape,
-        looks=looks,
-    )
-    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits, looks=looks) >= critical
-    return Trials(
-        np.repeat(sides_m, each), (statistics >= critical).astype(np.float64), int(false.sum()), intact
-    )
-
-
-def damaged_statistics(
-    samples: Samples,
-    patches: Patches,
-    shares: Shares,
-    sides_m: Sequence[float],
-    each: int,
-    *,
-    contrast: float = 1.0,
-    seed: int = 2,
-    bits: bool = False,
-    shape: str = "square",
-    looks: int = 1,
-) -> Floats:
-    """Return T of surfaces with damage of a shape at random places, (sides x each,), size by size."""
     random = generator(seed, f"damage of contrast {contrast:g}")
     found = []
     for side_m in sides_m:
         patch = drawn_patches(random, np.full(each, side_m), samples.size_m, contrast, shape)
         values = drawn_values(random, samples, each, patch)
-        found.append(statistic_of(samples, patches, shares, values, bits=bits, looks=looks))
-    return np.concatenate(found)
+        found.append(statistic_of(samples, patches, shares, values, bits=bits, looks=looks) >= critical)
+    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits, looks=looks) >= critical
+    return Trials(
+        np.repeat(sides_m, each), np.concatenate(found).astype(np.float64), int(false.sum()), intact
+    )
 
 
 def pooled_trials(

@@ -15,6 +15,7 @@ known exactly. A fit that leaves p_f out takes false calls on small damage for d
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -125,64 +126,47 @@ def fit_pod(
     return Pod(p_f, b0, b1, trials.scale, a50, a90, limit, int(at.size), intact, top)  # type: ignore[arg-type]
 
 
+def _search(loss: Callable[[Floats], float], start: Sequence[float]) -> tuple[list[float], float]:
+    """Return where a loss is smallest, searched from ``start`` by Nelder and Mead's method, and how large it is."""
+    minimize: Any = optimize.minimize  # its stubs allow no lambda
+    found = minimize(loss, np.array(start), method="Nelder-Mead", options=SEARCH)
+    return found.x.tolist(), float(found.fun)
+
+
 def _with_top(trials: _Trials, p_f: float, b0: float, b1: float) -> tuple[float, float, float, float]:
     """Return b0, b1 and the asymptote of the largest likelihood at this p_f, and -ln of it."""
-    search: Any = optimize.minimize
-    highest = float((trials.found / trials.number).max())
-    best = None
-    for steep in (1.0, 3.0):
-        start = np.array([steep * b0, steep * b1, logit(min(max(highest, 0.5), 0.98))])
-        found = search(
-            lambda at: trials.loss(p_f, at[0], at[1], p_f + (1.0 - p_f) * float(expit(at[2]))),
-            start,
-            method="Nelder-Mead",
-            options=SEARCH,
-        )
-        best = found if best is None or found.fun < best.fun else best
-    assert best is not None
-    top = min(p_f + (1.0 - p_f) * float(expit(best.x[2])), 1.0 - LEAST)
-    return float(best.x[0]), float(best.x[1]), top, float(best.fun)
+
+    def loss(at: Floats) -> float:
+        return trials.loss(p_f, at[0], at[1], top(at))
+
+    def top(at: Sequence[float] | Floats) -> float:
+        return p_f + (1.0 - p_f) * float(expit(at[2]))
+
+    highest = logit(min(max(float((trials.found / trials.number).max()), 0.5), 0.98))
+    starts = ((steep * b0, steep * b1, highest) for steep in (1.0, 3.0))
+    at, least = min((_search(loss, start) for start in starts), key=lambda found: found[1])
+    return at[0], at[1], min(top(at), 1.0 - LEAST), least
 
 
 def _best(trials: _Trials, p_f: float) -> tuple[float, float, float, float]:
     """Return p_f, b0, b1 of the largest likelihood, and -ln of it; p_f stays as it is without intact surfaces."""
     g = _g(trials.size_m, trials.scale)
     middle, spread = float(np.average(g, weights=trials.number)), float(np.ptp(g))
-    search: Any = optimize.minimize  # its stubs allow no lambda
-    best = None
-    for steep in (3.0, 10.0, 30.0):  # starts from flat to steep, about the middle of the sizes
-        start = np.array([0.0, steep])  # height at the middle, and slope over the range of sizes
-        found = search(
-            lambda at: trials.loss(p_f, at[0] - at[1] / spread * middle, at[1] / spread),
-            start,
-            method="Nelder-Mead",
-            options=SEARCH,
-        )
-        best = found if best is None or found.fun < best.fun else best
-    assert best is not None
-    if not trials.intact:
-        b1 = best.x[1] / spread
-        return p_f, float(best.x[0] - b1 * middle), float(b1), float(best.fun)
-    whole = search(
-        lambda at: trials.loss(float(expit(at[2])), at[0] - at[1] / spread * middle, at[1] / spread),
-        np.array([*best.x, logit(min(max(p_f, 1e-6), 0.5))]),
-        method="Nelder-Mead",
-        options=SEARCH,
-    )
-    b1 = whole.x[1] / spread
-    return float(expit(whole.x[2])), float(whole.x[0] - b1 * middle), float(b1), float(whole.fun)
 
+    def loss(at: Floats, p_f: float) -> float:
+        """Return the loss by the height at the middle of the sizes, and the slope over their range."""
+        return trials.loss(p_f, at[0] - at[1] / spread * middle, at[1] / spread)
 
-def _with_top_at(trials: _Trials, p_f: float, b0: float, b1: float, top: float) -> tuple[float, float]:
-    """Return b0 and b1 of the largest likelihood at this p_f and asymptote."""
-    search: Any = optimize.minimize
-    found = search(
-        lambda at: trials.loss(p_f, at[0], at[1], top),
-        np.array([b0, b1]),
-        method="Nelder-Mead",
-        options=SEARCH,
+    starts = (3.0, 10.0, 30.0)  # from flat to steep, about the middle of the sizes
+    at, least = min(
+        (_search(lambda at: loss(at, p_f), (0.0, steep)) for steep in starts), key=lambda found: found[1]
     )
-    return float(found.x[0]), float(found.x[1])
+    if trials.intact:
+        start = (*at, logit(min(max(p_f, 1e-6), 0.5)))
+        at, least = _search(lambda at: loss(at, float(expit(at[2]))), start)
+        p_f = float(expit(at[2]))
+    b1 = at[1] / spread
+    return p_f, at[0] - b1 * middle, b1, least
 
 
 def _size_at(share: float, p_f: float, b0: float, b1: float, scale: str, top: float = 1.0) -> float:
@@ -201,7 +185,7 @@ def _limit(
     if not np.isfinite(a90):
         return float("nan")
     if top < 1.0:  # an asymptote that is not known well may be below 0.9, and then there is no a90
-        lower = trials.loss(p_f, *_with_top_at(trials, p_f, b0, b1, 0.9), 0.9)
+        _, lower = _search(lambda at: trials.loss(p_f, at[0], at[1], 0.9), (b0, b1))
         if 2.0 * (lower - loss) <= DROP:
             return float("nan")
     wanted = float(logit((0.9 - p_f) / (top - p_f)))

@@ -187,17 +187,11 @@ def check_law(law: Law) -> None:
         InputError: the distributions on still and vibrating places overlap wholly.
     """
     if law.sensor.kinds > 2:
-        told = rates(law.sensor)[1:].mean(axis=0) @ log_ratios_of_classes(
-            law.sensor, np.arange(law.sensor.readings)
-        )
-        _refuse_overlap(law, float(told))
-        return
-    u = (np.arange(400) + 0.5) / 400
-    told = ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64))
-    _refuse_overlap(law, float(told.mean()))
-
-
-def _refuse_overlap(law: Law, told: float) -> None:
+        each = log_ratios_of_classes(law.sensor, np.arange(law.sensor.readings))
+        told = float(rates(law.sensor)[1:].mean(axis=0) @ each)
+    else:
+        u = (np.arange(400) + 0.5) / 400
+        told = float(ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64)).mean())
     if told < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
         raise InputError(
             "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "
