@@ -19,7 +19,7 @@ from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
-from vibroswarm.inspection.missed import SIDES_M, Trials, pooled_trials
+from vibroswarm.inspection.missed import Trials, pooled_trials
 from vibroswarm.inspection.patches import Patches, declared, log_likelihoods, raster, shares_of, told_risk
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.sources import samples_of_result
@@ -108,10 +108,10 @@ def measure_isotonic(count: int) -> None:
     """Compare fits of plates, one in each inspection, with an isotonic fit to all surfaces."""
     damaged = list(inspections("optimised-places", count, 300.0, "random:0.0", 2))
     fresh = list(inspections("optimised-places", count, 300.0, "random:0.0", 3))
-    trials = pooled_trials(damaged, fresh, until_s=300.0, each=max(1, 7200 // count // len(SIDES_M)))
-    rates = [trials.found[trials.size_m == side].mean() for side in SIDES_M]
-    steps = isotonic_regression(rates).x
-    truth_m = float(np.interp(0.9, steps, SIDES_M))
+    sides_m = np.arange(0.03, 0.305, 0.01)
+    trials = pooled_trials(damaged, fresh, until_s=300.0, each=2, sides_m=sides_m.round(3).tolist())
+    rates = [trials.found[trials.size_m == side].mean() for side in np.unique(trials.size_m)]
+    truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
     whole = trials.fit()
     print(
         f"isotonic a90 {100 * truth_m:.2f} cm, fitted {100 * whole.a90_m:.2f} cm, of {trials.found.size} surfaces"

@@ -57,9 +57,19 @@ class Patches(NotebookView):
         number = np.bincount(self.size, minlength=len(self.sides_m))
         return np.asarray(1.0 / number[self.size] / len(self.sides_m))
 
+    @property
+    def step_m(self) -> Floats:
+        """Distance to the next places of the same size, (patches,)."""
+        return np.array([step_of(sides) for sides in self.sides_m])[self.size]
+
     def at_least(self, side_m: float) -> NDArray[np.bool_]:
         """Return which patches have a side of at least ``side_m``: the longer one."""
         return np.array([max(sides) >= side_m - 1e-9 for sides in self.sides_m])[self.size]
+
+
+def step_of(sides_m: tuple[float, float]) -> float:
+    """Return the distance between places of patches of a size."""
+    return max(min(sides_m) / 4.0, FINEST_M)
 
 
 def declared(
@@ -79,7 +89,7 @@ def declared(
             raise InputError(
                 f"a patch of {sides[0]:g} m x {sides[1]:g} m is not within the surface", field="--sizes"
             )
-        step_m = max(min(sides) / 4.0, FINEST_M)
+        step_m = step_of(sides)
         along = [
             np.linspace(0.0, whole - side, max(int(np.ceil((whole - side) / step_m)), 0) + 1)
             for side, whole in zip(sides, size_m, strict=True)

@@ -53,6 +53,8 @@ from vibroswarm.inspection.samples import Floats, Samples
 
 REPLICATES: Final = 999
 """Intact surfaces drawn for a p-value."""
+AROUND: Final = 8
+"""Points along each side that stand for the places around that of a patch."""
 CELLS: Final = 40
 """Cells along each side of the raster."""
 BLOCK_S: Final = 120.0
@@ -97,14 +99,20 @@ class Scan(NotebookView):
     """The declared sizes, m."""
     size_posterior: Floats
     """Probability of each size, if there is damage, (sizes,)."""
-    region_m2: float
-    """Area of the raster's cells that hold 90 % of the most likely place."""
+    region: NDArray[np.bool_]
+    """The fewest cells that hold the centre of the damage with 90 %, (CELLS, CELLS), top row first."""
+    surface_m2: float
     raster: Floats
     """Probability that each cell is damaged, (CELLS, CELLS), top row first."""
     looks: int = 1
     """Times at which is looked, evenly spaced; T is the largest over them."""
     called_s: float | None = None
     """First look at which T reaches the critical value; None: it does not."""
+
+    @property
+    def region_m2(self) -> float:
+        """Area of ``region``."""
+        return float(self.region.mean() * self.surface_m2)
 
 
 def scan(
@@ -137,9 +145,7 @@ def scan(
     drawn = intact_statistics(samples, patches, shares, replicates, seed, bits=bits, looks=looks)
     permuted = _permuted(samples, observed, replicates, seed)
     exchanged = _statistic(patches, shares, permuted, there)
-    logs = log_likelihoods(shares, observed[:, None])
-    posterior = patches.weights * np.exp(np.minimum(logs[:, 0] - logs.max(), 0.0).astype(np.float64))
-    posterior /= posterior.sum()
+    posterior = posterior_of(patches, log_likelihoods(shares, observed[:, None])[:, 0])
     critical = float(np.quantile(drawn, 1.0 - CALLED))
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
@@ -153,7 +159,8 @@ def scan(
         called,
         patches.sides_m,
         np.bincount(patches.size, posterior, len(patches.sides_m)).astype(np.float64),
-        _region_m2(patches, posterior, samples.size_m),
+        credible_region(patches, posterior, samples.size_m),
+        float(np.prod(samples.size_m)),
         cells,
         looks,
         float(times_s[reached[0]]) if reached.size else None,
@@ -262,18 +269,41 @@ def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) ->
     return out
 
 
-def _region_m2(patches: Patches, posterior: Floats, size_m: tuple[float, float]) -> float:
-    """Return the area of the smallest set of cells that holds the centre of the patch with 90 %."""
+def posterior_of(patches: Patches, logs: NDArray[np.floating]) -> Floats:
+    """Return the probability of each patch, if one of them is there, (patches,), from its ln L_j."""
+    posterior = patches.weights * np.exp(np.minimum(logs - logs.max(), 0.0).astype(np.float64))
+    return np.asarray(posterior / posterior.sum())
+
+
+def credible_region(patches: Patches, posterior: Floats, size_m: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return the fewest cells that hold the centre of the damage with 90 %, (CELLS, CELLS), top row first.
+
+    Between the places of the declared set probability is interpolated linearly.
+    """
+    offset = (np.arange(AROUND) + 0.5) / AROUND * 2.0 - 1.0  # in steps: a patch counts up to the next places
+    share = np.outer(1.0 - np.abs(offset), 1.0 - np.abs(offset)).ravel()[:, None]
+    x_m, y_m = (
+        np.clip(low_m + 0.5 * side_m + part.ravel()[:, None] * patches.step_m, 0.0, whole)
+        for low_m, side_m, part, whole in zip(
+            (patches.left_m, patches.bottom_m),
+            (patches.width_m, patches.height_m),
+            np.meshgrid(offset, offset),
+            size_m,
+            strict=True,
+        )
+    )
     places, _, _ = np.histogram2d(
-        patches.left_m + 0.5 * patches.width_m,
-        patches.bottom_m + 0.5 * patches.height_m,
+        x_m.ravel(),
+        y_m.ravel(),
         bins=CELLS,
         range=[[0.0, size_m[0]], [0.0, size_m[1]]],
-        weights=posterior,
+        weights=(share / share.sum() * posterior).ravel(),
     )
-    falling = np.sort(places.ravel())[::-1]
-    cells = int(np.searchsorted(np.cumsum(falling), 0.9) + 1)
-    return float(cells * size_m[0] * size_m[1] / CELLS**2)
+    falling = np.argsort(-places, axis=None, kind="stable")
+    count = int(np.searchsorted(np.cumsum(places.ravel()[falling]), 0.9)) + 1
+    region = np.zeros(places.size, dtype=bool)
+    region[falling[:count]] = True
+    return region.reshape(places.shape).T[::-1]
 
 
 @dataclass(frozen=True)
