@@ -40,7 +40,8 @@ def table() -> str:
     """The table, of all strategies, and of robots that compute a spectrum."""
     rows = []
     chosen: dict[str, dict[str, Any]] = {f"`{name}`": {"strategy.name": name} for name in names()}
-    for name, values in (chosen | {"`dirichlet`, two motors": MOTORS}).items():
+    chosen |= {f"`{name}`, two motors": MOTORS | {"strategy.name": name} for name in ("dirichlet", "places")}
+    for name, values in chosen.items():
         scenario = preset("paper").with_values(values)
         precision, why = precision_of(parts_of(scenario))
         memory, timing = measured_and_timed(scenario)

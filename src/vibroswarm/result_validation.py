@@ -77,9 +77,13 @@ def _not_given(scenario: Scenario) -> set[str]:
     strategy = known().get(scenario.strategy.name)
     if strategy is None:  # its code is not loaded
         return {"message", "alpha", "beta", "belief_below"}
+    sensor = scenario.sensor
+    strategy = strategy.for_kinds(sensor.kinds, sensor.readings)
     found = {"alpha", "beta"} - set(strategy.state_type.names or ())
-    # For more than two kinds of tile there is no belief in one of two answers.
-    if strategy.belief is None or (strategy.answers_kinds and scenario.sensor.kinds > 2):
+    # For more than two kinds of tile there is no belief in one of two answers; of a sensor whose code is not loaded
+    # their number is not known.
+    of_many = strategy.answers_kinds or strategy.of_many is not None
+    if strategy.belief is None or (of_many and (sensor.kinds > 2 or sensor.model not in sensors.known())):
         found.add("belief_below")
     # Only the package's strategies that count bits are known to send one at every sample.
     if strategy.on_counts is None or scenario.strategy.code is not None:

@@ -155,6 +155,32 @@ def test_a_prior_that_tiles_share_does_the_same_in_python_and_c(tmp_path: Path) 
         check_events(run_program(mixed, fed), did, swarm)
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_robots_that_map_three_kinds_do_the_same_in_python_and_c(tmp_path: Path) -> None:
+    scenario = SCENARIO.with_values(
+        {
+            "sensor.model": "confusion",
+            "sensor.confusion.accuracy": 0.95,
+            "task.name": "majority",
+            "floor.source": "random:0.2,0.6,0.2",
+            "decision.credible_threshold": 0.7,
+            "run.t_end_s": 200.0,
+        }
+    )
+    inspection = simulate(scenario, SEED, [0])
+    swarm = driven(scenario, inspection)
+    check_inspection(inspection, swarm, least=25)
+    assert (inspection.robots["decision"] == 1).sum() >= 3
+    for i, robot in enumerate(swarm.robots):
+        maps = inspection.reports.filter(name="by_kind", robot=i).sort("index")["value"]
+        np.testing.assert_allclose(robot.arrays.by_kind, maps, rtol=0, atol=1e-6)
+    program = built(scenario, tmp_path / "double", precision=3)
+    mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
+    for fed, did in zip(swarm.short, swarm.did, strict=True):
+        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
+        check_events(run_program(mixed, fed), did, swarm)
+
+
 def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
     ours, theirs = events(found, swarm)[:, ESTIMATES:], events(expected, swarm)[:, ESTIMATES:]
     np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])

@@ -47,7 +47,7 @@ needs_arm = pytest.mark.skipif(
 
 def message_fields(scenario: Scenario) -> list[str]:
     """Return the fields of a message."""
-    return list(strategy_of(scenario.strategy.name).message_type.names or ())
+    return list(parts_of(scenario).strategy.message_type.names or ())
 
 
 class SameMath:

@@ -33,6 +33,7 @@ from vibroswarm.inference.replay import bits_and_energies, replay_to_end
 from vibroswarm.localisation.locate import draws_read, estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.place_map import PAIRS
 
 MAPS: Final[dict[str, Any]] = {
@@ -49,6 +50,11 @@ belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``:
 
 WITH_MAP: Final = ("places", "explore", "fading")
 """Strategies whose robots keep a map."""
+
+
+def keeps_floor_map(scenario: Scenario) -> bool:
+    """Return whether robots keep a map of the tiles that vibrate: of two kinds, that is."""
+    return scenario.strategy.name in WITH_MAP and scenario.sensor.kinds == scenario.sensor.readings == 2
 
 
 def floor_maps(result: Result) -> pl.DataFrame:
@@ -125,10 +131,11 @@ def _check_maps(result: Result) -> int:
     Raises:
         InputError: the strategy keeps no map, or the result is a recording.
     """
-    name = result.scenario.strategy.name
-    if name not in WITH_MAP:
+    if not keeps_floor_map(result.scenario):
         raise InputError(
-            f"'{name}' keeps no map of the floor; {' and '.join(WITH_MAP)} do", field="strategy.name"
+            f"'{result.scenario.strategy.name}' keeps no map of what vibrates; {' and '.join(WITH_MAP)} do, where "
+            "there are two kinds of tile",
+            field="strategy.name",
         )
     if result.seed is None:
         raise InputError(

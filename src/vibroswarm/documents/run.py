@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.decidability import decidability
-from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
+from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,
@@ -335,7 +335,7 @@ def _map(result: Result, run: int) -> list[Part]:
 
     A tile counts as believed to vibrate if the belief is above 0.5.
     """
-    if result.scenario.strategy.name not in WITH_MAP or result.scenario.floor.columns > WIDEST_MAP:
+    if not keeps_floor_map(result.scenario) or result.scenario.floor.columns > WIDEST_MAP:
         return []
     # One row per tile: `vibrating` is the belief that the tile vibrates, `vibrates` is 1 if it does. In the map that is
     # made from the samples of all robots, the column `robot` is null.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
+from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import why_no_page, write_run_page
@@ -22,7 +22,7 @@ def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
         result.write_into(part)
         if why_no_page(result) is None:
             write_run_page(result, part / "run.html")
-        maps = floor_maps(result) if result.scenario.strategy.name in WITH_MAP else None
+        maps = floor_maps(result) if keeps_floor_map(result.scenario) else None
         if maps is not None:
             write_table(maps, part / "maps")
         if pictures:

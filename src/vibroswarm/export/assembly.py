@@ -16,7 +16,7 @@ from vibroswarm import sensors
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_program
 from vibroswarm.export.source import plain, source_of
-from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
+from vibroswarm.inference.agents import sizes_of, strategy_of_kinds, strategy_used, world_of
 from vibroswarm.localisation.locate import is_estimated, program_of
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
@@ -27,7 +27,6 @@ from vibroswarm.robot.sensing import SenseProgram, readings
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors.acceleration import line_program
-from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.static_analysis import PLACE, fields_read
 from vibroswarm.strategies.world import World, belief_below
@@ -87,7 +86,7 @@ def parts_of(scenario: Scenario) -> RobotParts:
         InputError: an option of the strategy cannot be exported, or the strategy reads places that a real robot cannot
             know.
     """
-    strategy = strategy_of(scenario.strategy.name)
+    strategy = strategy_of_kinds(scenario)
     refuse_options(scenario, strategy)
     read = fields_read(strategy) & set(PLACE)  # fields of ``Reading`` that depend on where the robot is
     localiser, mixture = None, None
@@ -162,6 +161,11 @@ def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
         f"robots with these options cannot be exported yet ({place}); leave them at their defaults",
         field=f"strategy.{strategy.name}",
     )
+
+
+def omitted_of_world(strategy: Strategy) -> tuple[str, ...]:
+    """Return the fields of ``World`` that a robot does not have: large ones that it can do without."""
+    return ("beliefs",) if "rates" in fields_read(strategy) else ("beliefs", "rates")
 
 
 def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from vibroswarm.export.c_types import (
     LONG,
     REAL,
     SUFFIX,
+    CArray,
     CTuple,
     Struct,
     Value,
@@ -141,7 +142,10 @@ class Calls(Expressions):
         for name, value in zip(names, self.in_any_order(node, node.args), strict=True):
             if name in struct.omitted:  # the struct in C does not have this field, so its value is dropped
                 continue
-            texts.append(f".{identifier(name)} = {value.text}")
+            text = value.text
+            if isinstance(value.type, CArray):  # C copies no arrays
+                text = "{" + ", ".join(f"{text}[{i}]" for i in range(math.prod(value.type.shape))) + "}"
+            texts.append(f".{identifier(name)} = {text}")
         return Value(f"({struct.name}){{{', '.join(texts)}}}", struct)
 
     def call_of_function(self, node: ast.Call, called: Any) -> Value:

@@ -15,7 +15,7 @@ from typing import Any, Final
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_memory, robot_program
-from vibroswarm.export.assembly import RobotParts
+from vibroswarm.export.assembly import RobotParts, omitted_of_world
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
     BOOL,
@@ -72,8 +72,6 @@ GROUPS: Final = {
     robot_program.PARTS[0]: "Parts of vs_work and vs_start, for tests: robots do not need them",
 }
 """Headings of the groups of functions, by the first function of each."""
-OMITTED_OF_WORLD: Final = ("beliefs",)
-"""Fields of ``World`` that a robot does not have: the table of beliefs is too large."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +196,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
                 field=f"{row} of strategy '{strategy.name}'",
             )
     found = {
-        "World": struct_of_class("vs_World", World, omitted=OMITTED_OF_WORLD),
+        "World": struct_of_class("vs_World", World, omitted=omitted_of_world(strategy), like=parts.world),
         "Reading": struct_of_class("vs_Reading", Reading),
         "Draws": struct_of_class("vs_Draws", Draws),
         "WalkProgram": struct_of_class("vs_WalkProgram", WalkProgram),
@@ -327,12 +325,12 @@ def text_of(text: str, is_public: bool) -> str:
 def checks_of(parts: RobotParts) -> list[str]:
     """Return preprocessor checks that refuse parameters with other sizes than those the program was generated for.
 
-    Arrays have fixed lengths. Tiles are rows times columns, so they need no check of their own.
+    Arrays have fixed lengths. Tiles are rows times columns, and classes of readings are no constant of their own.
     """
     return [
         f'#if VS_WORLD_{name.upper()} != {size}\n#error "this program is for {size} {name}: export again"\n#endif'
         for name, size in parts.sizes.items()
-        if name != "tiles"
+        if name not in ("tiles", "readings")
     ]
 
 

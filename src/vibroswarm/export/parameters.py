@@ -18,7 +18,7 @@ import numpy as np
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError
-from vibroswarm.export.assembly import RobotParts
+from vibroswarm.export.assembly import RobotParts, omitted_of_world
 from vibroswarm.scenario.scenario import Scenario
 
 ROWS: Final = {
@@ -53,10 +53,10 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
     Raises:
         InputError: a constant is nan.
     """
+    omitted = omitted_of_world(parts.strategy)
     rows: dict[str, Mapping[str, Any]] = {
         "PARAMS": parts.params,
-        # A robot has no table of beliefs.
-        "WORLD": {name: value for name, value in parts.world._asdict().items() if name != "beliefs"},
+        "WORLD": {name: value for name, value in parts.world._asdict().items() if name not in omitted},
         "WALKER": parts.walker._asdict(),
         "SENSING": parts.sensing._asdict(),
     }

@@ -30,13 +30,13 @@ from vibroswarm.core.ticks import tick_at
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
-from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.energy_model import error_rates, rates
 from vibroswarm.scenario.fault_draws import onset_s, working
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.bayes import GATES
-from vibroswarm.strategies.world import Draws, World, beliefs
+from vibroswarm.strategies.world import NO_RATES, Draws, World, beliefs
 
 AGENT = np.dtype(
     [(name, np.int64) for name in ("decision", "samples", "sent", "received", "timers", "heard", "ones", "own_ones")]
@@ -95,13 +95,18 @@ class Swarm(NamedTuple):
     """Rows of ``FAILURE``."""
 
 
+def strategy_of_kinds(scenario: Scenario) -> Strategy:
+    """Return the scenario's strategy for its number of kinds of tile and of classes of readings."""
+    return strategy_of(scenario.strategy.name).for_kinds(scenario.sensor.kinds, scenario.sensor.readings)
+
+
 def strategy_used(scenario: Scenario) -> Strategy:
     """Return the scenario's strategy or, if the strategy has variants, the variant for its parameters and sizes.
 
     Raises:
         InputError: the strategy's parameters do not fit together.
     """
-    named, arena = strategy_of(scenario.strategy.name), scenario.arena
+    named, arena = strategy_of_kinds(scenario), scenario.arena
     if named.variant is None:
         return named
     # Variants may need to know how many bits of a message a coordinate in mm takes.
@@ -122,8 +127,11 @@ def world_of(scenario: Scenario, counts: int) -> World:
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry_of(scenario)
     # With boundary_of = "readings" robots trust their readings, so the error rates that they assume are 0, unless the
     # strategy needs the rates.
-    positive, negative = 0.0, 0.0
-    if decision.boundary_of == "tiles" or strategy_used(scenario).knows_error_rates:
+    positive, negative, told = 0.0, 0.0, NO_RATES
+    knows_rates = strategy_used(scenario).knows_error_rates
+    if knows_rates and max(scenario.sensor.kinds, scenario.sensor.readings) > 2:
+        told = rates(scenario.sensor).ravel()
+    elif decision.boundary_of == "tiles" or knows_rates:
         own = error_rates(scenario.sensor)
         assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
         # A rate that the scenario does not give is the sensor's own, away from edges.
@@ -159,6 +167,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
         false_negative=float(negative),
         hold_s=decision.hold_s,
         beliefs=beliefs(boundary, decision.prior_alpha + decision.prior_beta + counts),
+        rates=told,
     )
 
 
@@ -172,7 +181,7 @@ def world_of_robot(w: World, i: int) -> World:
         i, w.robots, w.kinds, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
         w.tile_height_m, w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold,
         w.min_observations, w.gate, w.gate_counts_current, w.revise, w.prior_alpha, w.prior_beta, w.false_positive,
-        w.false_negative, w.hold_s, w.beliefs,
+        w.false_negative, w.hold_s, w.beliefs, w.rates,
     )  # fmt: skip
 
 
@@ -228,14 +237,14 @@ def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.i
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:
-    """Return the numbers of robots, rows, columns and tiles, and of kinds of tile, by name.
+    """Return the numbers of robots, rows, columns and tiles, of kinds of tile and of classes of readings, by name.
 
     The sizes of a strategy's or network's arrays are formulas of these numbers.
     """
     rows, columns = geometry_of(scenario)[:2]
     robots = scenario.swarm.robots
     grid = {"rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
-    return {"robots": robots, "kinds": scenario.sensor.kinds, **grid}
+    return {"robots": robots, "kinds": scenario.sensor.kinds, "readings": scenario.sensor.readings, **grid}
 
 
 @inlined

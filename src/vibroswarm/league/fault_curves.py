@@ -32,6 +32,7 @@ from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.fault_fields import FAULTS
+from vibroswarm.scenario.fields import Sensor
 from vibroswarm.strategies import strategy
 from vibroswarm.study.run import run
 from vibroswarm.study.study_result import StudyResult
@@ -95,7 +96,11 @@ def fault_curves(
             f"{most} of {robots} robots cannot be faulty; give a number from 1 to {robots - 1}",
             field="faults",
         )
-    cases = [(entry, kind, count) for entry in league.entries for kind, count in _cases(entry, kinds, most)]
+    cases = [
+        (entry, kind, count)
+        for entry in league.entries
+        for kind, count in _cases(entry, kinds, most, league.base.sensor)
+    ]
     faulty_entries = [
         replace(
             entry,
@@ -118,9 +123,10 @@ def fault_curves(
     return pl.DataFrame([_row(case, errors) for case in _rows_of(errors, kinds)], schema=CURVES)
 
 
-def _cases(entry: Entry, kinds: Sequence[str], most: int) -> list[tuple[str, int]]:
+def _cases(entry: Entry, kinds: Sequence[str], most: int, sensor: Sensor) -> list[tuple[str, int]]:
     """Return kinds and numbers of faulty robots of an entry; the first, ("none", 0), serves all kinds."""
-    possible = [kind for kind in kinds if kind != "opposite" or strategy(entry.strategy).has_opposite]
+    has_opposite = strategy(entry.strategy).for_kinds(sensor.kinds, sensor.readings).has_opposite
+    possible = [kind for kind in kinds if kind != "opposite" or has_opposite]
     return [("none", 0), *((kind, count) for kind in possible for count in range(1, most + 1))]
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.floor_maps import WITH_MAP, maps_over_time
+from vibroswarm.analysis.floor_maps import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import answers_of
@@ -240,7 +240,7 @@ def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
     keep no maps, or if the maps cannot be recomputed (a recording, or a result without the moves that estimated places
     need).
     """
-    if result.scenario.strategy.name not in WITH_MAP or result.seed is None:
+    if not keeps_floor_map(result.scenario) or result.seed is None:
         return None
     if is_estimated(result.scenario) and result.moves is None:
         return None

@@ -17,6 +17,7 @@ from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
+from vibroswarm.strategies.base import Strategy
 from vibroswarm.tasks import Asked, Task
 
 VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
@@ -257,7 +258,7 @@ def _check_kinds(s: Sections) -> None:
         _check_options_of_two(s)
     if s.floor.has_surface:
         _check_surface(s)
-    strategy, task = strategies.known().get(s.strategy.name), tasks.known().get(s.task.name)
+    strategy, task = _strategy_of(s), tasks.known().get(s.task.name)
     if strategy is None or task is None:  # its code is not loaded
         return
     if readings > 2 and not strategy.many_readings:
@@ -363,9 +364,17 @@ def _check_options_of_two(s: Sections) -> None:
             )
 
 
+def _strategy_of(s: Sections) -> Strategy | None:
+    """Return the strategy for the sensor's kinds and classes, None if its code or that of the sensor is not loaded."""
+    known = strategies.known().get(s.strategy.name)
+    if known is None or s.sensor.model not in sensors.known():
+        return known
+    return known.for_kinds(s.sensor.kinds, s.sensor.readings)
+
+
 def is_neutral_at_half_only(s: Sections) -> bool:
     """Return whether a scenario's strategy works only if the boundary of readings is 1/2; False if it is not loaded."""
-    known = strategies.known().get(s.strategy.name)
+    known = _strategy_of(s)
     return known is not None and known.boundary_half
 
 
@@ -473,7 +482,7 @@ def _check_network(s: Sections) -> None:
 def _check_faults(s: Sections) -> None:
     """Refuse faults of robots that do not exist, and ``faults.opposite`` where messages have no opposite."""
     check_faults(s.faults, s.swarm.robots)
-    known = strategies.known().get(s.strategy.name)
+    known = _strategy_of(s)
     if s.faults.opposite and known is not None and not known.has_opposite:
         raise InputError(
             f"messages of '{s.strategy.name}' have no opposite: neither a field bit nor a function opposite",
@@ -483,7 +492,7 @@ def _check_faults(s: Sections) -> None:
 
 def _check_strategy(s: Sections) -> None:
     """Refuse parameters of the strategy that do not go together, or not with the boundary."""
-    known = strategies.known().get(s.strategy.name)
+    known = _strategy_of(s)
     if known is not None and known.variant is not None:
         # ``variant`` raises an ``InputError`` if they do not; the strategy that it returns is not needed here. Sizes of
         # 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.

@@ -145,6 +145,8 @@ class Strategy(Plugin):
             same parameters and other hooks, so that options that are off cost no time.
         check: a function of the parameters and ``decision.decision_boundary``, called when a scenario is made. It
             raises an ``InputError`` if robots cannot be asked that.
+        of_many: the strategy that runs in place of this one if there are more than two kinds of tile or classes of
+            readings: with the same parameters, and other hooks.
     """
 
     state: type
@@ -171,6 +173,11 @@ class Strategy(Plugin):
     reads_details: bool = False
     variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None
     check: Callable[[Any, float], None] | None = None
+    of_many: Strategy | None = None
+
+    def for_kinds(self, kinds: int, readings: int) -> Strategy:
+        """Return the strategy that runs with these numbers of kinds of tile and of classes of readings."""
+        return self if self.of_many is None or max(kinds, readings) == 2 else self.of_many
 
     def __post_init__(self) -> None:
         """Check name, message size and hooks, and replace the class of parameters (``Plugin``).

@@ -1,6 +1,7 @@
 """Places: a robot sends where it took each sample, and builds a map of the floor, whose grid of tiles it is told.
 
-With ``rate_pairs`` it compares nine pairs of error rates by evidence, with one map per pair: ``place_map``.
+With ``rate_pairs`` it compares nine pairs of error rates by evidence, with one map per pair: ``place_map``. With a
+sensor of more than two kinds or classes ``place_kinds`` runs in its place, and decides which kind is the most common.
 
 Estimated places are those of ``localisation``. A later estimate of a place is better, so a sample is sent
 ``localisation.lag`` samples after it was taken. With ``localisation.method`` "true" robots know their places, and a
@@ -46,12 +47,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined
 from vibroswarm.errors import InputError
+from vibroswarm.strategies import place_kinds
 from vibroswarm.strategies.base import Strategy, array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import (
@@ -319,6 +321,8 @@ def check(p: Any, boundary: float, strategy: str = "places") -> None:
             )
 
 
+ABOUT: Final = "places: robots send where they sampled, and map a floor whose grid of tiles is known"
+
 places = register(
     strategy_in(
         __name__,
@@ -328,6 +332,18 @@ places = register(
         variant=variant,
         check=check,
         reports=("p", "weight"),
-        about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
+        about=ABOUT,
+        of_many=strategy_in(
+            place_kinds.__name__,
+            "places",
+            params=Params,
+            bytes_on_air=9,
+            knows_error_rates=True,
+            many_readings=True,
+            answers_kinds=True,
+            check=place_kinds.check,
+            reports=("by_kind", "weight"),
+            about=ABOUT,
+        ),
     )
 )

@@ -24,6 +24,9 @@ from vibroswarm.core.rng import uniform
 from vibroswarm.robot.belief import SURE
 from vibroswarm.robot.belief import belief_below as posterior_below
 
+NO_RATES: Final = np.empty(0)
+"""Rates of robots that are not told them."""
+
 
 class World(NamedTuple):
     """What robot ``robot`` knows about its task; lengths in m, times in s."""
@@ -83,6 +86,9 @@ class World(NamedTuple):
     """How long the opinions of all robots have to agree before the swarm has decided."""
     beliefs: Beliefs
     """Table of the values of ``belief_below`` that have been computed so far."""
+    rates: NDArray[np.float64] = NO_RATES
+    """Probability of each class of readings on each kind of tile, kind by kind, (kinds * classes,); empty unless the
+    strategy ``knows_error_rates``."""
 
 
 class Reading(NamedTuple):
