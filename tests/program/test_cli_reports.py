@@ -324,6 +324,14 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert told(capsys, *line, "--seed", "2", "--force")[0] == 0
 
 
+def test_settings_that_decide_alike_stand_once_on_the_front(capsys: pytest.CaptureFixture[str]) -> None:
+    beyond = ["--thresholds", "0.8", "--observations", "5000,6000,7000"]  # no robot ever has so many
+    assert main(["evaluate", "tradeoff", "--runs", "2", *beyond, *SMALL]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "2 further settings with the same figures left out" in said
+    assert "3 of 3 settings are on the front" in said
+
+
 def test_a_tradeoff_of_a_single_run_has_a_time_without_limits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

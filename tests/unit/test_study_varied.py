@@ -116,7 +116,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no range": ({"sobol": {"points": 3, ROBOTS: 5}}, "is not a range"),
     "steps in random": ({"random": {"points": 3, ROBOTS: {"from": 1, "to": 2, "steps": 2}}}, "belongs to a grid"),
     "empty choices": ({"random": {"points": 3, "strategy.name": []}}, "is empty"),
-    "no steps": ({"grid": {ROBOTS: {"from": 5, "to": 6}}}, "None is wrong; give a whole number from 2"),
+    "no steps": ({"grid": {ROBOTS: {"from": 5, "to": 6}}}, "is required: the number of values"),
     "one step": ({"grid": {ROBOTS: {"from": 5, "to": 6, "steps": 1}}}, "1 is wrong; give a whole number from 2"),
     "too many steps": ({"grid": {ROBOTS: {"from": 5, "to": 6, "steps": 3}}}, "more steps than whole numbers"),
     "backwards": ({"grid": {ROBOTS: {"from": 6, "to": 5, "steps": 2}}}, "6 is not below 5"),

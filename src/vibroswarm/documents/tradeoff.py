@@ -89,10 +89,15 @@ _FIRST: Final = ("decision_time_s", "error", "robots_undecided", "robots_right",
 
 
 def _front_table(front: pl.DataFrame) -> Table:
-    """Tabulate the settings on the front."""
-    rows = front.select(*_SETTINGS, *with_limits_of(_FIRST, front.columns))
+    """Tabulate the settings on the front; of those that decide alike in all runs, the first."""
+    alike = ("decision_time_s", "error", "robots_undecided")
+    rows = front.unique(alike, keep="first", maintain_order=True).select(
+        *_SETTINGS, *with_limits_of(_FIRST, front.columns)
+    )
     columns = _SETTINGS | figure_columns(wide=_FIRST[3:])
-    return Table(rows, columns, caption=_CAPTION, name="front", names=2)
+    more = count(front.height - rows.height, "further setting")
+    caption = f"{_CAPTION} {more} with the same figures left out." if rows.height < front.height else _CAPTION
+    return Table(rows, columns, caption=caption, name="front", names=2)
 
 
 def _all_table(curve: pl.DataFrame) -> Table:

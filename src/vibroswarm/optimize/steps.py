@@ -47,7 +47,6 @@ from vibroswarm.core.atomic_io import (
 from vibroswarm.core.folders import (
     check_not_older,
     has_manifest,
-    kind_of,
     manifest_text,
     read_described,
     read_manifest,
@@ -349,11 +348,6 @@ def intact_step(path: Path, search: Search) -> pl.DataFrame | None:
     except InputError as error:
         warn_once(f"{error}; a search that goes on repeats these runs")
         return None
-
-
-def is_search(folder: Path) -> bool:
-    """Return whether a folder holds a search."""
-    return kind_of(folder) == "search"
 
 
 def held(folder: Path) -> dict[str, Any]:

@@ -244,7 +244,11 @@ def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
 def _values(given: Any, name: str) -> list[Any]:
     """Return the values of a field of a grid or zip, which are given as a list or as a range with ``steps``."""
     if isinstance(given, Mapping):
-        steps = whole_number_of(given.get("steps"), f"{name}.steps", 2, LARGEST)
+        if "steps" not in given:
+            raise InputError(
+                "is required: the number of values from one end to the other", field=f"{name}.steps"
+            )
+        steps = whole_number_of(given["steps"], f"{name}.steps", 2, LARGEST)
         values = [_at(given, k / (steps - 1), name) for k in range(steps)]
         if len(set(values)) < steps:
             raise InputError(
