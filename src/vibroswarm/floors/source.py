@@ -4,7 +4,7 @@
 |---|---|
 | ``diagonal:0.46`` | a pattern of the paper, 10 x 10 tiles, top row first |
 | ``random:0.48`` | a share of vibrating tiles at random places: a new floor for each run |
-| ``random:0.4,0.35,0.25`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
+| ``random:0.4,0.36,0.24`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
 | ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2`` | patches and values, see ``surfaces`` |
 | ``floors/mine.csv`` | a file, see ``io`` |
 | ``palette:ffffff,0000ff,ff0000:mine.png`` | a picture; these colours are the kinds 0, 1 and 2 |
@@ -301,7 +301,7 @@ def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
 
 
 def random_shares(spec: str) -> tuple[float, ...]:
-    """Parse the shares of the kinds of tile from the name of a random floor, such as ``random:0.4,0.35,0.25``.
+    """Parse the shares of the kinds of tile from the name of a random floor, such as ``random:0.4,0.36,0.24``.
 
     A single share, as in ``random:0.48``, is that of vibrating tiles, kind 1; the rest is still, kind 0.
 
@@ -314,7 +314,7 @@ def random_shares(spec: str) -> tuple[float, ...]:
     except ValueError:
         wrong = f"'{text}' is not a fill ratio" if text else f"'{spec}' needs a fill ratio"
         raise InputError(
-            f"{wrong}; give for example {RANDOM}:0.48, or shares of kinds, {RANDOM}:0.4,0.35,0.25",
+            f"{wrong}; give for example {RANDOM}:0.48, or shares of kinds, {RANDOM}:0.4,0.36,0.24",
             field=_FIELD,
         ) from None
     if len(shares) == 1:

@@ -94,7 +94,7 @@ class FloorField(FrozenModel):
     """The tiles in the arena, and their position."""
 
     source: str = Field(default="random:0.48", min_length=1)
-    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, ``random:0.4,0.35,0.25`` (shares of the kinds 0, 1
+    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, ``random:0.4,0.36,0.24`` (shares of the kinds 0, 1
     and 2), ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2``, or the name of the floor in
     ``tiles`` or ``values``."""
     rows: Annotated[int, Field(ge=1, le=2000)] = 5
