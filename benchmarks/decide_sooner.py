@@ -166,7 +166,7 @@ def compared(times_s: Floats, reference_s: Floats) -> str:
 
 def mean_s(motion: pl.DataFrame, column: str) -> float:
     """Return the mean of a duration over samples, s."""
-    return float(motion[column].cast(pl.Float64).mean() or 0.0)  # type: ignore[arg-type]
+    return float(motion[column].cast(pl.Float64).drop_nulls().to_numpy().mean())
 
 
 def described(motion: pl.DataFrame) -> str:

@@ -305,7 +305,7 @@ def check(p: Any, boundary: float) -> None:
     """Refuse parameters of ``places`` that are defined for two kinds of tile only.
 
     Args:
-        p: the parameters. boundary: ``decision.decision_boundary``, which no share of three is compared with.
+        p: the parameters. boundary: ``decision.decision_boundary``: with several kinds, no share is compared with it.
     Raises:
         InputError: such a parameter is set, or the boundary is not 1/2.
     """

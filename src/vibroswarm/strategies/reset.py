@@ -16,9 +16,9 @@ Counts that have not been contradicted are kept for ever, so that before a chang
 after one it holds the bits since the change was likely. The decision may change if ``decision.revise`` is set.
 
 - Message: the reading, and whether the robot has counted anew since its last message: 2 bits, 1 byte. A robot that is
-  told counts anew too, with its own excursion, if it ``follows`` and has one.
-- With ``tells_change`` the decision is whether the floor has changed (1) or not (0), for the task ``changed``. Who
-  ``follows`` takes the news for an answer, with an excursion of its own or without.
+  told also counts anew, from its own excursion, if it ``follows`` and has one.
+- With ``tells_change`` the decision is whether the floor has changed (1) or not (0), for the task ``changed``. A
+  robot that ``follows`` takes the news as its answer, whether or not it has an excursion of its own.
 
 ``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``m`` a message heard, ``out`` the message to
 fill in, ``d`` random numbers, ``p`` the parameters, ``w`` what the robot knows.
