@@ -27,17 +27,25 @@ def scenario(name: str, **values: Any) -> Scenario:
     return preset("paper").with_values({**GRID, "strategy.name": name, **values})
 
 
+NAN = math.nan
+
 # Answers over time, by hand
 
 
-def course(*rows: tuple[int, float, int], counts: tuple[bool, ...] = (True, True), **values: Any) -> Any:
+def course(
+    *rows: tuple[int, float, int],
+    counts: tuple[bool, ...] = (True, True),
+    changed_s: tuple[float, ...] | None = None,
+    **values: Any,
+) -> Any:
     """The course of two robots from (robot, time, decision); the truth is 0 until 100 s, then 1, until 200 s."""
     still = preset("paper").with_values(
         {"floor.tiles": ["01", "00"], "floor.source": "ours", "run.t_end_s": 200.0}
     )
     changed = still.with_values({"change.at_s": 100, "change.to": "invert", **values})
     columns = (np.array(column) for column in zip(*rows, strict=True))
-    return course_of(changed, changed.floor_for(1, 0), *columns, np.array(counts), 200.0)
+    told_s = None if changed_s is None else np.array(changed_s)
+    return course_of(changed, changed.floor_for(1, 0), *columns, np.array(counts), 200.0, told_s)
 
 
 RIGHT_THEN_NEW = ((0, 10.0, 0), (1, 20.0, 0), (0, 110.0, 1), (1, 150.0, 0), (1, 160.0, 1))
@@ -77,6 +85,13 @@ def test_more_answers_by_hand(rows: Any, share: float, delay_s: float, false: in
     assert numbers["false_changes_per_h"] == pytest.approx(false * 3600 / 200)
 
 
+def test_a_robot_that_never_answers_is_never_right() -> None:
+    numbers = judged(course((0, 10.0, 0)))
+    assert numbers["right_time_share"] == pytest.approx(90 / 400)
+    assert numbers["right_at_decision"] == 0.5
+    assert numbers["answer_delay_s"] == 100.0
+
+
 def test_robots_with_faults_do_not_count() -> None:
     found = course((0, 10.0, 0), (1, 20.0, 1), counts=(True, False))
     assert found.swarm == [Answer(10.0, 0)]
@@ -88,6 +103,47 @@ def test_without_a_change_of_the_truth_there_is_no_delay() -> None:
     assert math.isnan(numbers["answer_delay_s"])
     assert numbers["false_changes_per_h"] == pytest.approx(18.0)  # the swarm leaves at 160 s
     assert numbers["right_at_decision"] == 0.0
+
+
+ANEW = {
+    "strategy.name": "reset",
+    "strategy.reset.tells_change": True,
+    "strategy.reset.tells_anew": True,
+    "task.name": "changed",
+    "task.changed.since": "answer",
+    "change.at_s": [100, 150],
+}
+TOLD = ((0, 10.0, 0), (1, 20.0, 0), (0, 110.0, 1), (0, 115.0, 0), (0, 130.0, 1), (0, 140.0, 0))
+REPORTED_S = (NAN, NAN, 104.0, 104.0, 120.0, 120.0)
+"""Robot 0 tells of the change at 100 s, and then of none; robot 1 of none. The floor is inverted at 100 and 150 s."""
+
+
+def test_each_robot_is_asked_anew_after_its_own_answer_by_hand() -> None:
+    own = course(*TOLD, changed_s=REPORTED_S, **ANEW)
+    # Robot 0 is asked since 0, 110 and 130 s. At 150 s the floor is again as robot 1 knows it.
+    assert [list(zip(one.since_s, one.answer, strict=True)) for one in own.truths] == [
+        [(0, 0), (100, 1), (110, 0), (150, 1)],
+        [(0, 0), (100, 1), (150, 0)],
+    ]
+    assert np.isnan(own.truth).all()
+    numbers = judged(own)
+    assert numbers["right_at_decision"] == 0.5  # robot 0 told of no change, robot 1 never answered 1
+    # robot 0: 10 to 100, 115 to 130 and 140 to 150; robot 1: 20 to 100 and 150 to 200
+    assert numbers["right_time_share"] == pytest.approx((90 + 15 + 10 + 80 + 50) / 400)
+    assert numbers["answer_delay_s"] == pytest.approx((10 + 50 + 50) / 3)
+    assert numbers["false_changes_per_h"] == pytest.approx(0.5 * 3600 / 200)
+    assert numbers["change_time_error_s"] == 4.0  # the answer at 130 s, to no change, does not count
+
+
+def test_the_same_answers_are_others_since_the_start() -> None:
+    """Negative control of the test before; the time of the change is scored here, too."""
+    start = course(*TOLD, changed_s=REPORTED_S, **{**ANEW, "task.changed.since": "start"})
+    assert start.truth.tolist() == [0, 1, 0]
+    numbers = judged(start)
+    assert numbers["right_at_decision"] == 0.5  # the last answer of robot 0, 0 at 140 s, is wrong
+    assert numbers["right_time_share"] == pytest.approx((90 + 5 + 10 + 50 + 80 + 50) / 400)
+    assert numbers["change_time_error_s"] == pytest.approx((4 + 20) / 2)
+    assert math.isnan(judged(course(*TOLD, **ANEW))["change_time_error_s"])
 
 
 @pytest.fixture(scope="module")
@@ -127,8 +183,15 @@ def test_a_memory_of_nothing_forgotten_is_no_feedback() -> None:
         assert not forget.inference["alpha"].equals(none.inference["alpha"])  # negative control
 
 
-def bits_in_order(result: Result, run: int, robot: int) -> list[tuple[bool, list[int]]]:
+def bits_in_order(result: Result, run: int, robot: int) -> list[tuple[list[int], int]]:
     """For each own sample of a robot, the bits of others sent before it, and then its own, over the ideal network."""
+    return [([bit for bit, _ in heard], own) for heard, (own, _) in timed_bits(result, run, robot)]
+
+
+def timed_bits(
+    result: Result, run: int, robot: int
+) -> list[tuple[list[tuple[int, float]], tuple[int, float]]]:
+    """As ``bits_in_order``, each bit with the time at which it was read."""
     key = ["run", "robot", "sample"]
     rows = (
         result.motion.filter(pl.col("run") == run)
@@ -136,12 +199,12 @@ def bits_in_order(result: Result, run: int, robot: int) -> list[tuple[bool, list
         .join(result.inference.select(*key, "messages_received"), on=key)
         .sort("time_s", "robot")
     )
-    others = rows.filter(pl.col("robot") != robot)["observation"].to_list()
+    others = rows.filter(pl.col("robot") != robot).select("observation", "time_s").rows()
     found, heard = [], 0
-    for bit, received in (
-        rows.filter(pl.col("robot") == robot).select("observation", "messages_received").iter_rows()
+    for bit, time_s, received in (
+        rows.filter(pl.col("robot") == robot).select("observation", "time_s", "messages_received").iter_rows()
     ):
-        found.append((others[heard:received], bit))
+        found.append((others[heard:received], (bit, time_s)))
         heard = received
     return found
 
@@ -161,24 +224,24 @@ def test_counts_are_forgotten_as_the_formula_says(forgetful: Result) -> None:
     np.testing.assert_allclose(own["belief_below"].to_numpy(), below, atol=1e-12)
 
 
-def plain_cusum(
-    bits: list[tuple[list[int], int]], threshold: float, least: float
-) -> list[tuple[int, int, int]]:
-    """alpha, beta and changes after each own sample, of a robot that does not follow."""
+def plain_cusum(bits: Any, threshold: float, least: float) -> list[tuple[int, int, int, float]]:
+    """alpha, beta, changes and time of the last after each own sample, of a robot that does not follow."""
     base, excursion, score, changes, rows = [0, 0], [0, 0], 0.0, 0, []
+    began_s, changed_s = NAN, NAN
     for heard, own in bits:
-        for bit in (*heard, own):
+        for bit, time_s in (*heard, own):
             share = (1 + base[1]) / (2 + sum(base))
             apart = max(abs(share - 0.5), least) * (1 if share > 0.5 else -1)
             if_new, if_old = (min(max(p, 0.01), 0.99) for p in (0.5 - apart, 0.5 + apart))
             score += math.log(if_new / if_old) if bit else math.log((1 - if_new) / (1 - if_old))
+            began_s = time_s if excursion == [0, 0] else began_s
             excursion[bit] += 1
             if score < 1e-3 or score > threshold:
                 if score > threshold:
-                    base, changes = [0, 0], changes + 1
+                    base, changes, changed_s = [0, 0], changes + 1, began_s
                 base = [base[0] + excursion[0], base[1] + excursion[1]]
                 excursion, score = [0, 0], 0.0
-        rows.append((1 + base[1] + excursion[1], 1 + base[0] + excursion[0], changes))
+        rows.append((1 + base[1] + excursion[1], 1 + base[0] + excursion[0], changes, changed_s))
     return rows
 
 
@@ -187,14 +250,20 @@ def test_changes_are_those_of_a_cumulative_sum(threshold: float) -> None:
     values = {"strategy.reset.threshold": threshold, "strategy.reset.follows": False}
     result = simulate(scenario("reset", **INVERTED, **values), 3, 2)
     own = result.inference.filter((pl.col("run") == 1) & (pl.col("robot") == 2))
-    expected = plain_cusum(bits_in_order(result, 1, 2), threshold, 0.05)
+    expected = plain_cusum(timed_bits(result, 1, 2), threshold, 0.05)
     assert own.select("alpha", "beta").rows() == [row[:2] for row in expected]
     reports = result.reports
     assert reports is not None
     told = reports.filter((pl.col("run") == 1) & (pl.col("robot") == 2) & (pl.col("name") == "changes"))
     assert told["value"].to_list() == [row[2] for row in expected]
     assert expected[-1][2] >= 1
-    assert expected != plain_cusum(bits_in_order(result, 1, 2), threshold + 1.0, 0.05)  # negative control
+    assert expected != plain_cusum(timed_bits(result, 1, 2), threshold + 1.0, 0.05)  # negative control
+    when = reports.filter((pl.col("run") == 1) & (pl.col("robot") == 2) & (pl.col("name") == "changed_s"))
+    # A message is read in the next control period in which the robot walks.
+    stop_s = (result.motion["time_s"] - result.motion["stop_start_s"]).max() + 2 * result.scenario.tick_s
+    late_s = when["value"].fill_null(NAN).to_numpy() - np.array([row[3] for row in expected])
+    assert np.isnan(late_s).tolist() == [row[2] == 0 for row in expected]
+    assert 0.0 <= np.nanmin(late_s) <= np.nanmax(late_s) <= stop_s
 
 
 def test_robots_that_follow_count_anew_when_they_are_told() -> None:
@@ -250,6 +319,31 @@ def test_changed_asks_whether_the_floor_is_as_it_was() -> None:
     assert simulate(few, 3, 1).runs["truth"].to_list() == [0]
 
 
+def test_robots_answer_each_change_once_and_say_when_it_was() -> None:
+    sure = {"strategy.reset.threshold": 12.0, "strategy.reset.least": 0.12, "run.t_end_s": 1200.0}
+    anew = scenario("reset", **INVERTED).with_values(ANEW | sure | {"change.at_s": [400, 800]})
+    result = simulate(anew, 3, 12)
+    assert result.runs["truth"].null_count() == 12
+    assert (result.robots["decision"] == 0).mean() > 0.9  # none since the last answer
+    found = answers_in(result)
+    assert found["answer_delay_s"].mean() < 200.0
+    assert (
+        found["false_changes_per_h"].mean() < 0.6
+    )  # two robots that notice the same change answer once each
+    assert found["change_time_error_s"].mean() < 80.0
+    stored = Study.of(anew, runs=12, seed=3).run()
+    assert stored.agreements(0).drop("holds").equals(found)
+    assert stored.summary()["change_time_error_s"].item() == pytest.approx(
+        found["change_time_error_s"].mean()
+    )
+    # Negative control: robots that are asked since the start are right with their first answer for good.
+    start = simulate(
+        anew.with_values({"task.changed.since": "start", "strategy.reset.tells_anew": False}), 3, 12
+    )
+    assert start.runs["truth"].to_list() == [0] * 12  # inverted twice
+    assert (start.robots["decision"] == 1).mean() > 0.9
+
+
 def on_sample_with_news(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
     """Robot 1 tells with its third sample that it has counted anew, which it has not."""
     sends = count_reading(s, a, x, out, d, p, w)
@@ -284,6 +378,7 @@ def test_news_of_a_change_is_believed_without_doubts_of_ones_own(follows: bool) 
     [
         ("none", {"task.name": "changed"}, "task.name"),
         ("reset", {"strategy.reset.tells_change": True}, "strategy.reset.tells_change"),
+        ("reset", ANEW | {"strategy.reset.tells_anew": False, "change.to": "invert"}, "task.changed.since"),
     ],
 )
 def test_questions_and_answers_must_fit(name: str, values: dict[str, Any], field: str) -> None:

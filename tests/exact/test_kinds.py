@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -145,6 +146,26 @@ def test_shares_by_bisection_are_the_given_ones() -> None:
         found = gamma.shares_up_to(kind, np.array([0.8, 1.0, 1.3]), p)[:, 0]
         formula = shares_below(p, np.array([0.8, 1.0, 1.3]))[:, kind, 0]
         np.testing.assert_allclose(found, formula, atol=1e-12)
+
+
+def test_shares_are_sought_once_for_each_sensor() -> None:
+    """Every run needs them. A sensor with other parameters has others."""
+    calls = []
+
+    def measure(kind: int, u: np.ndarray[Any, Any], p: Any) -> np.ndarray[Any, Any]:
+        calls.append(kind)
+        return sensor_of("confusion").values(kind, u, p)
+
+    model, (p, other) = (
+        replace(sensor_of("confusion"), measure=measure),
+        (confusion(kinds=3, accuracy=accuracy).params for accuracy in (0.9, 0.8)),
+    )
+    first = model.shares_up_to(1, np.ones(1), p)
+    count = len(calls)
+    assert model.shares_up_to(1, np.ones(1), p) is first
+    assert len(calls) == count > 0
+    assert not np.array_equal(model.shares_up_to(1, np.ones(1), other), first)
+    assert np.array_equal(model.shares_up_to(1, np.array([1.0, 1.0]), p)[1], first[0])
 
 
 def test_readings_and_values_of_a_run_are_of_one_draw() -> None:

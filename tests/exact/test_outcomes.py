@@ -165,6 +165,7 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         **dict.fromkeys(
             (
                 *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+                "change_time_error_s",
                 *("map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
             ),
             math.nan,

@@ -486,7 +486,7 @@ def test_an_interrupted_avoidance_turns_its_whole_angle() -> None:
 # Diffusion
 
 
-def squares(turn_max_deg: float, legs: int = 10, runs: int = 1500) -> NDArray[np.float64]:
+def squares(turn_max_deg: float, legs: int = 10, runs: int = 700) -> NDArray[np.float64]:
     """Squared displacement after so many legs, one a run, m^2."""
     motion = moved(
         runs=runs,

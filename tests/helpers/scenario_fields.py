@@ -119,13 +119,14 @@ def before(name: str) -> Scenario:
     part = name.split(".")
     if len(part) == 3:  # a parameter matters where its table is the chosen one
         needed[name] = chosen(part[0], part[1])
-    if name == "strategy.reset.tells_change":
+    if name in ("strategy.reset.tells_change", "strategy.reset.tells_anew"):
         needed[name] = {"strategy.name": "reset", "task.name": "share"}
     if name.startswith("task.changed."):
         needed[name] = {
             "task.name": "changed",
             "strategy.name": "reset",
             "strategy.reset.tells_change": True,
+            "strategy.reset.tells_anew": True,
         }
     return Scenario().with_values(needed.get(name, {}))
 

@@ -14,6 +14,9 @@ from vibroswarm.cli import main
 from vibroswarm.motion import source
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.strategies.base import forget
+from vibroswarm.testing import motion as motion_checks
+from vibroswarm.testing import motion_tables
+from vibroswarm.testing.motion_cases import CASES, SHORT_CASE
 from vibroswarm.testing.runs import require, run_check
 
 NETWORK = """from vibroswarm.networks import Network
@@ -102,6 +105,7 @@ def checked(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_cases")
 @pytest.mark.parametrize("kind", list(GOOD))
 def test_a_good_file_passes(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, shown = checked(GOOD[kind], tmp_path, capsys)
@@ -140,6 +144,16 @@ RENUMBERED = """        here, tables = pl.lit(self.run, pl.UInt32).alias("run"),
 AT_ONCE = NETWORK.replace("tick + 1 + n.count % 40", "tick")
 SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_columns"
 MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
+FEW = (CASES[0], SHORT_CASE)
+"""Cases for motion of a file: ``test_motion_contract.py`` finds what is wrong in all, check by check."""
+
+
+@pytest.fixture
+def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (motion_checks, motion_tables):
+        monkeypatch.setattr(module, "CASES", FEW)
+
+
 BAD = {
     "network: before it is sent": (
         AT_ONCE,
@@ -158,9 +172,17 @@ BAD = {
         TASK.replace("int(floor.tiles[0].sum() > 2)", "'yes'"),
         "returned 'yes'; return 0, 1 or None",
     ),
+    "task: asks for a number, and gives text": (
+        TASK.replace("int(floor.tiles[0].sum() > 2)", "'much'").replace("truth=t", "estimated='it', truth=t"),
+        "returned 'much'; return a finite number",
+    ),
+    "task: scores against text": (
+        TASK.replace("truth=t", "scored=lambda floor, asked, p: 'much', truth=t"),
+        "in <lambda>: returned 'much'; return a finite number",
+    ),
     "task: gives tiles": (
         TASK.replace("int(floor.tiles[0].sum() > 2)", "floor.tiles"),
-        "FAIL  it gives one of its answers or None",
+        "FAIL  it gives one of its answers, None, or a number",
     ),
     "task: draws": (
         "import random\n\n" + TASK.replace("int(floor.tiles[0].sum() > 2)", "random.randrange(2)"),
@@ -219,6 +241,7 @@ BAD = {
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_cases")
 @pytest.mark.parametrize("what", list(BAD))
 def test_a_bad_file_fails_in_words(what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text, words = BAD[what]
@@ -241,6 +264,7 @@ def test_a_task_that_tells_no_floors_apart_passes_with_a_note(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_cases")
 def test_motion_that_is_the_same_in_all_runs_passes_with_a_note(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,12 @@
 | delay | from a change of the truth until the swarm's answer is the new truth, at most to the next change or to the \
 end of the run; mean over the changes of the run |
 | false changes | how often an hour the swarm's answer, which was right, became one that was not, at the same truth |
+| error of the time | distance of the time of a change that robots report (``changed_s``) from the true one; mean over \
+right answers after a change |
+
+Where each robot is asked anew after its answer 1 (``tasks.base``), the truth is its own, and so are delay and false
+changes, as means over changes and over robots: from the change until its answer becomes 1, and how often it does so
+where nothing has changed since its last. Right at the decision is then its last answer 1, if it has given one.
 
 A robot's answer is its decision or, in strategies that decide by opinions, its opinion, from the sample at which it
 came to it. Robots with faults do not count, unless all robots of the run have faults. Undecided robots are not right.
@@ -26,14 +32,21 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.displayed import html_view
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.outcomes import truth_over_time
+from vibroswarm.inference.outcomes import truth_of_robot, truth_over_time
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.tasks import task
 
 Array = NDArray[np.float64]
 
-JUDGED: Final = ("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h")
+JUDGED: Final = (
+    "right_at_decision",
+    "right_time_share",
+    "answer_delay_s",
+    "false_changes_per_h",
+    "change_time_error_s",
+)
 """Columns with a number for each run; null where a run does not have it."""
 ANSWERS: Final[dict[str, Any]] = {"run": pl.UInt32, **dict.fromkeys(JUDGED, pl.Float64)}
 """Columns of the table, one row for each run."""
@@ -45,6 +58,27 @@ class Answer(NamedTuple):
     since_s: float
     answer: int
     """Index into the answers of the task; -1: none."""
+    changed_s: float | None = None
+    """When the floor changed, as the robot reports it; None: it does not."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
+
+
+class Truth(NamedTuple):
+    """What is right for a robot over time, and what was when it gave its answers."""
+
+    since_s: Array
+    """Times from which the truth is ``answer``, 0 first."""
+    answer: Array
+    """The right answer; nan: none."""
+    given: NDArray[np.int64]
+    """Index of the span in which each of its answers was given."""
+
+    def spans(self, end_s: float) -> list[tuple[float, float, float]]:
+        """Return start, end and right answer of each span."""
+        since_s = self.since_s.tolist()
+        return list(zip(since_s, [*since_s[1:], end_s], self.answer.tolist(), strict=True))
 
     def _repr_html_(self) -> str:
         return html_view(self)
@@ -63,6 +97,10 @@ class Course(NamedTuple):
     """The right answer; nan: none."""
     end_s: float
     """End of the run."""
+    truths: list[Truth]
+    """What is right for each robot."""
+    is_own: bool
+    """Whether that depends on its own answers."""
 
 
 def course_of(
@@ -73,11 +111,13 @@ def course_of(
     decision: NDArray[Any],
     counts: NDArray[np.bool_],
     end_s: float,
+    changed_s: Array | None = None,
 ) -> Course:
     """Return the answers of a run over time.
 
     Args:
         robot, time_s, decision: (samples,), of the run, in the order of time; -1: undecided. counts: (robots,).
+        changed_s: (samples,), when the floor changed, as robots report it, nan: it has not; None: they do not.
     """
     robots: list[list[Answer]] = [[] for _ in counts]
     order = np.argsort(robot, kind="stable")
@@ -86,29 +126,47 @@ def course_of(
     now, swarm = np.full(counts.size, -1), list[Answer]()
     for k in np.flatnonzero((decision != before) & counts[robot]).tolist():
         i, answer = int(robot[k]), int(decision[k])
-        robots[i].append(Answer(float(time_s[k]), answer))
+        reported = None if changed_s is None or math.isnan(changed_s[k]) else float(changed_s[k])
+        robots[i].append(Answer(float(time_s[k]), answer, reported))
         now[i] = answer
         agreed = answer != -1 and (now[counts] == answer).all()
         if agreed and (not swarm or swarm[-1].answer != answer):
             swarm.append(Answer(float(time_s[k]), answer))
     truth_s, truth = truth_over_time(scenario, floor)
-    within = truth_s < end_s
-    return Course(
-        [one for one, of in zip(robots, counts.tolist(), strict=True) if of],
-        swarm,
-        truth_s[within],
-        truth[within],
-        end_s,
-    )
+    truth_s, truth = truth_s[truth_s < end_s], truth[truth_s < end_s]
+    answers = [one for one, of in zip(robots, counts.tolist(), strict=True) if of]
+    is_own = task(scenario.task.name).is_asked_anew(scenario.task.params)
+    if is_own:
+        truths = [_own_truth(scenario, floor, one, end_s) for one in answers]
+    else:
+        truths = [Truth(truth_s, truth, _spans_at(truth_s, one)) for one in answers]
+    return Course(answers, swarm, truth_s, truth, end_s, truths, is_own)
+
+
+def _own_truth(scenario: Scenario, floor: Floor, answers: list[Answer], end_s: float) -> Truth:
+    """Return what is right for a robot that is asked anew after each answer 1."""
+    ones = [one.since_s for one in answers if one.answer == 1]
+    since_s, truth, ended = truth_of_robot(scenario, floor, ones)
+    given = _spans_at(since_s, answers)
+    given[[one.answer == 1 for one in answers]] = ended  # before it was asked anew
+    within = since_s < end_s
+    return Truth(since_s[within], truth[within], given)
+
+
+def _spans_at(since_s: Array, answers: list[Answer]) -> NDArray[np.int64]:
+    return np.searchsorted(since_s, [one.since_s for one in answers], side="right") - 1
 
 
 def judged(course: Course) -> dict[str, float]:
     """Return the numbers of the module's table for one run, by name; nan where the run does not have one."""
     return {
-        "right_at_decision": float(np.mean([_right_when_given(course, one) for one in course.robots])),
+        "right_at_decision": _right_when_given(course),
         "right_time_share": _right_time_share(course),
-        "answer_delay_s": _delay_s(course),
-        "false_changes_per_h": _false_changes(course) * 3600.0 / course.end_s,
+        "answer_delay_s": _own_delay_s(course) if course.is_own else _delay_s(course),
+        "false_changes_per_h": (_own_false_changes if course.is_own else _false_changes)(course)
+        * 3600.0
+        / course.end_s,
+        "change_time_error_s": _time_error_s(course),
     }
 
 
@@ -116,29 +174,27 @@ def _truth_at(course: Course, time_s: float) -> float:
     return float(course.truth[np.searchsorted(course.truth_s, time_s, side="right") - 1])
 
 
-def _right_when_given(course: Course, answers: list[Answer]) -> bool:
-    return bool(answers) and answers[-1].answer == _truth_at(course, answers[-1].since_s)
+def _right_when_given(course: Course) -> float:
+    right = []
+    for answers, truth in zip(course.robots, course.truths, strict=True):
+        ones = [k for k, one in enumerate(answers) if course.is_own and one.answer == 1]
+        last = ones[-1] if ones else len(answers) - 1
+        right.append(bool(answers) and answers[last].answer == truth.answer[truth.given[last]])
+    return float(np.mean(right))
 
 
 def _right_time_share(course: Course) -> float:
     """Return the share of the time with a truth in which answers were right, as a mean over robots."""
-    until_s = [*course.truth_s[1:].tolist(), course.end_s]
-    spans = [
-        (since, until, truth)
-        for since, until, truth in zip(course.truth_s.tolist(), until_s, course.truth.tolist(), strict=True)
-        if not math.isnan(truth)
-    ]
-    known_s = sum(until - since for since, until, _ in spans)
-    if known_s == 0.0:
-        return math.nan
-    right_s = 0.0
-    for answers in course.robots:
+    right_s = known_s = 0.0
+    for answers, own in zip(course.robots, course.truths, strict=True):
+        spans = [span for span in own.spans(course.end_s) if not math.isnan(span[2])]
+        known_s = sum(until - since for since, until, _ in spans)  # the same for all
         ends_s = [*(answer.since_s for answer in answers[1:]), course.end_s]
-        for answer, end_s in zip(answers, ends_s, strict=True):
+        for answer, end_s in zip(answers, ends_s, strict=False):  # a robot may give no answer
             for since, until, truth in spans:
                 if answer.answer == truth:
                     right_s += max(min(until, end_s) - max(since, answer.since_s), 0.0)
-    return float(right_s / known_s / len(course.robots))
+    return float(right_s / known_s / len(course.robots)) if known_s else math.nan
 
 
 def _delay_s(course: Course) -> float:
@@ -174,6 +230,35 @@ def _false_changes(course: Course) -> int:
     )
 
 
+def _own_delay_s(course: Course) -> float:
+    """Return how long robots' answers were not yet 1 after a change, as a mean over changes; nan without one."""
+    spans = [span for truth in course.truths for span in truth.spans(course.end_s)]
+    delays = [until - since for since, until, truth in spans if truth == 1]
+    return float(np.mean(delays)) if delays else math.nan
+
+
+def _own_false_changes(course: Course) -> float:
+    """Return how often a robot's answer became 1 although nothing had changed, as a mean over robots."""
+    false: int = sum(
+        answer.answer == 1 and truth.answer[k] == 0
+        for answers, truth in zip(course.robots, course.truths, strict=True)
+        for answer, k in zip(answers, truth.given.tolist(), strict=True)
+    )
+    return false / len(course.robots)
+
+
+def _time_error_s(course: Course) -> float:
+    """Return the mean distance of reported times of changes from true ones; nan where no right answer has one."""
+    errors = [
+        abs(answer.changed_s - float(truth.since_s[k]))
+        for answers, truth in zip(course.robots, course.truths, strict=True)
+        for answer, k in zip(answers, truth.given.tolist(), strict=True)
+        if k > 0 and answer.changed_s is not None and answer.answer == truth.answer[k]
+        if answer.answer == 1 or not course.is_own
+    ]
+    return float(np.mean(errors)) if errors else math.nan
+
+
 def answers_table(
     scenario: Scenario,
     seed: int | None,
@@ -185,8 +270,8 @@ def answers_table(
 
     Args:
         seed: of the runs; None for recordings, whose robots all count. floors: by number of the run.
-        samples: columns run, robot, time_s and decision of all samples, run by run in the order of time. end_s:
-            (runs,), end of each run, in the order of ``floors``.
+        samples: columns run, robot, time_s and decision of all samples, run by run in the order of time, and
+            changed_s if robots report it. end_s: (runs,), end of each run, in the order of ``floors``.
     """
     runs = list(floors)
     counts = np.ones((len(runs), scenario.swarm.robots), dtype=np.bool_)
@@ -197,7 +282,10 @@ def answers_table(
     for r, run in enumerate(runs):
         low, high = np.searchsorted(samples["run"], [run, run + 1]).tolist()
         robot, time_s, decision = (samples[name][low:high] for name in ("robot", "time_s", "decision"))
-        course = course_of(scenario, floors[run], robot, time_s, decision, counts[r], float(end_s[r]))
+        changed_s = samples["changed_s"][low:high] if "changed_s" in samples else None
+        course = course_of(
+            scenario, floors[run], robot, time_s, decision, counts[r], float(end_s[r]), changed_s
+        )
         rows.append({"run": run, **judged(course)})
     return pl.DataFrame(rows, schema=ANSWERS).fill_nan(None)
 
@@ -207,7 +295,12 @@ def answers_in(result: Result) -> pl.DataFrame:
     known = result.inference.group_by("run").agg(pl.col("decision").null_count() == 0)
     runs = [run for run, is_known in known.sort("run").iter_rows() if is_known]
     samples = result.inference.join(result.motion, on=["run", "robot", "sample"], maintain_order="left")
-    columns = {name: samples[name].to_numpy() for name in ("run", "robot", "time_s", "decision")}
+    if result.reports is not None:
+        told = result.reports.filter(pl.col("name") == "changed_s").drop("name", "index")
+        samples = samples.join(told, on=["run", "robot", "sample"], how="left", maintain_order="left")
+        samples = samples.rename({"value": "changed_s"}) if told.height else samples
+    read: list[str] = ["run", "robot", "time_s", "decision", "changed_s"]
+    columns = {name: samples[name].to_numpy() for name in read if name in samples.columns}
     ends = result.runs.filter(pl.col("run").is_in(runs)).sort("run")["end_s"].to_numpy()
     floors = {run: result.floor(run) for run in runs}
     return answers_table(result.scenario, result.seed, floors, columns, ends)

@@ -64,6 +64,7 @@ FOLLOWED: Final = {
         name: name
         for name in (
             *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+            "change_time_error_s",
             *("map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
         )
     },
@@ -493,6 +494,13 @@ FIGURES: Final = (
     ),
     RunFigure(
         "false_changes_per_h", "false changes an hour", lambda s: s.runs["false_changes_per_h"], better=-1
+    ),
+    RunFigure(
+        "change_time_error_s",
+        "error of the time of the change",
+        lambda s: s.runs["change_time_error_s"],
+        better=-1,
+        unit="s",
     ),
     RunFigure(
         "map_brier",

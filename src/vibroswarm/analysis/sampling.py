@@ -86,8 +86,8 @@ def walk_figures(
             which is N unless the last tile was never sampled.
     Returns: run; samples; avoid_per_sample_s, mean time spent avoiding per sample (null if the source cannot know it);
         distance_m and spacing_s, mean distance and time between consecutive samples of a robot (null if no robot has
-        two); ones, share of ones; effective_samples, n_v (null without samples on tiles, infinite if all tiles are
-        visited equally often).
+        two); ones, share of readings of class 1; effective_samples, n_v (null without samples on tiles, infinite if
+        all tiles are visited equally often).
     Raises:
         ValueError: the two tables have different numbers of rows.
         InputError: ``tiles`` is smaller than an index of a visited tile + 1.
@@ -131,7 +131,7 @@ class Walk(NotebookView):
         """
         if self.first.size == 0:
             return {name: np.empty(0) for name in WALK}
-        ones = np.add.reduceat(observation, self.first, dtype=np.int64) / self.count
+        ones = np.add.reduceat(observation == 1, self.first, dtype=np.int64) / self.count
         return {**self.of_motion, "ones": ones, "effective_samples": self._effective_of(tile, tiles)}
 
     def _effective_of(self, tile: NDArray[np.int32], tiles: int | None) -> NDArray[np.float64]:

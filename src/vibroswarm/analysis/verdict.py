@@ -116,6 +116,8 @@ class Verdict(NotebookView):
     """Share of the robots whose 90 % interval holds it."""
     estimate_crps: float | None = None
     """Mean continuous ranked probability score of their estimates; None, as the coverage, if they state no spread."""
+    asked_anew: bool = False
+    """Whether what is right depends on each robot's own last answer."""
 
     def __repr__(self) -> str:
         """Return the outcome in one line: consensus, numbers of robots and fill ratio."""
@@ -184,10 +186,10 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 
 
 def _scores(result: Result, run: int) -> dict[str, Any]:
-    """Return how good the estimates of a run are, if the task asks for a number."""
+    """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
     known = tasks.known().get(result.scenario.task.name)
     if known is None or not known.estimated:
-        return {}
+        return {"asked_anew": known is not None and known.is_asked_anew(result.scenario.task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
     return {"estimated": known.estimated, **{name: table[name][0] for name in ESTIMATES}}
@@ -305,8 +307,10 @@ def headline(found: Verdict) -> str:
     if found.consensus == "wrong":
         return f"CONSENSUS, WRONG: {together} '{answer}'{at}."
     if found.consensus == "truth_undefined":
-        reason = "the fill ratio equals the boundary, neither" if found.of_shares else "neither answer"
-        return f"CONSENSUS: {together} '{answer}'{at}; {reason} is right."
+        reason = "the fill ratio equals the boundary, neither is" if found.of_shares else "neither answer is"
+        if found.asked_anew:
+            reason = "each is asked anew after its answers, some of which may be"
+        return f"CONSENSUS: {together} '{answer}'{at}; {reason} right."
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":
         return f"SPLIT: all {robots} robots decided, but differently: {sides}."

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
 from vibroswarm.analysis.verdict import (
@@ -21,6 +22,7 @@ from vibroswarm.analysis.verdict import (
     strategy_name,
     verdict,
 )
+from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.observation.decision_boundary import expected_classes_on
 from vibroswarm.plots.reports import draw_reports
@@ -57,6 +59,7 @@ def run_document(result: Result, run: int) -> Document:
     parts += map(Text, fault_sentences(result, run))
     parts += [Text(OPINION_NOTE)] if opinions else []
     parts += robot_tables(found, "opinion" if opinions else "share of ones" if _counts(found) else "estimate")
+    parts += _answers(result, run)
     parts += _reports(result, run)
     parts += _map(result, run)
     parts += _reports_over_time(result, run)
@@ -130,14 +133,16 @@ def _outcome(found: Verdict) -> tuple[str, ...]:
 def _what_ran(result: Result, found: Verdict, run: int) -> str:
     floor = result.floor(run).at(found.end_s)
     counts = np.bincount(floor.tiles.ravel(), minlength=result.scenario.sensor.kinds).tolist()
-    tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, fill ratio {found.fill_ratio:.4g}"
+    arena = result.scenario.arena
+    fill = f"fill ratio {floor.fill_ratio_within(arena.width_m, arena.height_m):.4g}"
+    tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, {fill}"
     if len(counts) > 2:
         tiles = f"{', '.join(f'{n} tiles of kind {kind}' for kind, n in enumerate(counts))}"
     if floor.surface.values is not None:
-        tiles = f"{count(floor.tiles.size, 'tile')} with values, fill ratio {found.fill_ratio:.4g}"
+        tiles = f"{count(floor.tiles.size, 'tile')} with values, {fill}"
     elif result.scenario.floor.has_surface:
         patches = count(len(floor.surface.patches), "patch", "patches")
-        tiles = f"{patches} on still tiles, fill ratio {found.fill_ratio:.4g}"
+        tiles = f"{patches} on still tiles, {fill}"
     changes = change_words(result.scenario.change)
     at_end = " at the end" if changes else ""
     return f"{_swarm(result)}, on '{floor.name}' ({tiles}{at_end}), {_origin(result)}. {changes}".rstrip()
@@ -222,6 +227,16 @@ def failure_sentences(result: Result) -> list[str]:
 def _counts(found: Verdict) -> bool:
     """Return whether robots have a posterior of counts, or no estimate at all."""
     return any(robot.alpha is not None for robot in found.robots) or found.robots[0].estimate is None
+
+
+def _answers(result: Result, run: int) -> list[Part]:
+    """Return a table of how right answers were over time; none if the floor stays, or decisions are not logged."""
+    if not result.scenario.change.is_given:
+        return []
+    judged = answers_in(result).filter(pl.col("run") == run).drop("run")
+    known = judged.select(column for column in judged if column.count())
+    caption = "Answers over time: what was right when it was given, and how soon after a change."
+    return [Table(known, figure_columns(), caption, name="answers")] if known.width else []
 
 
 def _reports(result: Result, run: int) -> list[Part]:

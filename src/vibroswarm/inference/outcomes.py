@@ -96,36 +96,88 @@ def truth_on(
     Raises:
         CodeError: a user's task raised an error, or returned something other than a decision and None.
     """
-    now = floor.at(time_s)
-    question = _asked(scenario, now, floor.at(0.0), fill_ratio)
-    return task(scenario.task.name).answer(now, question, scenario.task.params)
+    return _Question(scenario).answer(floor.at(time_s), floor.at(0.0), fill_ratio)
 
 
-def _asked(scenario: Scenario, floor: Floor, start: Floor, fill_ratio: float | None = None) -> Asked:
-    """Return what the scenario's task may need beside the floor, whose fill ratio is computed if it is None.
+class _Question:
+    """What a scenario asks about floors, read from it once: its sections are looked up slowly.
 
     Args:
-        start: the floor at time 0.
+        scenario: the scenario whose task asks.
     """
-    size = scenario.arena.width_m, scenario.arena.height_m
-    fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
-    boundary, kinds = scenario.decision.decision_boundary, scenario.sensor.kinds
-    return Asked(*size, fill_ratio=fill_ratio, decision_boundary=boundary, kinds=kinds, start=start)
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.task, self.params = task(scenario.task.name), scenario.task.params
+        self._asked = Asked(
+            scenario.arena.width_m,
+            scenario.arena.height_m,
+            fill_ratio=math.nan,
+            decision_boundary=scenario.decision.decision_boundary,
+            kinds=scenario.sensor.kinds,
+        )
+
+    def asked(self, floor: Floor, start: Floor, fill_ratio: float | None = None) -> Asked:
+        """Return what the task may need beside the floor, whose fill ratio is computed if it is None.
+
+        Args:
+            start: the floor at time 0.
+        """
+        if fill_ratio is None:
+            fill_ratio = floor.fill_ratio_within(self._asked.width_m, self._asked.height_m)
+        return self._asked._replace(fill_ratio=fill_ratio, start=start)
+
+    def answer(self, floor: Floor, start: Floor, fill_ratio: float | None = None) -> int | None:
+        """Return the right decision on a floor, or None; arguments are those of ``asked``."""
+        return self.task.answer(floor, self.asked(floor, start, fill_ratio), self.params)
+
+    def judged(self, floor: Floor, time_s: float) -> tuple[float, float]:
+        """Return the number against which estimates are scored, and the right decision, nan for none."""
+        now = floor.at(time_s)
+        asked = self.asked(now, floor.at(0.0))
+        answer = self.task.answer(now, asked, self.params)
+        is_scored = bool(self.task.estimated) or self.task.scored is not None
+        number = self.task.number(now, asked, self.params) if is_scored else asked.fill_ratio
+        return number, math.nan if answer is None else float(answer)
 
 
 def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
     """Return from when on which decision is right, (spans,) each: times (s), 0 first, and truths, nan for none.
 
-    Neighbouring spans have different truths, so a floor may change more often than its truth.
+    Neighbouring spans have different truths, so a floor may change more often than its truth. Of a task that is asked
+    anew after each answer there is one span without a truth.
     """
-    asks, start, since_s, truth = task(scenario.task.name), floor.at(0.0), list[float](), list[float]()
-    for time_s, now in floor.stages():
-        answer = asks.answer(now, _asked(scenario, now, start), scenario.task.params)
+    if task(scenario.task.name).lacks_truth(scenario.task.params):
+        return np.zeros(1), np.full(1, math.nan)
+    return truth_of_robot(scenario, floor, ())[:2]
+
+
+def truth_of_robot(
+    scenario: Scenario, floor: Floor, answered_s: Sequence[float]
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return from when on which decision of a robot is right, if it is asked anew at some times.
+
+    Args:
+        answered_s: times (s), ascending, from which on ``Asked.start`` is the floor as it is then. A change at the same
+            time has happened before.
+    Returns: times and truths as ``truth_over_time`` does, but spans may be empty; and for each of ``answered_s`` the
+        index of the span that it ended, or that continues.
+    """
+    question, stages = _Question(scenario), list(floor.stages())
+    start = now = stages[0][1]
+    events: list[tuple[float, Floor | None]] = [*stages, *((time_s, None) for time_s in answered_s)]
+    since_s, truth, given = list[float](), list[float](), list[int]()
+    for time_s, stage in sorted(events, key=lambda event: (event[0], event[1] is None)):
+        if stage is None:
+            given.append(len(truth) - 1)
+            start = now
+        else:
+            now = stage
+        answer = question.task.answer_of_robot(now, question.asked(now, start), question.params)
         number = math.nan if answer is None else float(answer)
         if not truth or not (number == truth[-1] or (math.isnan(number) and math.isnan(truth[-1]))):
             since_s.append(time_s)
             truth.append(number)
-    return np.array(since_s), np.array(truth)
+    return np.array(since_s), np.array(truth), np.array(given, dtype=np.int64)
 
 
 def fills_and_truth(
@@ -133,7 +185,8 @@ def fills_and_truth(
 ) -> tuple[Array, Array]:
     """Return fill ratio and truth about the floor of each run at its end, (runs,) each; nan where no answer is right.
 
-    The fill ratio is that inside the arena; with a task that asks for a number, that number takes its place.
+    The fill ratio is that inside the arena; with a task that asks for a number, or scores estimates against another
+    one, that number takes its place.
 
     Args:
         floors: the floor of each run, by run number; a floor object that several runs share is judged once.
@@ -145,21 +198,12 @@ def fills_and_truth(
         (id(floors[run]), end if floors[run].is_changing else math.inf)
         for run, end in zip(runs, ends, strict=True)
     ]
-    known: dict[tuple[int, float], tuple[float, float]] = {}
+    question, known = _Question(scenario), dict[tuple[int, float], tuple[float, float]]()
     for run, key in zip(runs, keys, strict=True):
         if key not in known:
-            known[key] = _judged(scenario, floors[run], key[1])
+            known[key] = question.judged(floors[run], key[1])
     found = np.array([known[key] for key in keys], dtype=np.float64).reshape(-1, 2)
     return found[:, 0].copy(), found[:, 1].copy()
-
-
-def _judged(scenario: Scenario, floor: Floor, time_s: float) -> tuple[float, float]:
-    """Return the number that the scenario's task asks for, or the fill ratio, and the right decision, nan for none."""
-    asks, params, now = task(scenario.task.name), scenario.task.params, floor.at(time_s)
-    question = _asked(scenario, now, floor.at(0.0))
-    answer = asks.answer(now, question, params)
-    number = asks.number(now, question, params) if asks.estimated else question.fill_ratio
-    return number, math.nan if answer is None else float(answer)
 
 
 # Columns of robots and of runs

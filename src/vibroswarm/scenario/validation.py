@@ -340,6 +340,13 @@ def _check_asks_for_change(s: Sections) -> None:
             "strategy.reset.tells_change = true",
             field="task.name",
         )
+    asks = tasks.known().get(s.task.name)
+    is_anew = asks is not None and asks.is_asked_anew(s.task.params)
+    if is_anew and not getattr(s.strategy.params, "tells_anew", False):
+        raise InputError(
+            "asks anew after each answer, and robots keep theirs; choose reset, with strategy.reset.tells_anew = true",
+            field="task.changed.since" if s.task.name == "changed" else "task.name",
+        )
     if tells and s.task.name in ("fill_ratio", "majority", "agree"):
         raise InputError(
             f"tells if the floor has changed, and '{s.task.name}' asks another question; choose the task changed",

@@ -33,10 +33,11 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.agents import final_columns
+from vibroswarm.inference.agents import final_columns, strategy_used
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
 from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
+from vibroswarm.inference.replay_arrays import Log
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
     OBSERVATIONS,
@@ -215,7 +216,7 @@ class _SharedMotion:
             if scenario.change.is_given or keeps_map(scenario):
                 swarm, log = replay_followed(*replayed)
                 if scenario.change.is_given:
-                    answers = self._answers(scenario, floors, log.decision)
+                    answers = self._answers(scenario, floors, log)
                 if keeps_map(scenario):
                     beliefs = self.motion.samples.select("run", "robot", "time_s", belief_below=log.belief)
                     found = map_figures(scenario, swarm, floors, self.end_s, beliefs)
@@ -245,14 +246,13 @@ class _SharedMotion:
         of_robots = robot_columns(finals, truth)
         return BatchOutcomes(cells, of_robots, of_runs, samples, failures, agreements, maps)
 
-    def _answers(
-        self, scenario: Scenario, floors: dict[int, Floor], decision: NDArray[np.int8]
-    ) -> pl.DataFrame:
-        """Return how right the answers were over time, from the decision after each sample, (samples,)."""
+    def _answers(self, scenario: Scenario, floors: dict[int, Floor], log: Log) -> pl.DataFrame:
+        """Return how right the answers were over time, from the state after each sample."""
         samples = {name: self.motion.samples[name].to_numpy() for name in ("run", "robot", "time_s")}
-        return answers_table(
-            scenario, self.request.seed, floors, {**samples, "decision": decision}, self.end_s
-        )
+        samples["decision"] = log.decision
+        if "changed_s" in strategy_used(scenario).reports:
+            samples["changed_s"] = log.states["changed_s"]
+        return answers_table(scenario, self.request.seed, floors, samples, self.end_s)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
         """Return the floors by number of the run; cached by floor and changes, which several sensors may share."""

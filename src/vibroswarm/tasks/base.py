@@ -15,6 +15,10 @@ number of kinds.
 
 A task may ask for a number instead, such as a share: ``estimated`` says which, ``truth`` returns it, and what counts is
 how near the robots' estimates are (``analysis.figures``, ``estimate_error`` and others). No decision is then right.
+
+A task may be asked anew after each answer of a robot (``asked_anew``). What is right then depends on the robot:
+``asked.start`` is the floor at its last answer 1, and a run has no right decision
+(``analysis.answers_over_time`` judges each answer).
 """
 
 from __future__ import annotations
@@ -49,7 +53,8 @@ class Asked(NamedTuple):
     kinds: int = 2
     """Number of kinds of tile."""
     start: Floor | None = None
-    """The floor at time 0; the floor itself, unless it has changed since."""
+    """The floor at time 0, or at the robot's last answer 1 if the task is asked anew; the floor itself, unless it has
+    changed since."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,12 +67,17 @@ class Task(Plugin):
             ``{boundary}`` is replaced by the decision boundary in percent. estimated: the number that is asked for, in
             words, such as "share of tiles that vibrate"; empty: the task asks for a decision. check: optional, a
             function like ``truth`` that raises an ``InputError`` if the question makes no sense on a floor.
+            asked_anew: a function of the parameters, whether each robot is asked anew once its decision becomes 1.
+            scored: optional, a function like ``truth`` that returns the number against which the estimates of robots
+            are scored that decide as well; without it that is the fill ratio.
     """
 
     truth: Callable[[Floor, Asked, Any], Any]
     answers: tuple[str, ...] | Callable[[int], tuple[str, ...]] = ("no", "yes")
     estimated: str = ""
     check: Callable[[Floor, Asked, Any], None] | None = None
+    asked_anew: Callable[[Any], bool] | None = None
+    scored: Callable[[Floor, Asked, Any], Any] | None = None
 
     def __post_init__(self) -> None:
         """Check the fields.
@@ -86,6 +96,8 @@ class Task(Plugin):
     def answer(self, floor: Floor, asked: Asked, params: BaseModel) -> int | None:
         """Return the right decision on a floor, an index into the answers, or None if no decision is right.
 
+        None is right for all robots of a run if a number is asked for, or if each robot is asked anew.
+
         Args:
             asked: what the task may need beside the floor. params: the task's parameters.
         Raises:
@@ -93,43 +105,54 @@ class Task(Plugin):
                 task was loaded from a user's file (``Plugin.code``). The message names the line.
             Exception: an error of any other task's ``truth``, unchanged.
         """
-        if self.estimated:
-            return None
-        answer = self._truth_on(floor, asked, params)
+        return None if self.lacks_truth(params) else self.answer_of_robot(floor, asked, params)
+
+    def is_asked_anew(self, params: BaseModel) -> bool:
+        """Return whether what is right for a robot depends on its own last answer."""
+        return self.asked_anew is not None and bool(self.asked_anew(params))
+
+    def lacks_truth(self, params: BaseModel) -> bool:
+        """Return whether no decision is right for all robots of a run, on any floor."""
+        return bool(self.estimated) or self.is_asked_anew(params)
+
+    def answer_of_robot(self, floor: Floor, asked: Asked, params: BaseModel) -> int | None:
+        """Return the right decision of one robot, which was last asked on ``asked.start``; else as ``answer``."""
+        answer = self._called(self.truth, floor, asked, params)
         count = len(self.answers_of(asked.kinds))
         if answer is not None and not (
             isinstance(answer, int | np.integer | np.bool_) and 0 <= int(answer) < count
         ):
             numbers = ", ".join(map(str, range(count)))
-            raise CodeError(f"{self._place()}: returned {shown(answer)}; return {numbers} or None")
+            raise CodeError(f"{self._place(self.truth)}: returned {shown(answer)}; return {numbers} or None")
         return None if answer is None else int(answer)
 
     def number(self, floor: Floor, asked: Asked, params: BaseModel) -> float:
-        """Return the number that a task with ``estimated`` asks for; arguments and errors are those of ``answer``."""
-        found = self._truth_on(floor, asked, params)
+        """Return the number against which estimates are scored; arguments and errors are those of ``answer``."""
+        function = self.scored or self.truth
+        found = self._called(function, floor, asked, params)
         if not (isinstance(found, int | float | np.number) and math.isfinite(found)):
-            raise CodeError(f"{self._place()}: returned {shown(found)}; return a finite number")
+            raise CodeError(f"{self._place(function)}: returned {shown(found)}; return a finite number")
         return float(found)
 
-    def _truth_on(self, floor: Floor, asked: Asked, params: BaseModel) -> Any:
+    def _called(self, function: Callable[..., Any], floor: Floor, asked: Asked, params: BaseModel) -> Any:
         try:
-            return self.truth(floor, asked, params)
+            return function(floor, asked, params)
         except Exception as error:  # a user's function may raise anything
             if not self.code:  # not from a user's file: the whole traceback is more useful than one line
                 raise
-            raise CodeError(f"{self._place(error)}: {type(error).__name__}: {error}") from None
+            raise CodeError(f"{self._place(function, error)}: {type(error).__name__}: {error}") from None
 
-    def _place(self, error: Exception | None = None) -> str:
-        """Return where ``truth`` is, for a message: file, line and function; or the task, if it is no plain function.
+    def _place(self, function: Callable[..., Any], error: Exception | None = None) -> str:
+        """Return where a function is, for a message: file, line and name; or the task, if it is no plain function.
 
         The line is the last one of the function's file that was run before the error; or else the function's first.
         """
-        code = getattr(self.truth, "__code__", None)
+        code = getattr(function, "__code__", None)
         if code is None:  # an object that can be called
-            return f"task '{self.name}', truth"
+            return f"task '{self.name}', {'truth' if function is self.truth else 'scored'}"
         frames = traceback.extract_tb(error.__traceback__) if error else []
         lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
-        return where(self.truth, lines[-1] if lines else None)
+        return where(function, lines[-1] if lines else None)
 
 
 _registry = Registry[Task]("task", "task.name")

@@ -1,20 +1,20 @@
 """Checks of every task, each a function that yields what is wrong, in words; nothing if all is well.
 
-A task gives the right decision of a floor, such as 0 or 1, or None if no decision is right. All checks try the same
-floors, of two and of four kinds of tile.
+A task gives the right decision of a floor, such as 0 or 1, or None if no decision is right, or a number, or both. All
+checks try the same floors, of two and of four kinds of tile.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.errors import shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import NAMES, pattern
-from vibroswarm.inference.outcomes import truth_on
+from vibroswarm.inference.outcomes import fills_and_truth, truth_of_robot
 from vibroswarm.scenario.choices import TaskChoice
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
@@ -72,27 +72,40 @@ def _scenario(name: str) -> Scenario:
     return Scenario().model_copy(update={"sensor": sensor, "task": task_of_name})
 
 
-def _answers(name: str) -> Iterator[str]:
-    """Check that the task gives one of its answers, or None, on all floors.
+def given_on(scenario: Scenario, floor: Floor) -> Any:
+    """Return what the scenario's task gives on a floor: the right decision or the number, or both as a pair.
 
-    ``truth_on`` itself raises an error at any other answer (``Task.answer``), and ``run_check`` reports it.
+    Raises:
+        CodeError: it gives anything else, or raises an error.
+    """
+    asks = task(scenario.task.name)
+    number = float(fills_and_truth(scenario, {0: floor}, [0])[0][0])
+    if asks.estimated:
+        return number
+    truth = float(truth_of_robot(scenario, floor, ())[1][0])
+    answer = None if math.isnan(truth) else int(truth)
+    return answer if asks.scored is None else (answer, number)
+
+
+def _answers(name: str) -> Iterator[str]:
+    """Check that the task gives one of its answers, or None, or a number, on all floors.
+
+    ``given_on`` itself raises an error at any other answer (``Task.answer``), and ``run_check`` reports it.
     """
     scenario = _scenario(name)
-    known = (*range(len(task(name).answers_of(KINDS))), None)
-    for words, floor in floors(scenario).items():
-        answer = truth_on(scenario, floor)
-        if answer not in known:  # only if ``Task.answer`` failed to refuse it
-            yield f"on the floor {words} it gives {shown(answer)}; give one of {known}"
+    for floor in floors(scenario).values():
+        given_on(scenario, floor)
+    yield from ()
 
 
 def _same_again(name: str) -> Iterator[str]:
     """Check that the task gives the same answer for an equal floor, in another order of floors, and twice in a row."""
     scenario = _scenario(name)
-    first = {words: truth_on(scenario, floor) for words, floor in floors(scenario).items()}
+    first = {words: given_on(scenario, floor) for words, floor in floors(scenario).items()}
     floors_by_name = floors(scenario)
     for words in reversed(floors_by_name):
         for _ in range(2):
-            again = truth_on(scenario, floors_by_name[words])
+            again = given_on(scenario, floors_by_name[words])
             if again != first[words]:
                 yield f"on the floor {words} it gives {first[words]}, and another time {again}"
 
@@ -102,7 +115,7 @@ def _leaves_floors(name: str) -> Iterator[str]:
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
         before, geometry = floor.tiles.copy(), floor.geometry
-        truth_on(scenario, floor)
+        given_on(scenario, floor)
         if not np.array_equal(floor.tiles, before) or floor.geometry != geometry:
             yield f"it changes the floor {words}"
 
@@ -110,14 +123,14 @@ def _leaves_floors(name: str) -> Iterator[str]:
 def _tells_floors_apart(name: str) -> Iterator[str]:
     """Check that the task does not give the same answer on every floor."""
     scenario = _scenario(name)
-    answers = {truth_on(scenario, floor) for floor in floors(scenario).values()}
+    answers = {given_on(scenario, floor) for floor in floors(scenario).values()}
     if len(answers) < 2:
         yield f"it gives {answers.pop()} on every floor"
 
 
 # Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
-    "it gives one of its answers or None on every floor": _answers,
+    "it gives one of its answers, None, or a number on every floor": _answers,
     "the same again for the same floor": _same_again,
     "it leaves floors as they are": _leaves_floors,
     "it tells floors apart": _tells_floors_apart,
