@@ -17,11 +17,12 @@ from vibroswarm import Scenario, preset, simulate
 from vibroswarm.analysis.intervals import generator, wilson_limits
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.inspection.checks import law_checks
-from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, random_places
+from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.missed import Trials, pooled_trials
-from vibroswarm.inspection.patches import Patches, declared, log_likelihoods, raster, shares_of, told_risk
+from vibroswarm.inspection.patches import declared, log_likelihoods, raster, shares_of
 from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.scan import Question, risks_of
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 
@@ -105,57 +106,41 @@ def measure_pod(count: int) -> None:
 
 
 def measure_isotonic(count: int) -> None:
-    """Compare fits of plates, one in each inspection, with an isotonic fit to all surfaces."""
-    damaged = list(inspections("optimised-places", count, 300.0, "random:0.0", 2))
-    fresh = list(inspections("optimised-places", count, 300.0, "random:0.0", 3))
-    sides_m = np.arange(0.03, 0.305, 0.01)
-    trials = pooled_trials(damaged, fresh, until_s=300.0, each=2, sides_m=sides_m.round(3).tolist())
-    rates = [trials.found[trials.size_m == side].mean() for side in np.unique(trials.size_m)]
-    truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
-    whole = trials.fit()
-    print(
-        f"isotonic a90 {100 * truth_m:.2f} cm, fitted {100 * whole.a90_m:.2f} cm, of {trials.found.size} surfaces"
-    )
-    for floor in (True, False):
-        a90_m, limit_m = fits_of_plates(trials, count, 200, floor=floor)
-        above = int(np.sum(~(limit_m < truth_m)))  # a limit that does not exist is above
-        print(
-            f"{'with' if floor else 'without'} p_f: a90 {100 * np.nanmean(a90_m):.2f} cm on average, "
-            f"a90/95 above the truth in {share(above, 200)}",
-            flush=True,
-        )
-
-
-def sizes_of(patches: Patches) -> list[Floats]:
-    """Return weights of the places of each size, whose sum is 1."""
-    return [(patches.size == k) / np.sum(patches.size == k) for k in range(len(patches.sides_m))]
+    """Compare fits of plates, one in each inspection, with an isotonic fit to many surfaces, with and without p_f."""
+    even_m, wide_m = np.arange(0.03, 0.305, 0.01).round(3), np.geomspace(0.01, 0.3, 18).round(4)
+    for name, until_s in (("optimised-places", 300.0), ("paper", 600.0), ("calibrated", 600.0)):
+        damaged, fresh = (list(inspections(name, count, until_s, "random:0.0", seed)) for seed in (2, 3))
+        for level, sides_m, each in ((0.05, even_m, 10), (0.2, wide_m, 5)):
+            trials = pooled_trials(
+                damaged, fresh, until_s=until_s, each=each, sides_m=sides_m.tolist(), level=level
+            )
+            rates = [trials.found[trials.size_m == side].mean() for side in sides_m]
+            truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
+            print(
+                f"{name}, {until_s:g} s, {level:.0%} false calls: isotonic a90 {100 * truth_m:.2f} cm, fitted "
+                f"{100 * trials.fit().a90_m:.2f} cm, of {trials.found.size} surfaces"
+            )
+            for floor in (True, False):
+                a90_m, limit_m = fits_of_plates(trials, count, 200, floor=floor)
+                above = int(np.sum(~(limit_m < truth_m)))  # a limit that does not exist is above
+                print(
+                    f"  {'with' if floor else 'without'} p_f: a90 of {count} plates {100 * np.nanmean(a90_m):.2f} cm "
+                    f"on average, a90/95 above the truth in {share(above, 200)}",
+                    flush=True,
+                )
 
 
 def told_at_looks(
     samples: Samples, values: Floats, sides_m: list[float], contrasts: tuple[float, ...]
 ) -> Floats:
-    """Return the told risk of each surface at each look, (looks, surfaces), as ``scan.risk_of`` tells it.
-
-    Evidence is added look by look, which takes a fortieth of the time.
+    """Return the told risk of each surface at each look, (looks, surfaces).
 
     Args:
         values: of each sample and surface.
     """
-    patches = declared(samples.size_m, sides_m)
-    look = np.ceil(samples.column("time_s") / (1200.0 / LOOKS)).astype(int) - 1
-    logs = np.zeros((len(contrasts), patches.left_m.size, values.shape[1]))
-    told = np.empty((LOOKS, values.shape[1]))
-    for k in range(LOOKS):
-        now = look == k
-        if now.any():
-            shares = shares_of(samples.with_frame(samples.frame.filter(now)), patches)
-            for c, contrast in enumerate(contrasts):
-                logs[c] += log_likelihoods(shares, contrast_ratios(samples.law, contrast, values[now]))
-        ratio = np.max(
-            [w @ np.exp(np.minimum(one, 600.0)) for one in logs for w in sizes_of(patches)], axis=0
-        )
-        told[k] = told_risk(ratio, 0.5)
-    return told
+    patches, question = declared(samples.size_m, sides_m), Question(min(sides_m), contrasts)
+    look = np.ceil(samples.column("time_s") / (1200.0 / LOOKS)).astype(np.int64) - 1
+    return risks_of(samples, patches, shares_of(samples, patches), question, values, look, LOOKS)
 
 
 def measure_risk(count: int, name: str, surfaces: int) -> None:

@@ -15,6 +15,7 @@ from vibroswarm.inspection.damage import (
     contrast_ratios,
     drawn_patches,
     drawn_values,
+    interpolated,
     patch_of,
     random_places,
     ratios_at,
@@ -26,6 +27,7 @@ from vibroswarm.inspection.patches import (
     damage_ratio,
     declared,
     log_likelihoods,
+    logs_at_looks,
     raster,
     scan_statistic,
     shares_of,
@@ -39,6 +41,18 @@ from vibroswarm.scenario.scenario import preset
 SIDES_M = (0.1, 0.2)
 LAW = Law(preset("paper").sensor, "preset paper")
 CALIBRATED = Law(preset("calibrated").sensor, "preset calibrated")
+
+
+@pytest.mark.parametrize("points", [1, 2, 9, 4000])
+def test_interpolation_is_numpys_bit_by_bit(points: int) -> None:
+    random = np.random.default_rng(points)
+    for at in (ndtr(np.linspace(-4.5, 4.5, points)), np.linspace(-1.0, 3.0, points)):
+        values = random.standard_normal(points)
+        x = random.uniform(at[0] - 0.1, at[-1] + 0.1, 500)
+        x = np.concatenate([x, at, np.nextafter(at, 9.0), np.nextafter(at, -9.0), [np.nan] * (points > 1)])
+        same = np.interp(x, at, values)
+        assert np.array_equal(interpolated(x, at, values), same, equal_nan=True)
+        assert np.array_equal(interpolated(x[::-1], at, values), same[::-1], equal_nan=True)
 
 
 def test_the_declared_set_covers_the_surface_and_stays_within_it() -> None:
@@ -126,6 +140,18 @@ def test_ratios_of_contrasts_go_from_none_to_that_of_the_law() -> None:
         assert np.exp(contrast_ratios(LAW, contrast, still)).mean() == pytest.approx(1.0, abs=0.05)
 
 
+def test_evidence_added_look_by_look_is_that_of_the_samples_until_then() -> None:
+    samples = drawn_samples(count=60, seed=3, spread_m=0.03)
+    shares = shares_of(samples, declared(samples.size_m, [0.2, 0.4]))
+    ratios = np.random.default_rng(1).normal(size=(60, 5))
+    look = np.random.default_rng(2).integers(0, 5, size=60)  # 4: at none of the looks
+    for now, logs in enumerate(logs_at_looks(shares, ratios, look, 4)):
+        direct = log_likelihoods(shares, np.where(look[:, None] <= now, ratios, 0.0))
+        assert np.abs(logs - direct).max() < 1e-12
+    # The control: the last samples count at no look.
+    assert np.abs(logs - log_likelihoods(shares, ratios)).max() > 0.1
+
+
 def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
     """Where the whole surface is the only patch, Lambda is the product of the likelihood ratios."""
     samples = drawn_samples(5, count=25, spread_m=0.0)
@@ -153,6 +179,15 @@ def test_a_strict_risk_is_the_larger_one() -> None:
     assert told.told.shape == told.times_s.shape
     with pytest.raises(InputError, match="as large as the smallest"):
         stopping(samples, patches, shares, Question(least_m=0.5), drawn=50)
+
+
+def test_the_worst_place_is_one_of_many_draws() -> None:
+    """Blocks are those of the centres that damage can have: a corner of the surface would have a tenth of the draws."""
+    samples = replace(drawn_samples(seed=1, count=40, spread_m=0.01), law=LAW)
+    patches = declared(samples.size_m, [0.2])
+    told = stopping(samples, patches, shares_of(samples, patches), Question(0.2, (1.0,), risk=1e-12))
+    assert told.worst.estimate == 0.0  # nothing is ever cleared
+    assert told.worst.high < 0.15  # of 25 draws and more; 5 would be .43
 
 
 def test_the_scan_statistic_counts_places() -> None:

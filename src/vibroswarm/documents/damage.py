@@ -88,10 +88,10 @@ def damage_sections(found: Inspection) -> list[Section]:
 
 
 _POD: Final = (
-    f"At random places of this inspection, {INTACT:,} intact surfaces; PoD(a) = p_f + (1 - p_f) logit^-1(b0 + "
-    "b1 g(a)), a90/95 by profile likelihood (one-sided 95 %). Size: side of squares, diameter of discs, length of "
-    f"cracks of {100 * CRACK_M:g} cm. Where less than {percent(WHOLLY, 0)} of the cells are visited the curve may end "
-    "below 1 (by AIC). Other places are not covered."
+    f"At random places of this inspection, {INTACT:,} intact surfaces; PoD(a) = p_f + (1 - p_f) F(b0 + b1 g(a)), F "
+    "logistic or Weibull, a90/95 by penalised profile likelihood (one-sided 95 %). Size: side of squares, diameter of "
+    f"discs, length of cracks of {100 * CRACK_M:g} cm. Where less than {percent(WHOLLY, 0)} of the cells are visited "
+    "the curve may end below 1 (by AIC). Other places are not covered."
 )
 _UNTESTED: Final = (
     "Holm's correction; at most 5 % of right laws are refused. The law of damage cannot be tested where there is none: "
@@ -134,20 +134,20 @@ def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
     when = "not by the end" if told.cleared_s is None else f"from {number(told.cleared_s, 0)} s on"
     robots = "not by the end" if told.robots_s is None else f"from {number(told.robots_s, 0)} s on"
     contrasts = listed(f"{c:g}" for c in question.contrasts)
-    share, low, high = told.missed
-    worst, _, worst_high = told.worst
+    missed, worst = told.missed, told.worst
+    heard = f"all but {percent(question.loss, 0)} of" if question.loss else "all of"
     rule = "at the worst place" if question.strict else "on average over places"
     return (
         Text(
             f"Risk of damage of at least {_cm(question.least_m)} cm, {rule}, of the worst size and contrast "
             f"({contrasts}), prior {percent(question.prior)}: tolerated {when}, if a centre that has all samples "
-            f"decides; if the robots do, each by its samples and all but {percent(question.loss, 0)} of the others', "
-            f"{robots}."
+            f"decides; if the robots do, each by its samples and {heard} the others', {robots}."
         ),
         Text(
-            f"Of {told.drawn:,} drawn squares of {_cm(question.least_m)} cm with contrast {min(question.contrasts):g}, "
-            f"{percent(share)} [{100 * low:.1f}, {100 * high:.1f}] would be cleared all the same at the end; at the "
-            f"worst of 25 blocks of places {percent(worst)} (upper limit {percent(worst_high)})."
+            f"Of {missed.n:,} drawn squares of {_cm(question.least_m)} cm with contrast {min(question.contrasts):g}, "
+            f"{percent(missed.estimate)} [{100 * missed.low:.1f}, {100 * missed.high:.1f}] would be cleared all the "
+            f"same at the end; at the worst of 25 blocks of places {percent(worst.estimate)} (upper limit "
+            f"{percent(worst.high)})."
         ),
     )
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.paired import holm
 from vibroswarm.inspection.damage import Table, drawn_values, tables_of
 from vibroswarm.inspection.samples import FEWEST, Floats, Samples
 
@@ -53,7 +54,7 @@ def law_checks(
     random = generator(seed, "checks of the law")
     null = _statistics(drawn_values(random, some, drawn), table, robot, time_s)
     p = (1 + (null >= observed).sum(axis=1)) / (drawn + 1)
-    corrected = _holm(p)
+    corrected = np.array(holm(p))
     return pl.DataFrame({"check": CHECKS, "p_value": p, "corrected": corrected, "refused": corrected < LEVEL})
 
 
@@ -82,12 +83,3 @@ def _statistics(values: Floats, table: Table, robot: NDArray[np.int64], time_s: 
         when /= max(float(np.sqrt((when**2).sum())), 1e-9)
         drift = np.maximum(drift, np.abs(when @ score[own]) / scale)
     return np.stack([kolmogorov, apart, drift])
-
-
-def _holm(p: Floats) -> Floats:
-    """Return p-values corrected by Holm's method (1979), in the same order."""
-    order = np.argsort(p)
-    stepped = np.maximum.accumulate(p[order] * np.arange(p.size, 0, -1))
-    corrected = np.empty(p.size)
-    corrected[order] = np.minimum(stepped, 1.0)
-    return corrected

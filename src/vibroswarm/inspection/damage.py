@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from vibroswarm.core.displayed import html_view
+from vibroswarm.core.jit import kernel
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
 from vibroswarm.observation.energy_model import energy_of, readings_of
@@ -75,10 +76,12 @@ def values_at(
         draw: number of the law in ``Law.draws``; None: the law itself.
     """
     at, still, vibrating = tables_of(law, False)[:3] if draw is None else _drawn_quantiles(law)[draw]
-    of_still = np.interp(u, at, still)
-    if inside is False:
-        return of_still
-    return np.where(inside, mixed(of_still, np.interp(u, at, vibrating), contrast), of_still)
+    found = interpolated(u, at, still)
+    where = np.broadcast_to(inside, u.shape)
+    if where.any():  # damage is small: few samples sense it
+        share = np.broadcast_to(contrast, u.shape)[where]
+        found[where] = mixed(found[where], interpolated(u[where], at, vibrating), share)
+    return found
 
 
 @lru_cache(maxsize=16)
@@ -94,7 +97,7 @@ def _drawn_quantiles(law: Law) -> list[tuple[Floats, Floats, Floats]]:
 def ratios_at(law: Law, value: Floats, *, bits: bool = False) -> Floats:
     """Return the log ratios of values as ``samples.ratios_of_values`` does, by its table."""
     table = tables_of(law, bits)
-    return np.asarray(np.interp(value, table.value, table.ratio))
+    return interpolated(value, table.value, table.ratio)
 
 
 def contrast_ratios(law: Law, contrast: float, value: Floats) -> Floats:
@@ -106,7 +109,45 @@ def contrast_ratios(law: Law, contrast: float, value: Floats) -> Floats:
     if contrast >= 1.0:
         return ratios_at(law, value)
     grid = tables_of(law, False).value
-    return np.interp(value, grid, _contrast_table(law, contrast))
+    return interpolated(value, grid, _contrast_table(law, contrast))
+
+
+def interpolated(x: Floats, at: Floats, values: Floats) -> Floats:
+    """Return what ``np.interp`` returns, bit by bit, in a third of its time; ``values`` are finite.
+
+    Args:
+        at: ascending. values: at ``at``.
+    """
+    edges = np.linspace(at[0], at[-1], at.size, endpoint=False)
+    begin = np.maximum(np.searchsorted(at, edges, side="right") - 1, 0)
+    out = np.empty(x.shape)
+    _interpolate(x.ravel(), at, values, begin, out.reshape(-1))
+    return out
+
+
+@kernel
+def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64], out: Floats) -> None:
+    """Write the values at ``x`` to ``out``.
+
+    Args:
+        begin: entry of ``at`` at or before the beginning of each of as many equal intervals.
+    """
+    last = at.size - 1
+    span = at[last] - at[0]
+    per_unit = begin.size / span if span > 0.0 else 0.0
+    for i in range(x.size):
+        if at[0] < x[i] < at[last]:
+            k = begin[min(int((x[i] - at[0]) * per_unit), begin.size - 1)]
+            while at[k] > x[i]:  # the interval is rounded
+                k -= 1
+            while at[k + 1] <= x[i]:
+                k += 1
+            slope = (values[k + 1] - values[k]) / (at[k + 1] - at[k])
+            out[i] = slope * (x[i] - at[k]) + values[k]
+        elif x[i] <= at[0]:
+            out[i] = values[0]
+        else:
+            out[i] = values[last] if x[i] >= at[last] else x[i]  # nan stays
 
 
 @lru_cache(maxsize=64)

@@ -12,7 +12,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -184,7 +184,7 @@ def _fill(qx: Floats, of_x: NDArray[np.int64], begin: NDArray[np.int64], candida
 
 @kernel
 def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
-                     more: NDArray[np.float32], work: Floats, out: NDArray[np.float32]) -> None:  # fmt: skip
+                     more: NDArray[np.float32], work: Floats, out: Floats) -> None:  # fmt: skip
     """Write ln L_j of each replicate to ``out``, (patches, replicates).
 
     Args:
@@ -211,30 +211,45 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
             out[j, b] = total[b] + np.log(product[b])
 
 
-def log_likelihoods(shares: Shares, log_ratio: Floats) -> NDArray[np.float32]:
+def log_likelihoods(shares: Shares, log_ratio: Floats) -> Floats:
     """Return ln L_j of each patch and replicate, (patches, replicates).
 
     Args:
         log_ratio: of each sample and replicate, (samples, replicates).
     """
-    out = np.empty((shares.first.size - 1, log_ratio.shape[1]), dtype=np.float32)
+    out = np.empty((shares.first.size - 1, log_ratio.shape[1]))
     for begin in range(0, log_ratio.shape[1], AT_ONCE):
         part = slice(begin, begin + AT_ONCE)
         more = np.ascontiguousarray(np.expm1(log_ratio[:, part]), dtype=np.float32)
-        some = np.empty((out.shape[0], more.shape[1]), dtype=np.float32)
+        some = np.empty((out.shape[0], more.shape[1]))
         _log_likelihoods(*shares, more, np.empty((2, AT_ONCE)), some)
         out[:, part] = some
     return out
 
 
-def damage_ratio(patches: Patches, logs: NDArray[np.floating], weights: Floats | None = None) -> Floats:
+def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], looks: int) -> Iterator[Floats]:
+    """Yield ln L_j of each patch and replicate at each look, (patches, replicates): evidence is added look by look.
+
+    Args:
+        look: from which look on each sample counts, from 0, (samples,).
+    """
+    patch = np.repeat(np.arange(shares.first.size - 1), np.diff(shares.first))
+    logs: Floats | float = 0.0
+    for now in range(looks):
+        new = look[shares.sample] == now
+        first = np.append(0, np.cumsum(np.bincount(patch[new], minlength=shares.first.size - 1)))
+        logs = logs + log_likelihoods(Shares(first, shares.sample[new], shares.share[new]), log_ratio)
+        yield logs
+
+
+def damage_ratio(patches: Patches, logs: Floats, weights: Floats | None = None) -> Floats:
     """Return Lambda of each replicate, (replicates,).
 
     Args:
         logs: ln L_j, (patches, replicates). weights: w_j, whose sum is 1; by default those of ``patches``.
     """
     w = patches.weights if weights is None else weights
-    return np.asarray(w @ np.exp(np.minimum(logs, 600.0).astype(np.float64)))
+    return np.asarray(w @ np.exp(np.minimum(logs, 600.0)))
 
 
 def told_risk(ratio: Floats, prior: float) -> Floats:
@@ -242,22 +257,19 @@ def told_risk(ratio: Floats, prior: float) -> Floats:
     return np.asarray(prior * ratio / (1.0 - prior + prior * ratio))
 
 
-def scan_statistic(patches: Patches, logs: NDArray[np.floating]) -> Floats:
+def scan_statistic(patches: Patches, logs: Floats) -> Floats:
     """Return T of each replicate: the largest ln L_j - ln(number of places of that size), (replicates,)."""
     number = np.bincount(patches.size)[patches.size]
-    return np.asarray((logs - np.log(number)[:, None]).max(axis=0), dtype=np.float64)
+    return np.asarray((logs - np.log(number)[:, None]).max(axis=0))
 
 
-def raster(
-    patches: Patches, logs: NDArray[np.floating], prior: float, cells: int, size_m: tuple[float, float]
-) -> Floats:
+def raster(patches: Patches, logs: Floats, prior: float, cells: int, size_m: tuple[float, float]) -> Floats:
     """Return the probability that each cell of a raster is damaged, (cells, cells), top row first.
 
     Args:
         logs: ln L_j, (patches,). prior: pi. cells: cells along each side of the surface. size_m: its width and height.
     """
-    logs = np.minimum(logs, 600.0).astype(np.float64)
-    posterior = patches.weights * np.exp(logs)
+    posterior = patches.weights * np.exp(np.minimum(logs, 600.0))
     posterior *= prior / (1.0 - prior + prior * posterior.sum())
     # Each patch adds to the cells whose centres it covers: a difference at its corners, summed up over both axes.
     steps = np.zeros((cells + 1, cells + 1))

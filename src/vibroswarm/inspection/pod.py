@@ -2,22 +2,26 @@
 
 | name | symbol | equation |
 |---|---|---|
-| probability of detection | PoD(a) | p_f + (1 - p_f) / (1 + exp(-b0 - b1 g(a))) |
-| upper asymptote | c | c - p_f in the place of 1 - p_f: places that are not visited are not found, however large |
+| probability of detection | PoD(a) | p_f + (1 - p_f) F(b0 + b1 g(a)) |
 | false calls | p_f | share of intact surfaces that are called, of at least ``INTACT`` inspections of their own |
-| size | a, g(a) | side of the damage; g is the identity or the logarithm, by AIC |
+| size | a | side of the damage |
+| curve | F, g | logistic in a, logistic in ln a, or Weibull: F(x) = 1 - exp(-exp(x)) in ln a; by AIC |
+| upper asymptote | c | c - p_f in the place of 1 - p_f: places that are not visited are not found, however large |
 | size found in 50, 90 % | a50, a90 | PoD(a50) = .5, PoD(a90) = .9 |
-| limit of a90 | a90/95 | largest a with 2 (l_max - l(a90 = a)) <= 2.706, l the profile log likelihood |
+| penalised log likelihood | l | log likelihood + ln(det I) / 2, I the Fisher information of b0 and b1 |
+| limit of a90 | a90/95 | largest a with 2 (l_max - l(a90 = a)) <= 2.706, l at its largest over b1 |
 
-The binomial terms of damaged and of intact inspections make one likelihood, so that the limit allows for p_f not being
-known exactly. A fit that leaves p_f out takes false calls on small damage for detections, and its a90 is too large.
+The most likely curve of few inspections is too steep, and its a90 too small. The penalty (Jeffreys; Firth 1993) takes
+most of that away, and keeps the slope finite where all damage above a size was found and none below. Several curves
+often fit alike, but differ near the top: a90/95 is the largest of those of all curves that are not rejected at the same
+level. A fit that leaves p_f out takes false calls on small damage for detections, and its a90 is too large.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import optimize
@@ -34,8 +38,37 @@ DROP: Final = 2.706
 """Chi squared with one degree of freedom at 90 %: a one-sided limit of 95 %."""
 SEARCH: Final[Any] = {"xatol": 1e-5, "fatol": 1e-8, "maxiter": 4000}
 """Settings of the search for the largest likelihood."""
+STEEP: Final = 10.0
+"""Where the search begins: b1 over the range of sizes."""
 LEAST: Final = 1e-9
 """Least probability in a logarithm."""
+STEP: Final = 1e-4
+"""Step of the derivative of F."""
+
+
+def _weibull(x: Floats) -> Floats:
+    return np.asarray(-np.expm1(-np.exp(np.minimum(x, 30.0))))
+
+
+def _of_weibull(share: float) -> float:
+    return float(np.log(-np.log1p(-share)))
+
+
+class _Curve(NamedTuple):
+    g: Callable[[Any], Any]
+    size: Callable[[Any], Any]
+    """Inverse of ``g``."""
+    share: Callable[[Any], Any]
+    """F."""
+    x: Callable[[Any], Any]
+    """Inverse of ``share``."""
+
+
+_CURVES: Final = {
+    "size": _Curve(np.asarray, float, expit, logit),
+    "log size": _Curve(np.log, np.exp, expit, logit),
+    "Weibull": _Curve(np.log, np.exp, _weibull, _of_weibull),
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +78,8 @@ class Pod(NotebookView):
     false_calls: float
     b0: float
     b1: float
-    scale: Literal["size", "log size"]
+    curve: Literal["size", "log size", "Weibull"]
+    """Logistic in the size or in its logarithm, or Weibull."""
     a50_m: float
     a90_m: float
     a90_95_m: float
@@ -57,36 +91,117 @@ class Pod(NotebookView):
 
     def at(self, size_m: Floats | float) -> Floats:
         """Return PoD at sizes."""
-        size = np.asarray(size_m, dtype=np.float64)
-        return _pod(size, self.false_calls, self.b0, self.b1, self.scale, self.top)
-
-
-def _g(size_m: Floats, scale: str) -> Floats:
-    return np.log(size_m) if scale == "log size" else np.asarray(size_m)
-
-
-def _pod(size_m: Floats, p_f: float, b0: float, b1: float, scale: str, top: float = 1.0) -> Floats:
-    return np.asarray(p_f + (top - p_f) * expit(b0 + b1 * _g(size_m, scale)))
+        curve = _CURVES[self.curve]
+        rise = curve.share(self.b0 + self.b1 * curve.g(np.asarray(size_m, dtype=np.float64)))
+        return np.asarray(self.false_calls + (self.top - self.false_calls) * rise)
 
 
 @dataclass(frozen=True)
 class _Trials:
-    """Inspections of damaged and intact surfaces, counted by size."""
+    """Inspections of damage, counted by size, and the curve that is fitted to them."""
 
     size_m: Floats
     found: Floats
     number: Floats
-    false: int
-    intact: int
-    scale: str
+    p_f: float
+    curve: _Curve
 
-    def loss(self, p_f: float, b0: float, b1: float, top: float = 1.0) -> float:
+    def pod(self, b0: float, b1: float, top: float) -> Floats:
+        rise = self.curve.share(b0 + b1 * self.curve.g(self.size_m))
+        return np.asarray(np.clip(self.p_f + (top - self.p_f) * rise, LEAST, 1.0 - LEAST))
+
+    def loss(self, b0: float, b1: float, top: float) -> float:
         """Return -ln likelihood."""
-        p = np.clip(_pod(self.size_m, p_f, b0, b1, self.scale, top), LEAST, 1.0 - LEAST)
-        of_damaged = xlogy(self.found, p) + xlogy(self.number - self.found, 1.0 - p)
-        q = min(max(p_f, LEAST), 1.0 - LEAST)
-        of_intact = xlogy(self.false, q) + xlogy(self.intact - self.false, 1.0 - q) if self.intact else 0.0
-        return -float(of_damaged.sum() + of_intact)
+        p = self.pod(b0, b1, top)
+        return -float((xlogy(self.found, p) + xlogy(self.number - self.found, 1.0 - p)).sum())
+
+    def penalised(self, b0: float, b1: float, top: float) -> float:
+        """Return -ln likelihood - ln(det I) / 2."""
+        p, g = self.pod(b0, b1, top), self.curve.g(self.size_m)
+        rise = (self.pod(b0 + STEP, b1, top) - self.pod(b0 - STEP, b1, top)) / (2.0 * STEP)
+        weight = self.number * rise**2 / (p * (1.0 - p)) + LEAST**2
+        about = g - np.average(g, weights=weight)
+        return self.loss(b0, b1, top) - 0.5 * float(np.log(weight.sum() * (weight @ about**2)))
+
+    def x_at(self, share: float, top: float) -> float:
+        """Return b0 + b1 g(a) at which PoD is a share."""
+        return float(self.curve.x((share - self.p_f) / (top - self.p_f)))
+
+
+class _Fit(NamedTuple):
+    """A curve of largest penalised likelihood."""
+
+    name: Any
+    trials: _Trials
+    b0: float
+    b1: float
+    top: float
+
+    @property
+    def aic(self) -> float:
+        """AIC, less what all curves have alike."""
+        return 2.0 * self.trials.loss(self.b0, self.b1, self.top) + 2.0 * (self.top < 1.0)
+
+    def size_at(self, share: float) -> float:
+        """Return the size at which PoD is a share, or the least that was tried; nan: there is none."""
+        if not self.trials.p_f < share < self.top or self.b1 <= 0.0:
+            return float("nan")
+        size = float(self.trials.curve.size((self.trials.x_at(share, self.top) - self.b0) / self.b1))
+        return max(size, float(self.trials.size_m[0]))
+
+    def limit(self) -> float:
+        """Return a90/95 by profile likelihood at this asymptote; nan: none up to 1.5 times the largest size."""
+        trials, top, a90 = self.trials, self.top, self.size_at(0.9)
+        if not np.isfinite(a90):
+            return float("nan")
+        least = trials.penalised(self.b0, self.b1, top)
+        if top < 1.0:  # an asymptote that is not known well may be below 0.9, and then there is no a90
+            _, lower = _search(lambda at: trials.penalised(at[0], at[1], 0.9), (self.b0, self.b1))
+            if 2.0 * (lower - least) <= DROP:
+                return float("nan")
+        x, steep = trials.x_at(0.9, top), np.log(self.b1)
+
+        def excess(size_m: float) -> float:
+            """Return twice the loss of log likelihood if a90 is this size, less what is allowed."""
+            g = float(trials.curve.g(size_m))
+            found = minimize_scalar(
+                lambda log: trials.penalised(x - np.exp(log) * g, np.exp(log), top),
+                bounds=(steep - 5.0, steep + 5.0), method="bounded", options={"xatol": 1e-5},
+            )  # fmt: skip
+            return 2.0 * (float(found.fun) - least) - DROP
+
+        if excess(a90) > 0.0:  # the least size that was tried, where the curve's a90 is below it
+            return a90
+        high = a90
+        while high < 1.5 * trials.size_m[-1]:
+            high *= 1.04
+            if excess(high) > 0.0:
+                return float(brentq(excess, a90, high, xtol=1e-6))
+        return float("nan")
+
+
+def _search(loss: Callable[[Floats], float], start: Sequence[float]) -> tuple[Floats, float]:
+    """Return where a loss is smallest, searched from ``start`` by Nelder and Mead's method, and how large it is."""
+    minimize: Any = optimize.minimize  # its stubs allow no lambda
+    found = minimize(loss, np.array(start), method="Nelder-Mead", options=SEARCH)
+    return found.x, float(found.fun)
+
+
+def _fit(name: str, trials: _Trials, ends_below: bool) -> _Fit:
+    """Return the fit of a curve that ends at 1, or below."""
+    g = trials.curve.g(trials.size_m)
+    middle, spread = float(np.average(g, weights=trials.number)), float(np.ptp(g))
+
+    def curve_of(at: Floats) -> tuple[float, float, float]:
+        """Return b0, b1 and the top from the height at the middle of the sizes, the slope, and the top as logit."""
+        slope = at[1] / spread
+        top = trials.p_f + (1.0 - trials.p_f) * float(expit(at[2])) if ends_below else 1.0
+        return at[0] - slope * middle, slope, min(top, 1.0 - LEAST) if ends_below else top
+
+    highest = logit(np.clip((trials.found / trials.number).max(), 0.5, 0.98))
+    start = (0.0, STEEP, highest)[: 2 + ends_below]
+    at, _ = _search(lambda at: trials.penalised(*curve_of(at)), start)
+    return _Fit(name, trials, *curve_of(at))
 
 
 def fit_pod(
@@ -109,104 +224,15 @@ def fit_pod(
         raise InputError("a curve needs inspections of intact surfaces, for its false calls", field="intact")
     number = np.bincount(at).astype(np.float64)
     hits = np.bincount(at, np.asarray(found, dtype=np.float64)).astype(np.float64)
+    p_f = false / intact if floor else 0.0
     fits = []
-    for scale in ("size", "log size"):
-        trials = _Trials(sizes, hits, number, false if floor else 0, intact if floor else 0, scale)
-        p_f, b0, b1, loss = _best(trials, false / intact if floor else 0.0)
-        fits.append((trials, p_f, b0, b1, 1.0, loss))
-        if asymptote:
-            b0, b1, top, loss = _with_top(trials, p_f, b0, b1)
-            fits.append((trials, p_f, b0, b1, top, loss + 1.0))  # one parameter more costs 1, by AIC
-    trials, p_f, b0, b1, top, loss = min(fits, key=lambda fit: fit[5])
-    loss -= float(top < 1.0)
-    a50, a90 = (_size_at(share, p_f, b0, b1, trials.scale, top) for share in (0.5, 0.9))
+    for name, curve in _CURVES.items():
+        trials = _Trials(sizes, hits, number, p_f, curve)
+        ends = [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
+        fits.append(min(ends, key=lambda fit: fit.aic))
+    best = min(fits, key=lambda fit: fit.aic)
     # Beyond the sizes that were tried the curve says nothing.
-    a50, a90 = (size if size <= sizes[-1] else float("nan") for size in (a50, a90))
-    limit = _limit(trials, p_f, b0, b1, loss, a90, top)
-    return Pod(p_f, b0, b1, trials.scale, a50, a90, limit, int(at.size), intact, top)  # type: ignore[arg-type]
-
-
-def _search(loss: Callable[[Floats], float], start: Sequence[float]) -> tuple[list[float], float]:
-    """Return where a loss is smallest, searched from ``start`` by Nelder and Mead's method, and how large it is."""
-    minimize: Any = optimize.minimize  # its stubs allow no lambda
-    found = minimize(loss, np.array(start), method="Nelder-Mead", options=SEARCH)
-    return found.x.tolist(), float(found.fun)
-
-
-def _with_top(trials: _Trials, p_f: float, b0: float, b1: float) -> tuple[float, float, float, float]:
-    """Return b0, b1 and the asymptote of the largest likelihood at this p_f, and -ln of it."""
-
-    def loss(at: Floats) -> float:
-        return trials.loss(p_f, at[0], at[1], top(at))
-
-    def top(at: Sequence[float] | Floats) -> float:
-        return p_f + (1.0 - p_f) * float(expit(at[2]))
-
-    highest = logit(min(max(float((trials.found / trials.number).max()), 0.5), 0.98))
-    starts = ((steep * b0, steep * b1, highest) for steep in (1.0, 3.0))
-    at, least = min((_search(loss, start) for start in starts), key=lambda found: found[1])
-    return at[0], at[1], min(top(at), 1.0 - LEAST), least
-
-
-def _best(trials: _Trials, p_f: float) -> tuple[float, float, float, float]:
-    """Return p_f, b0, b1 of the largest likelihood, and -ln of it; p_f stays as it is without intact surfaces."""
-    g = _g(trials.size_m, trials.scale)
-    middle, spread = float(np.average(g, weights=trials.number)), float(np.ptp(g))
-
-    def loss(at: Floats, p_f: float) -> float:
-        """Return the loss by the height at the middle of the sizes, and the slope over their range."""
-        return trials.loss(p_f, at[0] - at[1] / spread * middle, at[1] / spread)
-
-    starts = (3.0, 10.0, 30.0)  # from flat to steep, about the middle of the sizes
-    at, least = min(
-        (_search(lambda at: loss(at, p_f), (0.0, steep)) for steep in starts), key=lambda found: found[1]
-    )
-    if trials.intact:
-        start = (*at, logit(min(max(p_f, 1e-6), 0.5)))
-        at, least = _search(lambda at: loss(at, float(expit(at[2]))), start)
-        p_f = float(expit(at[2]))
-    b1 = at[1] / spread
-    return p_f, at[0] - b1 * middle, b1, least
-
-
-def _size_at(share: float, p_f: float, b0: float, b1: float, scale: str, top: float = 1.0) -> float:
-    """Return the size at which PoD is a share; nan: there is none."""
-    if not p_f < share < top or b1 <= 0.0:
-        return float("nan")
-    g = (logit((share - p_f) / (top - p_f)) - b0) / b1
-    size = float(np.exp(g)) if scale == "log size" else float(g)
-    return size if size > 0.0 else float("nan")
-
-
-def _limit(
-    trials: _Trials, p_f: float, b0: float, b1: float, loss: float, a90: float, top: float = 1.0
-) -> float:
-    """Return a90/95 by profile likelihood at this p_f and asymptote; nan: none up to 1.5 times the largest size."""
-    if not np.isfinite(a90):
-        return float("nan")
-    if top < 1.0:  # an asymptote that is not known well may be below 0.9, and then there is no a90
-        _, lower = _search(lambda at: trials.loss(p_f, at[0], at[1], 0.9), (b0, b1))
-        if 2.0 * (lower - loss) <= DROP:
-            return float("nan")
-    wanted = float(logit((0.9 - p_f) / (top - p_f)))
-
-    def excess(size_m: float) -> float:
-        """Return twice the loss of log likelihood if a90 is this size, less what is allowed."""
-        g = float(_g(np.array(size_m), trials.scale))
-
-        def of_slope(log_slope: float) -> float:
-            slope = np.exp(log_slope)
-            return trials.loss(p_f, wanted - slope * g, slope, top)
-
-        at = np.log(max(b1, 1e-6))
-        found = minimize_scalar(
-            of_slope, bounds=(at - 5.0, at + 5.0), method="bounded", options={"xatol": 1e-5}
-        )
-        return 2.0 * (float(found.fun) - loss) - DROP
-
-    high = a90
-    while high < 1.5 * trials.size_m[-1]:
-        high *= 1.04
-        if excess(high) > 0.0:
-            return float(brentq(excess, a90, high, xtol=1e-6))
-    return float("nan")
+    a50, a90 = (size if size <= sizes[-1] else float("nan") for size in map(best.size_at, (0.5, 0.9)))
+    limits = [fit.limit() for fit in fits if fit.aic - best.aic <= DROP]
+    limit = float(np.max(limits)) if np.isfinite(a90) else float("nan")  # nan if one of them is
+    return Pod(p_f, best.b0, best.b1, best.name, a50, a90, limit, int(at.size), intact, best.top)

@@ -21,18 +21,16 @@ when the told risk of each of them is tolerated. A message is one sample; each r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import generator, wilson_limits
+from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import (
     contrast_ratios,
     drawn_values,
@@ -45,6 +43,7 @@ from vibroswarm.inspection.patches import (
     Shares,
     damage_ratio,
     log_likelihoods,
+    logs_at_looks,
     raster,
     scan_statistic,
     told_risk,
@@ -139,17 +138,17 @@ def scan(
             f"{replicates} intact surfaces cannot give a p-value below 5 %; at least 19", field="--replicates"
         )
     observed = samples.column("log_ratio")
-    times_s, there = looks_of(samples, looks)
-    each = np.array([_statistic(patches, shares, observed[:, None], [one])[0] for one in there])
+    times_s, look = looks_of(samples, looks)
+    each = _statistics(patches, shares, observed[:, None], look, looks)[:, 0]
     statistic = float(each.max())
     drawn = intact_statistics(samples, patches, shares, replicates, seed, bits=bits, looks=looks)
     permuted = _permuted(samples, observed, replicates, seed)
-    exchanged = _statistic(patches, shares, permuted, there)
+    exchanged = _statistics(patches, shares, permuted, look, looks).max(axis=0)
     posterior = posterior_of(patches, log_likelihoods(shares, observed[:, None])[:, 0])
     critical = float(np.quantile(drawn, 1.0 - CALLED))
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
-    called, cells = _called(samples, patches, shares, critical, prior, there[int(each.argmax())])
+    called, cells = _called(samples, patches, shares, critical, prior, look <= each.argmax())
     return Scan(
         statistic,
         p_value(statistic, drawn),
@@ -167,28 +166,22 @@ def scan(
     )
 
 
-def looks_of(samples: Samples, looks: int) -> tuple[Floats, list[NDArray[np.bool_]]]:
-    """Return the times of evenly spaced looks, (looks,), and which samples count at each, (samples,)."""
+def looks_of(samples: Samples, looks: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the times of evenly spaced looks, (looks,), and from which look on each sample counts, (samples,)."""
     time_s = samples.column("time_s")
     times_s = np.linspace(0.0, float(time_s.max()), looks + 1)[1:]
-    return times_s, [time_s <= now_s for now_s in times_s]
+    return times_s, np.searchsorted(times_s, time_s)
 
 
-def _statistic(
-    patches: Patches, shares: Shares, ratios: Floats, there: Sequence[NDArray[np.bool_]]
+def _statistics(
+    patches: Patches, shares: Shares, ratios: Floats, look: NDArray[np.int64], looks: int
 ) -> Floats:
-    """Return T of each replicate, the largest over looks, (replicates,).
+    """Return T of each replicate at each look, (looks, replicates).
 
     Args:
-        ratios: log ratios, (samples, replicates). there: which samples count at each look.
+        ratios: log ratios, (samples, replicates). look: from which look on each sample counts, (samples,).
     """
-    each = [
-        scan_statistic(
-            patches, log_likelihoods(shares, ratios if one.all() else np.where(one[:, None], ratios, 0.0))
-        )
-        for one in there
-    ]
-    return np.asarray(np.max(each, axis=0))
+    return np.array([scan_statistic(patches, logs) for logs in logs_at_looks(shares, ratios, look, looks)])
 
 
 def _called(
@@ -251,7 +244,8 @@ def statistic_of(
     samples: Samples, patches: Patches, shares: Shares, values: Floats, *, bits: bool = False, looks: int = 1
 ) -> Floats:
     """Return T of surfaces on which the samples would have measured ``values``, (samples, replicates)."""
-    return _statistic(patches, shares, ratios_at(samples.law, values, bits=bits), looks_of(samples, looks)[1])
+    ratios, (_, look) = ratios_at(samples.law, values, bits=bits), looks_of(samples, looks)
+    return np.asarray(_statistics(patches, shares, ratios, look, looks).max(axis=0))
 
 
 def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) -> Floats:
@@ -269,9 +263,9 @@ def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) ->
     return out
 
 
-def posterior_of(patches: Patches, logs: NDArray[np.floating]) -> Floats:
+def posterior_of(patches: Patches, logs: Floats) -> Floats:
     """Return the probability of each patch, if one of them is there, (patches,), from its ln L_j."""
-    posterior = patches.weights * np.exp(np.minimum(logs - logs.max(), 0.0).astype(np.float64))
+    posterior = patches.weights * np.exp(logs - logs.max())
     return np.asarray(posterior / posterior.sum())
 
 
@@ -344,12 +338,10 @@ class Stopping(NotebookView):
     """Told risk at each time, (times,): of the worst size and contrast; with ``strict`` of the worst place too."""
     cleared_s: float | None
     """First time at which the told risk is tolerated; None: never."""
-    missed: tuple[float, float, float]
+    missed: Interval
     """Share of damage of the least size and contrast that is cleared all the same at the end, with 95 % limits."""
-    worst: tuple[float, float, float]
+    worst: Interval
     """The same at the worst of the blocks of places."""
-    drawn: int
-    """Damaged surfaces drawn for these shares."""
     robots_s: float | None = None
     """First time at which each robot tolerates its own told risk, by what it has heard; None: never."""
 
@@ -368,109 +360,93 @@ def stopping(
     Args:
         drawn: damaged surfaces, drawn at this inspection's own places with the least size and contrast.
     """
-    times_s = np.linspace(0.0, float(samples.column("time_s").max()), LOOKS + 1)[1:]
-    counts = samples.column("time_s")[:, None] <= times_s
-    values = samples.column("value")[:, None]
-    told = risk_of(samples, patches, shares, question, values, counts)
-    below = np.flatnonzero(told <= question.risk)
+    times_s, look = looks_of(samples, LOOKS)
+    heard = _heard(samples, question.loss, seed)
+    told = risks_of(samples, patches, shares, question, samples.column("value")[:, None], look, LOOKS, heard)
+    tolerated = told <= question.risk
     random = generator(seed, "damaged surfaces")
     x_m, y_m = random_places(random, np.full(drawn, question.least_m), samples.size_m)
-    patch = patch_of(x_m, y_m, question.least_m, min(question.contrasts))
-    cleared = np.concatenate(
-        [
-            risk_of(samples, patches, shares, question, drawn_values(random, samples, part.x_m.size, part))
-            <= question.risk
-            for part in _parts(patch, 256)
-        ]
-    )
-    blocks = [
-        np.minimum(BLOCKS * at // whole, BLOCKS - 1)
+    cleared = np.empty(drawn, dtype=bool)
+    for begin in range(0, drawn, 256):  # so that memory stays small
+        part = slice(begin, begin + 256)
+        patch = patch_of(x_m[part], y_m[part], question.least_m, min(question.contrasts))
+        values = drawn_values(random, samples, patch.x_m.size, patch)
+        cleared[part] = risk_of(samples, patches, shares, question, values) <= question.risk
+    blocks = [  # of the places that a centre may have, so that none has much fewer than the others
+        np.clip(BLOCKS * (at - 0.5 * question.least_m) // max(whole - question.least_m, 1e-9), 0, BLOCKS - 1)
         for at, whole in zip((x_m, y_m), samples.size_m, strict=True)
     ]
     block = (blocks[0] * BLOCKS + blocks[1]).astype(np.int64)
     number = np.bincount(block, minlength=BLOCKS**2)
     of_block = np.bincount(block, cleared, BLOCKS**2)
     worst = int(np.argmax(of_block / np.maximum(number, 1)))
+    late = np.flatnonzero(~tolerated[:, 1:].all(axis=1))
     return Stopping(
         question,
         times_s,
-        told,
-        float(times_s[below[0]]) if below.size else None,
-        _share(int(cleared.sum()), drawn),
-        _share(int(of_block[worst]), int(number[worst])),
-        drawn,
-        _robots_s(samples, patches, shares, question, times_s, counts, seed),
+        told[:, 0],
+        _first_s(times_s, int(tolerated[:, 0].argmax()) if tolerated[:, 0].any() else LOOKS),
+        wilson(int(cleared.sum()), drawn),
+        wilson(int(of_block[worst]), int(number[worst])),
+        _first_s(times_s, int(late[-1]) + 1 if late.size else 0),
     )
 
 
-def _robots_s(
-    samples: Samples, patches: Patches, shares: Shares, question: Question, times_s: Floats,
-    counts: NDArray[np.bool_], seed: int,
-) -> float | None:  # fmt: skip
-    """Return from when on each robot tolerates its told risk, by its own samples and what it has heard.
+def _first_s(times_s: Floats, index: int) -> float | None:
+    return float(times_s[index]) if index < times_s.size else None
 
-    Args:
-        counts: which samples count at each time, (samples, times).
-    """
+
+def _heard(samples: Samples, loss: float, seed: int) -> NDArray[np.bool_]:
+    """Return which samples a centre has, and each robot: its own and those that it heard, (samples, 1 + robots)."""
     random = generator(seed, "lost messages")
-    robot, values = samples.frame["robot"].to_numpy(), samples.column("value")[:, None]
-    tolerated = np.ones(times_s.size, dtype=bool)
-    for one in samples.robots:
-        has = (robot == one) | (random.random(robot.size) >= question.loss)
-        told = risk_of(samples, patches, shares, question, values, counts & has[:, None])
-        tolerated &= told <= question.risk
-    late = np.flatnonzero(~tolerated)
-    first = int(late[-1]) + 1 if late.size else 0
-    return float(times_s[first]) if first < times_s.size else None
+    robot = samples.frame["robot"].to_numpy()
+    of_robots = [(robot == one) | (random.random(robot.size) >= loss) for one in samples.robots]
+    return np.stack([np.ones(robot.size, dtype=bool), *of_robots], axis=1)
 
 
-def risk_of(
+def risk_of(samples: Samples, patches: Patches, shares: Shares, question: Question, values: Floats) -> Floats:
+    """Return the told risk of each replicate by all samples, (replicates,); the arguments are those of ``risks_of``."""
+    all_at_once = np.zeros(values.shape[0], dtype=np.int64)
+    return np.asarray(risks_of(samples, patches, shares, question, values, all_at_once, 1)[0])
+
+
+def risks_of(
     samples: Samples,
     patches: Patches,
     shares: Shares,
     question: Question,
     values: Floats,
-    counts: NDArray[np.bool_] | None = None,
+    look: NDArray[np.int64],
+    looks: int,
+    heard: NDArray[np.bool_] | None = None,
 ) -> Floats:
-    """Return the told risk of each replicate, (replicates,).
+    """Return the told risk of each replicate at each look, (looks, replicates).
 
     Args:
-        values: measured values, (samples, replicates) or (samples, 1). counts: which samples count; None: all.
+        values: measured values, (samples, replicates). look: from which look on each sample counts, (samples,).
+        heard: which samples count at all, (samples, replicates), of values (samples, 1); None: all.
     Raises:
         InputError: no declared size is at least the least one.
     """
     wanted = patches.at_least(question.least_m)
     if not wanted.any():
         raise InputError("no declared size is as large as the smallest to be found", field="--least-cm")
-    odds = question.prior / (1.0 - question.prior)
-    ratios = []
+    sizes = _sizes(patches, wanted)
+    ratio = np.zeros((looks, values.shape[1] if heard is None else heard.shape[1]))
     for contrast in question.contrasts:
         log_ratio = contrast_ratios(samples.law, contrast, values)
-        logs = log_likelihoods(shares, log_ratio if counts is None else np.where(counts, log_ratio, 0.0))
-        if question.strict:
-            ratios.append(np.exp(np.minimum(logs[wanted].max(axis=0), 600.0).astype(np.float64)))
-        else:
-            of_size = (damage_ratio(patches, logs, weights) for weights in _sizes(patches, wanted))
-            ratios.append(np.max(list(of_size), axis=0))
-    ratio = np.max(ratios, axis=0)
-    return told_risk(ratio, odds / (1.0 + odds))
+        if heard is not None:
+            log_ratio = np.where(heard, log_ratio, 0.0)
+        for now, logs in enumerate(logs_at_looks(shares, log_ratio, look, looks)):
+            if question.strict:
+                found = np.exp(np.minimum(logs[wanted].max(axis=0), 600.0))
+            else:
+                found = np.max([damage_ratio(patches, logs, weights) for weights in sizes], axis=0)
+            ratio[now] = np.maximum(ratio[now], found)
+    return told_risk(ratio, question.prior)
 
 
 def _sizes(patches: Patches, wanted: NDArray[np.bool_]) -> list[Floats]:
     """Return weights of the places of each wanted size, whose sum is 1."""
     sizes = np.unique(patches.size[wanted])
     return [(patches.size == size) / np.count_nonzero(patches.size == size) for size in sizes]
-
-
-def _parts(patch: Patch, size: int) -> Sequence[Patch]:
-    """Return the replicates in parts, so that memory stays small."""
-    names = ("x_m", "y_m", "width_m", "height_m", "contrast")
-    return [
-        patch._replace(**{name: getattr(patch, name)[begin : begin + size] for name in names})
-        for begin in range(0, patch.x_m.size, size)
-    ]
-
-
-def _share(k: int, n: int) -> tuple[float, float, float]:
-    low, high = wilson_limits(k, n)
-    return (k / n if n else float("nan")), float(low), float(high)
