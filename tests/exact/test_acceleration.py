@@ -150,6 +150,14 @@ def test_the_energies_are_near_the_recordings() -> None:
     assert negative == pytest.approx(0.22, abs=0.05)
 
 
+def test_shares_of_one_threshold_are_not_those_of_another() -> None:
+    shares = [
+        MODEL.shares_up_to(0, np.ones(1), scenario().with_values({"sensor.rms_threshold": at}).sensor.params)
+        for at in (0.5, 1.0, 2.0)
+    ]
+    assert shares[0] < shares[1] < shares[2]
+
+
 def test_closed_loop_and_tables_are_equal() -> None:
     base = scenario().with_values(
         {"run.t_end_s": 200.0, "sensor.rms_threshold": 1.2, "decision.min_observations": 20}

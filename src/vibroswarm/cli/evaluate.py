@@ -97,7 +97,7 @@ def merge(
     # Shards that cannot be merged are refused now, since `--force` removes the folder.
     study = jobs_of_one_study(shards)[0].study
     pairs_of(study, comparison.reference)  # refuses an unknown reference before anything is written
-    claim(whole, lambda folder: Store.existing(folder, study))
+    claim(whole, lambda folder: Store.existing(folder, study, shards=False))
     store = merge_shards(out, shards)
     every_cell = tuple(cell.number for cell in store.study.cells)
     confirm_and_print(StudyResult(store.study, store, selected=every_cell), comparison, execution, whole)

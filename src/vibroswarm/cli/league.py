@@ -140,7 +140,7 @@ def league(
     _check(made, reference, tests)
     study = made.study  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
-    claim(output, lambda folder: Store.existing(folder, study))
+    claim(output, lambda folder: Store.existing(folder, study, shards=False))
     print_plan(
         study, output.out, None, tests=len(basic_entries) * bool(tests.belief_runs or tests.fault_runs)
     )

@@ -199,7 +199,7 @@ def _grid(file: Path | None, options: SearchOptions, execution: Execution, outpu
     if fresh < 2:  # refused now, since `--force` removes the folder, and the grid takes long
         raise InputError(f"{fresh} is too few; at least 2", field="--fresh")
     # `Store.existing` refuses a folder that holds anything but runs of this study.
-    claim(output, lambda folder: Store.existing(folder, study))
+    claim(output, lambda folder: Store.existing(folder, study, shards=False))
     print_plan(study, output.out, None)
     with study_progress("simulating") as progress:
         result = run_study(study, output.out, progress=progress, **execution.how)

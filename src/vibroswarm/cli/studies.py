@@ -101,7 +101,7 @@ def run_study_of(
     # A part of a study is of use only if it is saved, to be joined with the other parts.
     if (job or execution.batch) and out is None:
         raise InputError("needs --out DIR", field="--shard" if job else "--batch")
-    claim(output, lambda folder: Store.existing(folder, study))
+    claim(output, lambda folder: Store.existing(folder, study, shards=False))
     warn_of(cell.scenario for cell in study.cells)
     if execution.batch is not None and out is not None:
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -89,6 +90,11 @@ class Schema:
     """Names of the columns that may be null."""
     key: tuple[str, ...] = ()
     """Names of the columns that together identify a row; empty: rows may repeat."""
+
+    @cached_property
+    def faults(self) -> dict[str, pl.Expr]:
+        """Where each column has a value that it may not have; made once, as a study checks thousands of tables."""
+        return {column: _is_wrong(column, self) for column in self.columns}
 
 
 def read_table(path: Path, schema: Schema, what: str) -> pl.DataFrame:
@@ -184,8 +190,11 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
     """
     _check_columns(frame, schema, name, what)
     frame = frame.select(list(schema.columns))
-    for column in schema.columns:
-        _check_values(frame[column], column in schema.nullable, name)
+    # One query over all columns; only a column that fails is looked at again, for the message.
+    faults = frame.select(wrong.any().alias(column) for column, wrong in schema.faults.items())
+    for column, fails in faults.row(0, named=True).items() if frame.height else ():
+        if fails:
+            raise InputError(_first_fault(frame, column, schema), field=name)
     if schema.key and frame.select(schema.key).is_duplicated().any():
         twice = frame.filter(frame.select(schema.key).is_duplicated()).select(schema.key).row(0, named=True)
         keys = ", ".join(f"{key} {value}" for key, value in twice.items())
@@ -196,14 +205,13 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
 def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> None:
     """Refuse a frame with missing, unexpected or wrongly typed columns; ``name`` and ``what`` as in ``check_table``."""
     has_not = f"does not have the columns of the table '{what}'"
+    found = frame.schema
     for column, kind in schema.columns.items():
-        if column not in frame.columns:
+        if column not in found:
             raise InputError(f"{has_not}: '{column}' is missing", field=name)
-        if frame.schema[column] != kind:
-            raise InputError(
-                f"{has_not}: '{column}' is {frame.schema[column]}, expected {_kind(kind)}", field=name
-            )
-    unexpected = [column for column in frame.columns if column not in schema.columns]
+        if found[column] != kind:
+            raise InputError(f"{has_not}: '{column}' is {found[column]}, expected {_kind(kind)}", field=name)
+    unexpected = [column for column in found if column not in schema.columns]
     if unexpected:
         raise InputError(f"{has_not}: '{unexpected[0][:40]}' is unexpected", field=name)
 
@@ -213,32 +221,29 @@ def _kind(kind: Any) -> str:
     return str(kind) if isinstance(kind, pl.DataType) else str(kind.__name__)
 
 
-def _check_values(values: pl.Series, nullable: bool, name: str) -> None:
-    """Refuse a column with null values (unless ``nullable``), with NaN, or with values outside its ``ALLOWED`` range.
+def _is_wrong(column: str, schema: Schema) -> pl.Expr:
+    """Return where a column has a null value that it may not have, NaN, or a value outside its ``ALLOWED`` range.
 
-    Columns without a range, and columns that are not numbers, are only checked for null. ``name`` is the file's.
+    Columns without a range, and columns that are not numbers, are only checked for null.
     """
-    column = values.name
-    if not nullable and values.null_count():
-        raise InputError(f"column '{column}' lacks a value in row {_first(values.is_null())}", field=name)
-    if column not in ALLOWED or not values.dtype.is_numeric():
-        return
+    values, kind = pl.col(column), schema.columns[column]
+    wrong = values.is_null() & (column not in schema.nullable)
+    if column in ALLOWED and kind.is_numeric():
+        low, high = ALLOWED[column]
+        wrong |= ((values < low) | (values > high)).fill_null(False)  # comparisons with null are null
+    if column in ALLOWED and kind.is_float():
+        wrong |= values.is_nan().fill_null(False)
+    return wrong
+
+
+def _first_fault(frame: pl.DataFrame, column: str, schema: Schema) -> str:
+    """Return what is wrong in the first row, from 0, in which ``_is_wrong`` finds a fault; there must be one."""
+    row = int(frame.select(pl.arg_where(schema.faults[column])).item(0, 0))
+    value = frame[column][row]
+    if value is None:
+        return f"column '{column}' lacks a value in row {row}"
     low, high = ALLOWED[column]
-    wrong = (values < low) | (values > high)
-    if values.dtype.is_float():
-        wrong |= values.is_nan()
-    wrong = wrong.fill_null(False)  # comparisons with null are null
-    if wrong.any():
-        row = _first(wrong)
-        raise InputError(
-            f"column '{column}' holds {values[row]} in row {row}; it has to be from {low:g} to {high:g}",
-            field=name,
-        )
-
-
-def _first(where: pl.Series) -> int:
-    """Return the number of the first row, from 0, in which a boolean column is true; there must be one."""
-    return int(where.arg_true()[0])
+    return f"column '{column}' holds {value} in row {row}; it has to be from {low:g} to {high:g}"
 
 
 _FORMULA: Final = r"^'*[=+\-@\t\r]"

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import allocating_kernel
+from vibroswarm.core.jit import allocating_kernel, read_only
 from vibroswarm.core.rng import CHANGE, Purpose, uniform, uniforms
 
 Tiles = NDArray[np.uint8]
@@ -85,7 +85,7 @@ def markov_changes(
             of the kinds 0, 1 and so on that a tile then gets, 1 in all.
     """
     below = np.cumsum(np.asarray(shares, dtype=np.float64))
-    time_s, tile, kind = _markov(start.ravel(), rate_per_h / 3600.0, below, until_s, seed, run)
+    time_s, tile, kind = _markov(read_only(start.ravel()), rate_per_h / 3600.0, below, until_s, seed, run)
     order = np.argsort(time_s, kind="stable")
     return Changes(time_s[order], tile[order], kind[order])
 

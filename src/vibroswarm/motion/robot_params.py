@@ -104,15 +104,21 @@ def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
     """
     if robot.speed_factors is not None:
         return np.array(robot.speed_factors, dtype=np.float64)
+    factor = robot.speed_factor_scale * _gamma_quantiles(robot.speed_factor_shape)
+    table = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
+    return np.ascontiguousarray(table, dtype=np.float64)
+
+
+@lru_cache(maxsize=16)
+def _gamma_quantiles(shape: float) -> NDArray[np.float64]:
+    """Return the quantiles of a Gamma distribution of scale 1, which take nearly all of the time, above all in fits."""
     from scipy.special import gammaincinv
 
     probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
     # The greatest float below 1 replaces 1, whose quantile is infinite: clipped to ``speed_factor_max``, which may be
     # far above all other quantiles, it would distort the last interval.
     probability[-1] = 1.0 - 2.0**-53
-    factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, probability)
-    table = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
-    return np.ascontiguousarray(table, dtype=np.float64)
+    return np.asarray(gammaincinv(shape, probability))
 
 
 def setup_of(scenario: Scenario) -> Setup:

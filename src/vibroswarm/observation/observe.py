@@ -107,7 +107,10 @@ def sensed_floors(
             (
                 since_s,
                 SensedFloor(
-                    kinds_with(stage, response.contrasts), place_of(stage), own_response, faults_of_run
+                    read_only(kinds_with(stage, response.contrasts)),
+                    place_of(stage),
+                    own_response,
+                    faults_of_run,
                 ),
             )
             for since_s, stage in floor.stages()

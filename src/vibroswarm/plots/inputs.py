@@ -19,6 +19,7 @@ from vibroswarm.errors import InputError, nearest
 from vibroswarm.plots.layout import (
     Rows,
     crowded,
+    lay_out,
     legend_below,
     number,
     of_runs,
@@ -303,7 +304,7 @@ def _limits(plane: Plane, style: Style) -> float:
     # The end gets a tick. The last of the other ticks are left out where labels would overlap.
     ticks = [tick for tick in axes.get_xticks() if left <= tick < high]
     axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])
-    plane.rows.figure.draw_without_rendering()
+    lay_out(plane.rows.figure)
     while ticks and crowded(axes.xaxis):
         ticks.pop()
         axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])

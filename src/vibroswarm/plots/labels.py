@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import number, plain, width_pt
+from vibroswarm.plots.layout import lay_out, number, plain, width_pt
 from vibroswarm.plots.style import INK, PAPER, Look, Style
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def label_ends(
     wide_pt = max((width_pt(plain(name), size) for name in names), default=0.0) + 2.2 * size
     if not 1 < len(names) <= MOST_NAMES or wide_pt > WIDEST_NAMES * style.width_in * 72:
         return False
-    figure.draw_without_rendering()
+    lay_out(figure)
     box = axes.get_window_extent()
     to_pt = 72 / figure.dpi  # pixels to points
     ends_pt = [float(axes.transData.transform((0.0, end))[1]) * to_pt for end in ends]  # from the lower edge
@@ -201,7 +201,7 @@ def label_points(
     Returns:
         Whether the labels were written.
     """
-    figure.draw_without_rendering()
+    lay_out(figure)
     to_pt = 72 / figure.dpi  # pixels to points
     # ``marks``: positions of the points that are drawn. All positions below are in units of 1/72 inch, from the lower
     # left corner of the figure.

@@ -171,12 +171,14 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
 
     ``height_in`` is the height of the figure, by default that of the style; a slide is never lower than its style.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     height = style.height_in if height_in is None else height_in
     if style.fixed_height:
         height = max(height, style.height_in)
     figure = Figure(figsize=(style.width_in, height), layout="constrained")
+    FigureCanvasAgg(figure)  # remembers the sizes of texts from one layout to the next
     if title:
         room = style.width_in * 72 * 0.95
         figure.suptitle(fitted(title, style.font_pt * 1.1, room, lines=3), fontsize=style.font_pt * 1.1)
@@ -205,9 +207,22 @@ def name_axes(axes: Axes, style: Style, x_label: str, y_label: str, *, share_of_
     axes.margins(0.03)
 
 
+def lay_out(figure: Figure) -> None:
+    """Give the axes of a figure their places, as drawing it does, but without drawing it.
+
+    What is read of the figure afterwards must follow from the places of its axes, such as the labels of ticks do.
+    """
+    engine: Any = figure.get_layout_engine()
+    engine.execute(figure)
+    renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    for axes in figure.axes:
+        locator: Any = axes.get_axes_locator()
+        axes.apply_aspect(locator(axes, renderer) if locator else None)
+
+
 def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
     """Return the width and height of the axes after layout, points."""
-    figure.draw_without_rendering()  # computes the layout
+    lay_out(figure)
     box = axes.get_window_extent()
     return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
 
@@ -252,7 +267,7 @@ def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
         before = axis.get_major_locator(), axis.get_major_formatter()
         axis.set_major_locator(FixedLocator(places))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
-        figure.draw_without_rendering()
+        lay_out(figure)
         if not crowded(axis):
             return
         axis.set_major_locator(before[0])
@@ -281,7 +296,7 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
     locator = axes.xaxis.get_major_locator()
     if not isinstance(locator, MaxNLocator):
         return
-    figure.draw_without_rendering()
+    lay_out(figure)
     for bins in range(4 if style.width_in < 5 else 7, 0, -1):  # from the number that ``few_ticks`` sets
         locator.set_params(nbins=bins)
         if not crowded(axes.xaxis):

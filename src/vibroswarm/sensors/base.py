@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from vibroswarm.core.displayed import html_view
+from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
@@ -194,12 +195,19 @@ class SensorModel(Plugin):
     def sensed(self, samples: Samples, p: BaseModel) -> Values:
         """Return what ``sense`` measures at samples of one run, (samples, numbers).
 
+        ``sense`` is given read-only arrays, whoever made them, so that a kernel that it calls is compiled once.
+
         Raises:
             CodeError: ``sense`` returned another shape, or numbers that are not finite.
         """
         assert self.sense is not None
+        arrays: dict[str, Any] = {
+            name: read_only(value)
+            for name, value in samples._asdict().items()
+            if isinstance(value, np.ndarray)
+        }
         with errors_in(self.code):
-            values = np.asarray(self.sense(samples, p), dtype=np.float64)
+            values = np.asarray(self.sense(samples._replace(**arrays), p), dtype=np.float64)
         shape = (samples.x_m.size, len(self.numbers(p)))
         if values.shape != shape or not np.isfinite(values).all():
             raise CodeError(
@@ -251,6 +259,12 @@ class SensorModel(Plugin):
         Raises:
             CodeError: the reading falls as u grows.
         """
+        if factors.tolist() == [1.0]:
+            return _shares_of_values(self, kind, p, getattr(p, "rms_threshold", None))
+        return self._shares_of(kind, factors, p)
+
+    def _shares_of(self, kind: int, factors: Values, p: BaseModel) -> Values:
+        """Compute ``shares_up_to``."""
         borders = range(1, self.number_of("readings", p))
         if self.measure is None:
             classes = self.classes(self.reference_values(p)[kind], p)
@@ -293,6 +307,18 @@ class SensorModel(Plugin):
             is_below = below(middle)
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
         return np.where(high_is_below, 1.0, np.where(low_is_below, low, 0.0))
+
+
+@lru_cache(maxsize=256)
+def _shares_of_values(model: SensorModel, kind: int, p: BaseModel, threshold: float | None) -> Values:
+    """Return ``SensorModel.shares_up_to`` with the factor 1; cached, because every run needs them.
+
+    Args:
+        threshold: that of ``p`` (``has_threshold``). It is no field of it, so parameters compare equal without it.
+    """
+    shares = model._shares_of(kind, np.ones(1), p)
+    shares.setflags(write=False)
+    return shares
 
 
 @lru_cache(maxsize=16)

@@ -96,11 +96,13 @@ class Store:
         return [f"{name}.json: {reason}" for name, reason in self.broken.items()]
 
     @classmethod
-    def existing(cls, folder: str | Path, study: Study) -> Store | None:
+    def existing(cls, folder: str | Path, study: Study, *, shards: bool = True) -> Store | None:
         """Open the store of this study if it exists, without writing anything.
 
         The store's study becomes ``study``: its number of runs or its name may differ from what the folder says.
 
+        Args:
+            shards: whether to read and check the shards too, which takes some milliseconds for each.
         Returns: None if the folder holds no store yet, and may become one.
         Raises:
             InputError: the folder holds something else, another study, or a study of another format.
@@ -108,7 +110,7 @@ class Store:
         folder = Path(folder)
         try:
             if has_manifest(folder):
-                store = cls.open(folder)
+                store = cls.open(folder, shards=shards)
                 if store.study.hash != study.hash:
                     raise InputError(_differences(store.study, study), field=str(folder))
                 store.study = study
@@ -117,7 +119,7 @@ class Store:
             # making the store. Such a folder is accepted.
             if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
                 if has_manifest(folder):  # another writer has written it since the check above
-                    return cls.existing(folder, study)
+                    return cls.existing(folder, study, shards=shards)
                 check_not_older(folder)
                 raise InputError(
                     "exists but is not a study; give the name of a new folder", field=str(folder)
@@ -146,9 +148,11 @@ class Store:
         return store
 
     @classmethod
-    def open(cls, folder: str | Path) -> Store:
+    def open(cls, folder: str | Path, *, shards: bool = True) -> Store:
         """Open the store in a folder and check its shards; shards that cannot be used are listed in ``broken``.
 
+        Args:
+            shards: as in ``existing``.
         Raises:
             InputError: the folder holds no study, a study of another format, or a damaged one.
         """
@@ -169,7 +173,8 @@ class Store:
                 field=str(folder),
             )
         store = cls(folder, study, hash=saved_hash)
-        store.refresh()
+        if shards:
+            store.refresh()
         return store
 
     def refresh(self) -> None:

@@ -29,6 +29,7 @@ Corners of a marker are always in the detector's order: top left, top right, bot
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -198,16 +199,25 @@ class _Seen:
             edge_px=float(at[-1]),
         )
 
-    def floor_errors(self, at: Floats) -> Floats:
-        """Return the errors of the floor's corners with the parameters ``at``, (points, 2), px.
+    @cached_property
+    def floor_outwards(self) -> Floats:
+        """``outwards`` of the floor's corners, (points, 2)."""
+        return outwards(self.floor_px.reshape(-1, 4, 2)).reshape(-1, 2)
+
+    @cached_property
+    def robots_outwards(self) -> Floats:
+        """``outwards`` of the corners of the robots' markers, (markers, 4, 2)."""
+        return outwards(self.robots_px)
+
+    def floor_errors(self, at: Floats, lens: Lens) -> Floats:
+        """Return the errors of the floor's corners with the parameters ``at`` and their lens, (points, 2), px.
 
         An error is the pixel to which the camera projects the corner minus the pixel where it was seen. The seen
         corners are first moved inwards, by the distance by which edges are seen too far outwards (the last parameter).
         """
-        lens = self.camera(at).lens
         projected, _ = opencv().projectPoints(self.floor_m, at[:3], at[3:6], lens.matrix, lens.distortion)
-        out = outwards(self.floor_px.reshape(-1, 4, 2)).reshape(-1, 2)
-        return np.asarray(projected.reshape(-1, 2) - (self.floor_px - at[-1] * out))
+        corners_px = self.floor_px - at[-1] * self.floor_outwards
+        return np.asarray(projected.reshape(-1, 2) - corners_px)
 
     def errors(self, at: Floats) -> Floats:
         """Return what the fit minimises with the parameters ``at``, (errors,): errors, and distances from the priors.
@@ -215,13 +225,13 @@ class _Seen:
         Each is divided by its standard deviation. Robots' markers are used only if the lens is fitted: the pose is
         determined by the floor's markers, whose places are known.
         """
-        parts = [self.floor_errors(at).ravel() / CORNER_PX, at[-1:] / EDGE_PX]
+        camera = self.camera(at)
+        parts = [self.floor_errors(at, camera.lens).ravel() / CORNER_PX, at[-1:] / EDGE_PX]
         if self.lens is None:
-            camera = self.camera(at)
             # Errors of squares are lengths, and are converted to px. The fit may try a camera below the robots: then
             # its height above them is taken as 1 mm.
             px_per_m = camera.lens.matrix[0, 0] / max(camera.position_m[2] - self.robot_height_m, 1e-3)
-            corners_px = self.robots_px - at[-1] * outwards(self.robots_px)
+            corners_px = self.robots_px - at[-1] * self.robots_outwards
             corners_m = camera.at_height(corners_px, self.robot_height_m)
             parts.append((square_errors(corners_m, self.robot_size_m) * px_per_m / CORNER_PX).ravel())
             lens_spreads = np.array([FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE, LENS_SPREAD, LENS_SPREAD])
@@ -308,7 +318,7 @@ def fit_camera(
         )
     found = min(fits, key=lambda fit: float(fit.cost))
     camera = seen.camera(found.x)
-    error_px = float(np.sqrt(np.mean(np.sum(seen.floor_errors(found.x) ** 2, axis=1))))
+    error_px = float(np.sqrt(np.mean(np.sum(seen.floor_errors(found.x, camera.lens) ** 2, axis=1))))
     is_below_robots = camera.position_m[2] <= robot_height_m
     if not np.isfinite(found.x).all() or is_below_robots or error_px > 0.02 * size_px[0]:
         raise InputError(
