@@ -12,12 +12,13 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
 
 from helpers.page_records import make_record
 from vibroswarm.core.jit import is_cached
 from vibroswarm.run_page.payload import RunRecord
 
-pytest_plugins = ["helpers.recordings", "helpers.browser", "helpers.page_browser"]
+pytest_plugins = ["helpers.numba_programs", "helpers.recordings", "helpers.browser", "helpers.page_browser"]
 
 os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
 
@@ -73,6 +74,15 @@ def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
         return whole(figure, kind, **how) if kind == "svg" else b"not drawn"
 
     monkeypatch.setattr(picture, "picture_bytes", drawn)
+
+
+@pytest.fixture
+def empty_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are made, with numbers and captions, and what is written of them is empty: for tests of all but them."""
+    from vibroswarm.plots import picture
+
+    empty = {"svg": picture.picture_bytes(Figure(figsize=(1, 1)), "svg")}
+    monkeypatch.setattr(picture, "picture_bytes", lambda figure, kind, **how: empty.get(kind, b"not drawn"))
 
 
 @pytest.fixture

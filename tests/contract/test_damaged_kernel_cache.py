@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import vibroswarm
+from helpers.numba_programs import NumbaPrograms
 from vibroswarm.core import kernel_cache
 from vibroswarm.core.jit import PLAIN
 from vibroswarm.core.kernel_cache import _Files
@@ -41,18 +40,14 @@ print(k.twice(2.0), k.thrice(2.0), sum(sum(one.stats.cache_hits.values()) for on
 class Started:
     """Programs that use two kernels, begun one after the other with a cache of their own."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.cache = folder, folder / "cache"
+    def __init__(self, folder: Path, programs: NumbaPrograms) -> None:
+        self.folder, self.cache, self.programs = folder, folder / "cache", programs
         (folder / "two_kernels.py").write_text(KERNELS, encoding="utf-8")
         (folder / "call.py").write_text(CALL, encoding="utf-8")
 
     def __call__(self) -> tuple[int, str]:
         """How many of the two came from the cache, and what was said; both give what they should."""
-        cache = str(self.cache)
-        env = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
-        done = subprocess.run(
-            [sys.executable, "call.py"], cwd=self.folder, env=env, capture_output=True, text=True, timeout=120
-        )
+        done = self.programs.run(self.folder / "call.py", cache=self.cache)
         assert done.returncode == 0, done.stderr
         *numbers, hits = done.stdout.split()
         assert numbers == ["4.0", "6.0"]
@@ -63,9 +58,9 @@ class Started:
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Started:
+def kept(tmp_path_factory: pytest.TempPathFactory, numba_programs: NumbaPrograms) -> Started:
     """Both kernels are kept, with a copy of the cache beside it."""
-    made = Started(tmp_path_factory.mktemp("kernels"))
+    made = Started(tmp_path_factory.mktemp("kernels"), numba_programs)
     assert made() == (0, "")
     assert made() == (2, ""), "kept"
     assert len(made.files(".nbi")) == len(made.files(".nbc")) == 2
@@ -76,8 +71,11 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Started:
 OF_PACKAGE = "from vibroswarm.core.jit import signed; print(signed(3), dict(signed.stats.cache_hits))"
 
 
-def test_another_installation_of_the_same_sources_uses_the_same_kernels(tmp_path: Path) -> None:
-    source, cache = Path(vibroswarm.__file__).parent, tmp_path / "cache"
+def test_another_installation_of_the_same_sources_uses_the_same_kernels(
+    tmp_path: Path, numba_programs: NumbaPrograms
+) -> None:
+    source, program = Path(vibroswarm.__file__).parent, tmp_path / "program.py"
+    program.write_text(OF_PACKAGE, encoding="utf-8")
     for name in ("here", "there"):
         shutil.copytree(source, tmp_path / name / source.name, ignore=shutil.ignore_patterns("__pycache__"))
     said = []
@@ -85,14 +83,9 @@ def test_another_installation_of_the_same_sources_uses_the_same_kernels(tmp_path
         if said[1:]:  # the negative control: other sources have kernels of their own
             with (tmp_path / name / source.name / "core" / "ticks.py").open("a", encoding="utf-8") as changed:
                 changed.write("# another line\n")
-        env = os.environ | {
-            "PYTHONPATH": str(tmp_path / name),
-            "XDG_CACHE_HOME": str(cache),
-            "HOME": str(cache),
-        }
-        done = subprocess.run(
-            [sys.executable, "-c", OF_PACKAGE], env=env, capture_output=True, text=True, check=True
-        )
+        env = os.environ | {"PYTHONPATH": str(tmp_path / name)}
+        done = numba_programs.run(program, cache=tmp_path / "cache", env=env)
+        assert done.returncode == 0, done.stderr
         said.append(done.stdout.split(maxsplit=1))
     assert [value for value, _ in said] == ["3", "3", "3"]
     assert [hits.strip() == "{}" for _, hits in said] == [True, False, True]
@@ -213,8 +206,8 @@ def test_a_folder_of_another_user_is_not_used(started: Started) -> None:
 
 
 @needs_modes
-def test_folders_are_made_for_the_user_alone(tmp_path: Path) -> None:
-    started = Started(tmp_path)
+def test_folders_are_made_for_the_user_alone(tmp_path: Path, numba_programs: NumbaPrograms) -> None:
+    started = Started(tmp_path, numba_programs)
     before = os.umask(0)
     try:
         assert started() == (0, "")
@@ -245,10 +238,10 @@ def test_a_source_that_changes_while_it_is_imported_is_not_kept(started: Started
 
 @pytest.mark.parametrize("changes", [True, False])
 def test_a_kernel_declared_after_a_source_has_changed_is_not_kept_either(
-    tmp_path: Path, changes: bool
+    tmp_path: Path, changes: bool, numba_programs: NumbaPrograms
 ) -> None:
     """It may call the changed source; where nothing changes, it is kept."""
-    started = Started(tmp_path)
+    started = Started(tmp_path, numba_programs)
     imports = "from two_kernels import twice\nfrom vibroswarm.core.jit import kernel\n\n"
     later = imports + "@kernel\ndef four(x):\n    return twice(twice(x))\n"
     (tmp_path / "later.py").write_text(later, encoding="utf-8")

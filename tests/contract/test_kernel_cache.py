@@ -7,7 +7,6 @@ rows; a third process that loads both would run the wrong one.
 
 from __future__ import annotations
 
-import ast
 import gc
 import os
 import subprocess
@@ -19,6 +18,8 @@ from pathlib import Path
 import pytest
 
 import vibroswarm.core.jit
+from helpers.numba_programs import NumbaPrograms
+from helpers.sources import source_of
 from vibroswarm.core.jit import LAYERS_ABOVE, PLAIN
 
 BESIDE = ("__init__.py", "__main__.py", "inspection")
@@ -172,16 +173,13 @@ print(both(2.0), deep(2.0))
 
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 @pytest.mark.parametrize("version", ["known", "another"])
-def test_a_kernel_is_compiled_with_all_that_it_calls(version: str, tmp_path: Path) -> None:
+def test_a_kernel_is_compiled_with_all_that_it_calls(
+    version: str, tmp_path: Path, numba_programs: NumbaPrograms
+) -> None:
     """Also a part that its first caller never calls; and by a version of Numba whose inner parts are not known."""
     (tmp_path / "parts.py").write_text(PARTS, encoding="utf-8")
-    cache = str(tmp_path / "cache")
-    environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
     for _ in ("compiled", "from the cache"):
-        done = subprocess.run(
-            [sys.executable, str(tmp_path / "parts.py"), version],
-            env=environment, capture_output=True, text=True, check=True, timeout=120,
-        )  # fmt: skip
+        done = numba_programs.run(tmp_path / "parts.py", version, cache=tmp_path / "cache")
         assert done.stdout.split() == ["9.0", "6.0"]
     saved = {path.name.split("-")[0] for path in tmp_path.rglob("parts.*.nbc")}
     assert saved == {"parts.both"}
@@ -191,16 +189,13 @@ def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it
     package = Path(vibroswarm.__file__).parent
     for source in package.rglob("*.py"):
         above = source.relative_to(package).parts[0] in LAYERS_ABOVE
-        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.ImportFrom) or node.module is None:
-                continue
-            names = {alias.name for alias in node.names}
+        for module, names in source_of(source).imports:
             if above:
                 assert not names & {"kernel", "inner", "inlined", "allocating_kernel", "numba", "njit"}, (
                     source
                 )
             elif source.relative_to(package).parts[0] not in BESIDE:
-                assert not any(node.module.startswith(f"vibroswarm.{room}") for room in LAYERS_ABOVE), source
+                assert not any(module.startswith(f"vibroswarm.{room}") for room in LAYERS_ABOVE), source
 
 
 def test_threads_that_compile_at_once_leave_the_users_settings() -> None:

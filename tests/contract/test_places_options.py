@@ -100,7 +100,7 @@ def test_bytes_of_messages_are_counted(option: str, values: dict[str, Any], size
 def test_energies_are_computed_for_who_reads_them_and_bits_stay() -> None:
     result = simulate(of(TRUE, "energies"), SEED, [0], energies=False)
     assert result.observations["energy"].null_count() == 0
-    without = simulate(TRUE, SEED, [0], energies=False)
+    without = simulate(of(TRUE, "draws"), SEED, [0], energies=False)
     assert without.observations["energy"].null_count() == without.observations.height
     assert result.observations["observation"].equals(without.observations["observation"])
     again = replay(without, of(TRUE, "map"))

@@ -105,7 +105,7 @@ def test_a_process_that_dies_is_replaced(alone: StudyResult, tmp_path: Path) -> 
         killed.append(process.pid)
         process.kill()
 
-    result = STUDY.run(tmp_path / "s", executor="processes", workers=2, progress=once_done(0.2, kill_one))
+    result = STUDY.run(tmp_path / "s", executor="processes", workers=1, progress=once_done(0.2, kill_one))
     assert killed
     assert result.store.failures == []
     assert_same(result, alone)
@@ -139,7 +139,7 @@ def test_processes_that_die_while_they_look_whether_to_stop_block_nobody(tmp_pat
 
 @pytest.mark.slow
 def test_a_dask_worker_is_killed_in_the_middle(alone: StudyResult, tmp_path: Path) -> None:
-    with Cluster(tmp_path, 3) as cluster:
+    with Cluster(tmp_path, 2) as cluster:
         progress = once_done(0.2, cluster.workers[1].kill)
         result = STUDY.run(tmp_path / "s", executor=str(cluster.scheduler_file), progress=progress)
         assert cluster.workers[1].poll() == -signal.SIGKILL

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.robot.walk import AVOID, DRIVE
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
@@ -64,20 +63,12 @@ def blind_spans(blind_ms: float | None) -> list[float]:
         {"arena.width_m": 0.2, "arena.height_m": 0.2, "swarm.robots": 1, "walk.blind_after_turn_ms": blind_ms,
          "sample.sample_interval_ms": 1e6, "walk.leg_min_ms": 1e8, "walk.leg_max_ms": 1e8, "run.t_end_s": 100.0}
     )  # fmt: skip
-    run = FixedStepRun(scenario, 4, 0)
-    modes = []
-    for tick in range(1, 4500):
-        run.advance(tick * 0.02)
-        modes.append(int(run.swarm["mode"][0]))
-    spans, count, after = [], 0, False
-    for before, now in pairwise(modes):
-        if before == AVOID and now == DRIVE:
-            count, after = 0, True
-        if now == DRIVE:
-            count += 1
-        if now == AVOID and before == DRIVE and after:
-            spans.append(count * 0.02)
-    return spans
+    paths = simulate(scenario, 4, 1, motion="fixed-step", segments=True).segments
+    assert paths is not None
+    modes = paths.filter(pl.col("kind") != pl.col("kind").shift(1, fill_value=""))
+    before, after = (modes["kind"].shift(by) == "avoid" for by in (1, -1))
+    lasted_s = modes["start_s"].shift(-1) - modes["start_s"]
+    return lasted_s.filter(before & after & (modes["kind"] == "drive")).to_list()
 
 
 def test_after_a_turn_no_ray_is_heeded_for_so_long() -> None:

@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ BLOCK = re.compile(
 )
 
 SMALL = {
+    "inspect --plan": ["--runs", "4", "--plates", "10", "--minutes", "5"],
     "evaluate merge": ["--no-pictures"],
     "evaluate tradeoff": ["--runs", "4"],
     "league tune": ["--runs", "2", "--patterns", "stripe", "--strategy", "none,soft", "--points", "4"],
@@ -111,6 +113,37 @@ def small(command: list[str]) -> list[str]:
             kept.append(word)
         skip = word in dropped and not word.startswith("--no-")
     return kept + changes
+
+
+def repeats(document: Path, line: str, after: str) -> bool:
+    """Whether a command is run, as small and with the same files, for a document before this one, and nothing uses it.
+
+    Args:
+        after: the rest of the document, which may use what the command writes.
+    """
+    command = command_of(line)
+    if command is None or any(re.search(r"\.\w+(:|$)", word) for word in command if "examples/" not in word):
+        return False  # files of the reader's own differ from document to document
+    before = DOCUMENTS[: DOCUMENTS.index(document)]
+    written = re.search(r"--out (\S+)", line)
+    is_used = written is not None and written[1] in after
+    return not is_used and any(_without_out(command) in _alone(one) for one in before)
+
+
+@cache
+def _alone(document: Path) -> list[list[str]]:
+    """The commands of a document's ``sh`` blocks that read nothing that another of them has written, small."""
+    lines = [line for block in blocks(document, "sh") if block.is_run for line in shell_lines(block.text)]
+    folders = {found[1] for line in lines if (found := re.search(r"--out (\S+)", line))}
+    commands = [_without_out(command) for line in lines if (command := command_of(line))]
+    return [command for command in commands if not folders & set(command)]
+
+
+def _without_out(command: list[str]) -> list[str]:
+    """The command, small, wherever it writes."""
+    words = small(command)
+    k = words.index("--out") if "--out" in words else len(words)
+    return words[:k] + words[k + 2 :]
 
 
 def lay_out(folder: Path) -> None:

@@ -64,6 +64,7 @@ def test_a_good_video_is_tracked(folder: Path, tmp_path: Path, name: str) -> Non
     assert np.abs(table["heading_rad"] - np.pi / 2).max() < 0.05  # type: ignore[operator]
 
 
+@pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize("degrees", [90, 180, 270])
 @pytest.mark.parametrize("by", ["pixels", "flag"])
 def test_a_turned_camera_gives_the_same_places(folder: Path, tmp_path: Path, degrees: int, by: str) -> None:
@@ -87,6 +88,7 @@ def test_a_mirrored_picture_is_refused(folder: Path, tmp_path: Path, capsys: Any
     assert "shows none of the robots' markers" in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_uneven_frames_have_the_times_of_the_file(folder: Path, tmp_path: Path, capsys: Any) -> None:
     whole = (folder / "good.mp4").read_bytes()
     usual = boxes.units_per_s(whole) // 10
@@ -139,6 +141,7 @@ def test_what_cannot_be_used_is_refused_in_a_sentence(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_what_is_there_of_a_truncated_video_is_used_if_asked(folder: Path, tmp_path: Path) -> None:
     whole = (folder / "good.avi").read_bytes()
     (tmp_path / "half.avi").write_bytes(whole[: int(0.7 * len(whole))])
@@ -172,6 +175,7 @@ def test_a_video_without_markers_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_interrupted_it_leaves_nothing_half_written(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,14 @@ from polars.testing import assert_frame_equal
 from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
-from vibroswarm.cli import main
+from vibroswarm.cli import lab_track, main
 from vibroswarm.documents.tracking import tracking_document
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.show.page import write_page
 from vibroswarm.tracking.camera import square_of
 from vibroswarm.tracking.markers import read_markers, usual_markers
-from vibroswarm.tracking.track import track
+from vibroswarm.tracking.track import Tracking, track
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
@@ -43,6 +44,28 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "floor.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
     write_rehearsal(result, folder / "v.avi", ROBOTS, LOOK, clock_offset_s=OFFSET_S, chessboard=True)
     return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tracked_once() -> Iterator[None]:
+    """The same video with the same settings is tracked once; what commands do with it is done each time."""
+    track_it, kept = lab_track._tracking, {}
+
+    def once(video: Path, *how: Any, **more: Any) -> Tracking:
+        key = f"{video} {video.stat().st_mtime_ns} {how} {more}"
+        if key not in kept:
+            kept[key] = track_it(video, *how, **more)
+        return kept[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lab_track, "_tracking", once)
+        yield
+
+
+@pytest.fixture(scope="module")
+def tracked(session: Path) -> Tracking:
+    """What is seen in the video with the markers of its file, and by its own lens."""
+    return track(session / "v.avi", read_markers(session / "v.markers.toml"))
 
 
 def errors_mm(session: Path, positions: pl.DataFrame) -> np.ndarray[Any, Any]:
@@ -109,10 +132,9 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
 
 @pytest.mark.parametrize(("width", "scheme"), [(400, "light"), (1400, "dark")])
 def test_the_review_page_answers_and_fits(
-    browser: Any, session: Path, tmp_path: Path, width: int, scheme: str
+    browser: Any, tracked: Tracking, tmp_path: Path, width: int, scheme: str
 ) -> None:
-    seen = track(session / "v.avi", read_markers(session / "v.markers.toml"))
-    write_page(tmp_path / "review.html", tracking_document(seen))
+    write_page(tmp_path / "review.html", tracking_document(tracked))
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
     page = context.new_page()
     noise: list[str] = []
@@ -129,10 +151,9 @@ def test_the_review_page_answers_and_fits(
     context.close()
 
 
-def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path) -> None:
+def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path, tracked: Tracking) -> None:
     """Controls: the same video without the markers' height, and by the video's own lens."""
-    markers = read_markers(session / "v.markers.toml")
-    own = track(session / "v.avi", markers)
+    markers, own = read_markers(session / "v.markers.toml"), tracked
     assert np.quantile(errors_mm(session, own.positions), 0.95) < 6.0
     seen = np.isfinite(own.detections.corners_px).all(axis=(2, 3))
     flat, _ = square_of(own.camera.at_height(own.detections.corners_px[seen], 0.0))

@@ -11,7 +11,8 @@ folder of their own, which holds a copy of examples/ and the files of ``helpers.
 | ``toml`` | read as what it is: scenario, study, search, or column map |
 | ``text``, ``math`` | nothing: something to look at |
 
-Commands in the ``sh`` blocks of README.md are only parsed here: ``test_installed.py`` runs them, from the wheel.
+Commands in the ``sh`` blocks of README.md are only parsed here: ``test_installed.py`` runs them, from the wheel. So
+are commands that a document before this one runs with the same words and files (``helpers.documents.repeats``).
 
 ``# name.toml`` (``.py``, ``.txt``) at the head of a block makes it that file for the blocks after it.
 
@@ -45,14 +46,18 @@ from helpers.documents import (
     command_of,
     exchanges,
     lay_out,
+    repeats,
     shell_lines,
     small,
 )
 from vibroswarm import cli
 from vibroswarm.cli import commands
+from vibroswarm.documents import study
 from vibroswarm.errors import InputError
 
 KINDS = ("python", "console", "sh", "toml", "text", "math")
+PLOTTED = "robots_wrong"
+"""The picture that docs/studies.md plots."""
 OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}", "{raw}")
 
 
@@ -110,12 +115,17 @@ def test_every_block_says_what_it_is(document):
 @pytest.mark.usefixtures("svg_alone")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_the_code_runs(document, here, monkeypatch, request):
-    if document.name != "studies.md":  # it draws pictures by name
-        request.getfixturevalue("one_picture")  # test_installed.py and test_cli_reports.py draw all
+    if document.name == "studies.md":  # of all pictures of its study it plots one by name
+        whole = study.outcome_figures
+        monkeypatch.setattr(
+            study, "outcome_figures", lambda outcome: [one for one in whole(outcome) if one.name == PLOTTED]
+        )
+    request.getfixturevalue("one_picture")  # test_installed.py and test_cli_reports.py draw all
     main_module = ModuleType("__main__")  # what is typed in there can be found by its name
     monkeypatch.setitem(sys.modules, "__main__", main_module)
     names: dict[str, object] = vars(main_module)
-    for block in blocks(document, *KINDS):
+    found = blocks(document, *KINDS)
+    for number, block in enumerate(found):
         named = re.match(r"# (\S+\.\w+)\n", block.text)
         if named:
             (here / named[1]).write_text(block.text, encoding="utf-8")
@@ -131,8 +141,11 @@ def test_the_code_runs(document, here, monkeypatch, request):
         elif block.kind == "sh":
             if document.name == "README.md":
                 block = block._replace(why_not="test_installed.py runs it, from the wheel")
-            for line in shell_lines(block.text):
-                check_line(line, block, monkeypatch)
+            lines = shell_lines(block.text)
+            later = [other.text for other in found[number + 1 :]]
+            for place, line in enumerate(lines, start=1):
+                after = "\n".join([*lines[place:], *later])
+                check_line(line, block, is_run_before=repeats(document, line, after))
 
 
 def check_toml(block: Block, folder: Path) -> None:
@@ -151,11 +164,11 @@ def check_exchange(line: str, shown: str, block: Block) -> None:
         assert same_words(said, shown), f"{line}\n(exit code {code})\n{said}{besides}"
 
 
-def check_line(line: str, block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
+def check_line(line: str, block: Block, is_run_before: bool) -> None:
     command = command_of(line)
     if command is not None:
         assert understood(command), line
-        if block.is_run:
+        if block.is_run and not is_run_before:
             code, said, besides = run(small(command))
             assert code == 0, f"{line}\n{said}{besides}"
     script = re.match(r"(\S*/)?python3? (?!-)(\S+)(.*)", line)
@@ -198,6 +211,16 @@ def test_the_checks_of_blocks_can_fail(here):
     with pytest.raises(InputError):
         read_as_what_it_is('[strategy]\nname = "loud"\n', here)
     assert run(["run", "--nothing"])[0] == 2
+
+
+def test_only_commands_that_are_run_alike_elsewhere_are_left_out():
+    line = "vibroswarm optimize --out out/mine --budget 3000"
+    assert repeats(DOCS / "tutorial.md", line, "nothing")  # the README has it, with another folder
+    assert not repeats(ROOT / "README.md", line, "nothing")
+    assert not repeats(DOCS / "tutorial.md", line, "vibroswarm show out/mine")
+    assert not repeats(DOCS / "tutorial.md", line + " --noise fixed", "nothing")
+    assert not repeats(DOCS / "tutorial.md", "vibroswarm lab threshold lab", "nothing")  # of another folder
+    assert not repeats(DOCS / "tutorial.md", "vibroswarm evaluate study.toml --out out/study", "nothing")
 
 
 def test_the_example_of_the_pictures_names_all_of_them():

@@ -32,7 +32,7 @@ def of_the_documentation() -> str:
     (block,) = re.findall(
         r"^```python\n(.*?ProcessPoolExecutor.*?)^```$", text, flags=re.DOTALL | re.MULTILINE
     )
-    return str(block).replace("(8,", "(2,")
+    return str(block).replace("(8,", "(1,")
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -35,35 +36,30 @@ def check(folder: Path, plain: Path, text: str) -> None:
         assert {name for name, _ in hostile.attributes} <= {name for name, _ in harmless.attributes}
 
 
-def study(folder: Path, text: str) -> Path:
-    """A study whose title, labels, floor and file are called so."""
-    path = folder / f"{in_a_file_name(text)}.toml"
-    name = json.dumps(text)
+def evaluated(folder: Path, texts: Sequence[str]) -> Path:
+    """The outcome of a study in whose title and file all of these texts are, and whose labels and floors are these."""
+    title, out = " ".join(texts), folder / "out"
+    path = folder / f"{in_a_file_name(title)}.toml"
+    floors = [f"{json.dumps(text)} = {json.dumps(ROWS)}\n" for text in texts]
+    cells = [f'[[list]]\nlabel = {json.dumps(text)}\n"strategy.name" = "none"\n' for text in texts]
     path.write_text(
-        f"name = {name}\nruns = 4\n[scenario]\nrun.t_end_s = 60.0\nswarm.robots = 2\n"
-        f"[floors]\n{name} = {json.dumps(ROWS)}\n"
-        f'[[list]]\nlabel = {name}\n"strategy.name" = "none"\n[[list]]\nlabel = "b"\n"strategy.name" = "soft"\n'
-        f'[grid]\n"floor.source" = [{name}, "random:0.2"]\n',
+        f"name = {json.dumps(title)}\nruns = 4\n[scenario]\nrun.t_end_s = 60.0\nswarm.robots = 2\n"
+        f"[floors]\n{''.join(floors)}{''.join(cells)}"
+        f'[grid]\n"floor.source" = {json.dumps(list(texts))}\n',
         encoding="utf-8",
     )
-    return path
-
-
-def evaluated(folder: Path, text: str) -> Path:
-    """The outcome of a study whose texts are this one."""
-    out = folder / "out"
-    assert main(["evaluate", str(study(folder, text)), "--no-confirm", "-q", "--out", str(out)]) == 0
+    assert main(["evaluate", str(path), "--no-confirm", "-q", "--out", str(out)]) == 0
     return out
 
 
-@pytest.fixture(scope="module")
-def plain_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return evaluated(tmp_path_factory.mktemp("plain"), "name")
-
-
-@pytest.mark.parametrize("text", TEXTS)
-def test_a_study(tmp_path: Path, plain_study: Path, text: str) -> None:
-    check(evaluated(tmp_path, text), plain_study, text)
+@pytest.mark.usefixtures("svg_alone")
+def test_a_study(tmp_path: Path) -> None:
+    (tmp_path / "hostile").mkdir()
+    (tmp_path / "plain").mkdir()
+    hostile = evaluated(tmp_path / "hostile", TEXTS)
+    plain = evaluated(tmp_path / "plain", ["name", "another", "a third"])
+    for text in TEXTS:
+        check(hostile, plain, text)
 
 
 @pytest.mark.parametrize("text", TEXTS)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 import tarfile
 import venv
 import zipfile
+from collections.abc import Iterable, Iterator
+from email import message_from_bytes
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from helpers.documents import ROOT, blocks, command_of, exchanges, lay_out, shell_lines, small
 
@@ -33,18 +38,38 @@ def tracked() -> list[str]:
     return [name for name in listed if (ROOT / name).is_file()]
 
 
-def environment(folder: Path, *packages: str | Path) -> Path:
-    """The Python of a new virtual environment with these packages."""
-    venv.create(folder, with_pip=True)
+def environment(folder: Path, *packages: str | Path, dependencies: bool = True) -> Path:
+    """The Python of a new virtual environment with these packages, put there by the pip of this one."""
+    venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
     # What is imported is compiled then; of all libraries whole, pip would compile ten times as much.
     options = ["--quiet", "--disable-pip-version-check", "--no-compile"]
-    line = [python, "-m", "pip", "install", *options, *packages]
+    options += [] if dependencies else ["--no-deps"]
+    line = [sys.executable, "-m", "pip", "--python", python, "install", *options, *packages]
     done = subprocess.run(line, capture_output=True, text=True, check=False)
     if "Failed to establish a new connection" in done.stderr:
         pytest.skip("packages cannot be downloaded here")
     assert done.returncode == 0, done.stderr
     return python
+
+
+def stated(requirements: Iterable[str], extra: str = "") -> Iterator[metadata.Distribution]:
+    """The installed libraries that fulfil requirements, and those that these require."""
+    for requirement in map(Requirement, requirements):
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
+            continue
+        library = metadata.distribution(requirement.name)
+        assert requirement.specifier.contains(library.version, prereleases=True), requirement
+        yield library
+        for of_extra in ("", *requirement.extras):
+            yield from stated(library.requires or (), of_extra)
+
+
+def link(library: metadata.Distribution, site: Path) -> None:
+    """Give an environment a library of this one, instead of downloading and compiling it again."""
+    for name in {path.parts[0] for path in library.files or () if ".." not in path.parts}:
+        if not (site / name).exists() and name != "__pycache__":
+            (site / name).symlink_to(Path(str(library.locate_file(name))).resolve())
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +109,31 @@ def test_sdist_and_wheel_hold_every_tracked_file_of_the_package_and_no_other(
 
 @pytest.fixture(scope="module")
 def installed(built: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Python of an environment with the wheel alone."""
-    return environment(tmp_path_factory.mktemp("an environment") / "of its own", built[1])
+    """The Python of an environment with the wheel and the libraries that it states, and no other.
+
+    The libraries are those that the checkout was installed with, from the same statement.
+    """
+    python = environment(
+        tmp_path_factory.mktemp("an environment") / "of its own", built[1], dependencies=False
+    )
+    (site,) = (python.parents[1] / "lib").glob("python*/site-packages")
+    for library in stated(requirements_of(built[1])):
+        link(library, site)
+    called(sys.executable, "-m", "pip", "--python", python, "check", cwd=site)
+    return python
+
+
+def requirements_of(wheel: Path) -> list[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return message_from_bytes(archive.read(name)).get_all("Requires-Dist", [])
+
+
+def test_what_the_wheel_does_not_state_is_not_there(installed: Path, here: Path) -> None:
+    """Control: libraries of extras and of the tests cannot be imported."""
+    for name in ("sklearn", "mujoco", "cv2", "pytest"):
+        look = f"import importlib.util, sys; sys.exit(importlib.util.find_spec({name!r}) is not None)"
+        called(installed, "-c", look, cwd=here)
 
 
 @pytest.fixture

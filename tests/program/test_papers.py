@@ -16,7 +16,17 @@ PAPERS = Path(__file__).parents[2] / "examples" / "papers"
 @pytest.mark.slow
 def test_cross_inhibition_makes_agreements_last(tmp_path: Path) -> None:
     study, out = PAPERS / "zakir-2022" / "study.toml", tmp_path / "zakir"
-    command = ["evaluate", str(study), "--trust", "--no-confirm", "--runs", "30", "--out", str(out)]
+    command = [
+        "evaluate",
+        str(study),
+        "--trust",
+        "--no-confirm",
+        "--no-pictures",
+        "--runs",
+        "30",
+        "--out",
+        str(out),
+    ]
     assert main(command) == 0
     summary = StudyResult.open(out).summary().filter(pl.col("strategy.opinions.asocial") == 0.05)
     lasted = dict(

@@ -67,7 +67,7 @@ def test_worker_processes(flag, hostile):
     if not flag:
         (hostile / "vibroswarm.py").unlink()
     done = ran(
-        hostile, *flag, "-m", "vibroswarm", "evaluate", "--executor", "processes", "--workers", "2", "--runs", "4",
+        hostile, *flag, "-m", "vibroswarm", "evaluate", "--executor", "processes", "--workers", "1", "--runs", "4",
         "--robots", "2", "--set", "run.t_end_s=30", "--no-confirm", "--no-pictures",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -77,7 +77,7 @@ SCRIPT = """
 from vibroswarm import Study, preset
 if __name__ == "__main__":
     short = preset("text").with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
-    print(Study.of(short, runs=4, seed=1).run(executor="processes", workers=2).runs().height)
+    print(Study.of(short, runs=4, seed=1).run(executor="processes", workers=1).runs().height)
 """
 
 

@@ -9,10 +9,13 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 
+from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
 from vibroswarm.motion.source import Motion, source
+from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import simulate
+from vibroswarm.simulation import floors_of, simulate
 
 pytest.importorskip("mujoco")
 
@@ -20,7 +23,8 @@ SEED = 22
 ROBOTS = Scenario().with_values(
     {"strategy.name": "places", "localisation.method": "mixture", "run.t_end_s": 600.0}
 )
-RUNS = {"event": 24, "mujoco-planar": 12, "mujoco": 24}
+RUNS = {"event": 24, "mujoco-planar": 12, "mujoco": 12}
+"""On wheels the ratio is 2.26, 16 % between runs: 12 runs keep the margin with 9 of 10 seeds."""
 MARGIN = {"mujoco-planar": 0.2, "mujoco": 1.6}
 """How much larger than the event engine's the median error may be: no point of a robot on wheels is held in turns."""
 
@@ -60,9 +64,20 @@ def test_places_are_as_near_as_the_event_engines(motion: str) -> None:
         assert ratio_limit(errors_by_run(motion, **wrong), expected) > 1.0 + MARGIN[motion]
 
 
-@pytest.mark.parametrize("motion", ["mujoco-planar", pytest.param("mujoco", marks=pytest.mark.slow)])
-def test_places_judges_the_floor_by_them(motion: str) -> None:
-    """On a floor far from the boundary; a swarm that is told the wrong places would be undecided for long."""
-    result = simulate(ROBOTS.with_values({"floor.source": "random:0.32"}), SEED, range(3), motion=motion)
+FAR = ROBOTS.with_values({"floor.source": "random:0.32"})
+"""A floor far from the boundary; a swarm that is told the wrong places would be undecided for long."""
+
+
+def test_places_judges_the_floor_by_them() -> None:
+    result = simulate(FAR, SEED, range(3), motion="mujoco-planar")
     assert result.places is not None
     assert (result.robots["decision"] == 0).mean() > 0.8
+
+
+@pytest.mark.slow
+def test_places_judges_the_floor_by_those_of_wheels() -> None:
+    """Of the motion that the test above looks at, which does not depend on the floor."""
+    floors = floors_of(FAR, SEED, list(range(RUNS["mujoco"])))
+    bits = observe(FAR, SEED, moved("mujoco").samples, floors, energies=False)["observation"].to_numpy()
+    found = replay_to_end(FAR, SEED, timeline_of(FAR, moved("mujoco")), bits)
+    assert (found.agents["decision"] == 0).mean() > 0.8

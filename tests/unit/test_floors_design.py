@@ -106,7 +106,7 @@ def test_on_small_floors_all_that_can_be_had_is_found(rows, columns, ones):
     for moran, wanted in there[:: max(1, len(there) // 12)]:
         made = make_floor(rows, columns, fill, moran, wanted)
         assert made.reached, (moran, wanted)
-    for moran, wanted in itertools.product((-0.9, -0.35, 0.0, 0.3, 0.8), (0.0, 0.25, 0.6, 1.0)):
+    for moran, wanted in itertools.product((-0.9, 0.0, 0.3), (0.0, 0.6, 1.0)):
         nearest = np.abs(there - (moran, wanted)).max(axis=1).min()
         made = make_floor(rows, columns, fill, moran, wanted)
         assert made.reached == (nearest <= TOLERANCE), (moran, wanted)

@@ -431,7 +431,7 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     line = [*SMALL[:-1], f"none,{code}:guess"]
     vary = ["--vary", "guess:strategy.guess.answer=0,1"]
     assert (
-        main(["league", *FEW, *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "2"])
+        main(["league", *FEW, *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "1"])
         == 0
     )
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["tables"]["standings"]}
@@ -469,7 +469,7 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
 
 
 def test_what_guesses_plays_only_when_named(capsys: pytest.CaptureFixture[str]) -> None:
-    small = [*FEW, *SMALL[:-2], *QUICK]
+    small = ["--belief-runs", "0", "--fault-runs", "0", *SMALL[:-2], *QUICK]
     assert main(["league", *small]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert f"because they guess on these floors: {', '.join(GUESSING[:-1])} and {GUESSING[-1]}." in said

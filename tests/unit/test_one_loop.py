@@ -5,11 +5,11 @@ Everything else lists cells and gives them to ``study.run``; a module that needs
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterator
 from pathlib import Path
 
 import vibroswarm
+from helpers.sources import source_of
 
 ROOT = Path(vibroswarm.__file__).parent
 SIMULATE = {
@@ -66,14 +66,8 @@ SHARING = {
 
 def imported(path: Path, wanted: dict[str, set[str]]) -> set[str]:
     """Names of ``wanted`` that a module imports, wherever in it."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return {
-        alias.name
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and node.module in wanted
-        for alias in node.names
-        if alias.name in wanted[str(node.module)]
-    }
+    found = (names & wanted[module] for module, names in source_of(path).imports if module in wanted)
+    return set().union(*found)
 
 
 FILES = {"read_parquet", "scan_parquet", "write_parquet", "read_parquet_metadata"}
@@ -82,8 +76,7 @@ FILES = {"read_parquet", "scan_parquet", "write_parquet", "read_parquet_metadata
 
 def called(path: Path, wanted: set[str]) -> bool:
     """Whether a module names an attribute of ``wanted``."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return any(isinstance(node, ast.Attribute) and node.attr in wanted for node in ast.walk(tree))
+    return not wanted.isdisjoint(source_of(path).attributes)
 
 
 def modules() -> Iterator[tuple[str, Path]]:

@@ -88,7 +88,7 @@ def test_different_numbers_are_told_apart(values: list[float]) -> None:
     assert len(set(found)) == len(points)
 
 
-@pytest.mark.usefixtures("svg_alone")
+@pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize("vary", [SAME_LABEL, TWICE], ids=["label", "twice"])
 def test_a_report_comes_of_it(
     vary: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]

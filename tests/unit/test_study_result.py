@@ -142,6 +142,7 @@ def test_without_a_folder_it_lasts_as_long_as_the_result(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_study_without_samples_has_a_report_without_their_pictures(tmp_path: Path) -> None:
     """Its runs end before any robot samples."""
     result = Study.of(SHORT.with_values({"run.t_end_s": 0.5}), 3).run()

@@ -1,0 +1,35 @@
+"""What the package's source files import and name, each text parsed once in a process."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Source(NamedTuple):
+    """What a source file refers to, wherever in it."""
+
+    imports: tuple[tuple[str, frozenset[str]], ...]
+    """Modules of its ``from ... import`` statements, each with the names."""
+    attributes: frozenset[str]
+    """Names after a dot."""
+
+
+def source_of(path: Path) -> Source:
+    """Return what a source file refers to."""
+    return _source(path.read_text(encoding="utf-8"))
+
+
+@cache
+def _source(text: str) -> Source:
+    nodes = list(ast.walk(ast.parse(text)))
+    return Source(
+        tuple(
+            (node.module, frozenset(alias.name for alias in node.names))
+            for node in nodes
+            if isinstance(node, ast.ImportFrom) and node.module is not None
+        ),
+        frozenset(node.attr for node in nodes if isinstance(node, ast.Attribute)),
+    )
