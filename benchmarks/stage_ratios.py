@@ -103,6 +103,12 @@ def tasks() -> Iterable[tuple[str, int, Callable[[], object]]]:
     seen = observe(scenario, SEED, motion.samples, floors, energies=False)
     read = seen["observation"].to_numpy()
     yield "observation", RUNS, partial(observe, scenario, SEED, motion.samples, floors, energies=False)
+    shaken = scenario.with_values({"sensor.model": "acceleration"})
+    yield (
+        "observation, acceleration",
+        RUNS,
+        partial(observe, shaken, SEED, motion.samples, floors, energies=True),
+    )
     yield "localisation", RUNS, partial(locate, located, SEED, motion)
     for name in shown():
         decided = scenario.with_values({"strategy.name": name})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import polars as pl
@@ -18,7 +17,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.export.c_library import library_files
 from vibroswarm.floors.place import Place
 from vibroswarm.observation.energy_model import error_rates, sensor_warnings
-from vibroswarm.observation.observe import Places, measured_numbers, sense_program
+from vibroswarm.observation.observe import measured_numbers, sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
@@ -394,16 +393,3 @@ def test_what_is_said_of_a_plate_is_so() -> None:
         "lets {:.0f}, {:.0f}, {:.0f} and {:.0f} % of their amplitude".format(*(100 * one for one in shares))
         in text
     )
-
-
-def test_a_run_is_observed_within_25_ms() -> None:
-    """A sample takes 5 to 14 microseconds, and a run of five robots has 1050; the shortest of several tries counts."""
-    one = scenario()
-    result = v.simulate(one, 1, 2)
-    floors = {run: result.floor(run) for run in range(2)}
-    tries = []
-    for _ in range(7):
-        begin_s = perf_counter()
-        Places(1, result.motion).read(one, floors, energies=True)
-        tries.append((perf_counter() - begin_s) / 2)
-    assert min(tries) < 0.025
