@@ -145,11 +145,11 @@ def test_an_estimate_covers_the_whole_command():
     left = Expected(runs=100, core_s=10.0, tried=26)
     assert "about 10 s of one core in all" in work_sentence(plan, left)
     assert "about 20 s of one core" in work_sentence(plan, left, again=True)
-    drawn = work_sentence(plan, left, again=True, drawn=True)
+    drawn = work_sentence(plan, left, again=True, page_cells=len(plan.study.cells))
     assert "100 on other seeds and the report" in drawn
     assert int(drawn.split("about ")[1].split()[0]) > 20 + PAGE_S
     assert "about 2.5 s" in work_sentence(plan, left, Job(1, 4))
-    assert work_sentence(plan, Expected(0, 0.0, 0), drawn=True) == "Nothing to do: all runs exist."
+    assert work_sentence(plan, Expected(0, 0.0, 0), page_cells=1) == "Nothing to do: all runs exist."
 
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--runs", "3"]

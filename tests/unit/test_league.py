@@ -531,4 +531,4 @@ def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
     # robots that have not decided count as guesses among three answers
     undecided, wrong = (standings.values[name] for name in ("undecided", "wrong"))
     np.testing.assert_allclose(standings.values["forced_error"], wrong + undecided * 2 / 3)
-    assert guess_level(standings) == pytest.approx(GUESS * 4 / 3)
+    assert guess_level(standings.league.base) == pytest.approx(GUESS * 4 / 3)

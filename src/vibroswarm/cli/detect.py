@@ -99,7 +99,8 @@ def _searched(
         end_s = study.cells[0].scenario.run.t_end_s
         if end_s > base.run.t_end_s:
             report(f"No floor is found yet; next with runs of {end_s:g} s.")
-        return run_study_of(study, execution, replace(output, out=place), drawn=output.out is not None)
+        page_cells = None if output.out is None else 0
+        return run_study_of(study, execution, replace(output, out=place), page_cells=page_cells)
 
     return detect_by(
         run_study,

@@ -49,7 +49,7 @@ def optimize(
     search: File = None,
     /,
     *,
-    options: SearchOptions,
+    settings: SearchOptions,
     execution: Execution,
     output: Drawn,
 ) -> None:
@@ -72,12 +72,12 @@ def optimize(
       vibroswarm optimize search.toml --method tpe --budget 5000
       vibroswarm optimize compare out/pso/best.toml paper
     """
-    if options.method == "grid":
-        _grid(search, options, execution, output)
+    if settings.method == "grid":
+        _grid(search, settings, execution, output)
         return
-    if options.runs is not None:
+    if settings.runs is not None:
         raise InputError("needs --method grid; a search has a --budget", field="--runs")
-    _search(search_of(search, options), execution, output)
+    _search(search_of(search, settings), execution, output)
 
 
 def search_of(file: Path | None, options: SearchOptions) -> Search:

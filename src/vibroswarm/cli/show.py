@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -13,6 +14,7 @@ from vibroswarm.cli.terminal import printing
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    from vibroswarm.documents.saved import Printed
     from vibroswarm.study.store import Store
 
 
@@ -83,8 +85,8 @@ def _needs_kernels(folder: Path) -> bool:
 def _show_folder(folder: Path, json: bool) -> None:
     """Print what a folder holds: the state of a study or search, and the results.
 
-    Results are printed as the command printed them, from the file ``printed.json``. If the folder has no such file, a
-    study is summarised again, and ``_show_result`` describes runs, recordings and tables.
+    Results are printed as the command printed them, from the file ``printed.json``. If there is none, or it is damaged,
+    a study is summarised again, and ``_show_result`` describes runs, recordings and tables.
 
     Raises:
         InputError: the folder holds a damaged search, or nothing that a command writes.
@@ -92,13 +94,12 @@ def _show_folder(folder: Path, json: bool) -> None:
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
     from vibroswarm.core.folders import kind_of
-    from vibroswarm.documents.saved import read_printed
     from vibroswarm.show.data import document_data
 
     state: dict[str, Any] = {}
     lines: list[str] = []
     store = None
-    kind, printed = kind_of(folder), read_printed(folder)
+    kind, printed = kind_of(folder), _printed(folder)
     if kind == "search":
         from vibroswarm.documents.search import search_sentences
         from vibroswarm.optimize.steps import held
@@ -136,6 +137,17 @@ def _show_folder(folder: Path, json: bool) -> None:
         print_document(printed.document)
     elif store is not None:
         print_results(store)
+
+
+def _printed(folder: Path) -> Printed | None:
+    """Return what the command printed; None if the folder does not say, or the file is damaged, which is reported."""
+    from vibroswarm.documents.saved import read_printed
+
+    try:
+        return read_printed(folder)
+    except InputError as error:
+        print(f"damaged, not used: {error}", file=sys.stderr)
+        return None
 
 
 def _show_result(folder: Path, json: bool) -> None:

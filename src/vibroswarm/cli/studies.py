@@ -28,13 +28,15 @@ def do_study(study: Study, comparison: Comparisons, execution: Parts, output: Dr
 
     compared = bool(pairs_of(study, comparison.reference))  # refuses an unknown reference
     again = compared and not comparison.no_confirm
-    result = run_study_of(study, execution, output, allow_failures=True, again=again, drawn=_is_drawn(output))
+    result = run_study_of(
+        study, execution, output, allow_failures=True, again=again, page_cells=_page_cells(study, output)
+    )
     if result is not None:  # else only a shard or a batch was requested
         confirm_and_print(result, comparison, execution, output)
 
 
-def _is_drawn(output: Drawn) -> bool:
-    return output.out is not None and not output.no_pictures
+def _page_cells(study: Study, output: Drawn) -> int | None:
+    return None if output.out is None or output.no_pictures else len(study.cells)
 
 
 def confirm_and_print(
@@ -69,14 +71,14 @@ def run_study_of(
     *,
     allow_failures: bool = False,
     again: bool = False,
-    drawn: bool = False,
+    page_cells: int | None = None,
 ) -> StudyResult | None:
     """Print the plan of a study and run it, or only the part that ``--shard`` or ``--batch`` names.
 
     Args:
         allow_failures: return the result even if runs failed. A shard has no result to return, so its failures are
             raised anyway.
-        again, drawn: whether the command repeats the runs on other seeds, and writes a page, for its plan.
+        again, page_cells: as ``documents.plan.work_sentence`` needs them.
     Returns:
         The result; None if only a part of the study was run: then a sentence about that part is printed.
     Raises:
@@ -107,7 +109,7 @@ def run_study_of(
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)
         print(f"Batch {execution.batch} is done; saved in {store.folder}")
         return None
-    print_plan(study, out, job, again=again and job is None, drawn=drawn and job is None)
+    print_plan(study, out, job, again=again and job is None, page_cells=page_cells if job is None else None)
     with study_progress("simulating") as progress:
         result = run(
             study,
@@ -143,7 +145,7 @@ def print_plan(
     job: Job | None,
     *,
     again: bool = False,
-    drawn: bool = False,
+    page_cells: int | None = None,
     tests: int = 0,
 ) -> None:
     """Print on stderr what a study consists of, how much of it is left to do, and how long the command may take.
@@ -151,8 +153,7 @@ def print_plan(
     Args:
         out: the study's folder, whose finished runs are not repeated; None if nothing is saved.
         job: the shard that will be run; None if the whole study will be run.
-        again: whether its runs will be repeated on other seeds. drawn: whether a page will be written.
-        tests: number of a league's strategies whose beliefs and faults are tested too.
+        again, page_cells, tests: as ``documents.plan.work_sentence`` needs them.
     """
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.documents.plan import plan_sentence, work_sentence
@@ -170,7 +171,7 @@ def print_plan(
         print(f"damaged, will be recomputed: {damage}", file=sys.stderr)
     say_compiling()  # before `expected`, whose trial runs compile kernels
     left = expected(store, plan)
-    report(work_sentence(plan, left, job, again=again, drawn=drawn, tests=tests))
+    report(work_sentence(plan, left, job, again=again, page_cells=page_cells, tests=tests))
 
 
 def print_outcome(

@@ -83,6 +83,11 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
     boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
     if found.is_empty():
         return (f"All floors are on one side of {_percent(boundary)}: no pairs of misses and false alarms.",)
+    if tolerated.runs < tolerated.runs_needed:
+        return (
+            f"Too few runs to say: {count(tolerated.runs, 'run')} cannot show {_most(tolerated)}, even if nothing "
+            f"is wrong; at least {tolerated.runs_needed} of each fill ratio and number of robots can (--runs).",
+        )
     return tuple(
         _sentence(
             f"{count(robots, 'robot')} with strategy {scenario.strategy.name}",
@@ -104,15 +109,19 @@ def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolera
         return f"{who} none of these floors within {t_end_s:g} s."
     nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
     sentence = (
-        f"{who} {_percent(nearest['fill_ratio'])} vibrating within {nearest['time_s']:.0f} s, with at "
-        f"most {_percent(tolerated.error)} misses, and at most {_percent(tolerated.false_alarms)} false alarms on "
-        f"floors up to {_percent(nearest['fill_ratio_below'])}"
+        f"{who} {_percent(nearest['fill_ratio'])} vibrating within {nearest['time_s']:.0f} s, with {_most(tolerated)} "
+        f"on floors up to {_percent(nearest['fill_ratio_below'])}"
     )
     if farthest["fill_ratio"] != nearest["fill_ratio"]:
         sentence += f"; {_percent(farthest['fill_ratio'])} within {farthest['time_s']:.0f} s"
     if missed:
         sentence += f"; not {listed(map(_percent, missed))} by {t_end_s:g} s"
     return f"{sentence}."
+
+
+def _most(tolerated: Detection) -> str:
+    """Name the misses and false alarms that are tolerated."""
+    return f"at most {_percent(tolerated.error)} misses, and at most {_percent(tolerated.false_alarms)} false alarms"
 
 
 def _percent(share: float) -> str:

@@ -89,7 +89,7 @@ def _guessing(standings: Standings) -> Iterator[str]:
     for place, entry in enumerate(entries):
         best_of[entry.strategy] = best_of.get(entry.strategy, True) and guesses(standings, place)
     if names := [name for name, all_guess in best_of.items() if all_guess]:
-        level = percent(guess_level(standings), 0)
+        level = percent(guess_level(standings.league.base), 0)
         yield (
             f"Not shown to do better than a guess (forced error below {level}), so never called fastest: "
             f"{listed(names)}."

@@ -44,14 +44,15 @@ def work_sentence(
     job: Job | None = None,
     *,
     again: bool = False,
-    drawn: bool = False,
+    page_cells: int | None = None,
     tests: int = 0,
 ) -> str:
     """Return what a command has to do, and how much processor time that takes in all.
 
     Args:
         left: the runs that are missing (``runner.expected``). job: a part of the study; None if all of it is run.
-        again: whether the runs are repeated on other seeds. drawn: whether a page is written.
+        again: whether the runs are repeated on other seeds. page_cells: number of cells with references and figures of
+            their own on the page that is written; None: no page is.
         tests: number of strategies whose beliefs and faults are tested too.
     """
     if left.runs == 0:
@@ -63,8 +64,9 @@ def work_sentence(
         repeated = min(plan.study.runs or FIRST_LOOK, MOST_AGAIN) * len(plan.groups)
         runs_s += left.core_s / left.runs * repeated
         words.append(f"{repeated:,} on other seeds")
-    page_s = PAGE_S + PAGE_OF_CELL_S * min(len(plan.study.cells), CELLS_DRAWN) if drawn else 0.0
-    if drawn:
+    page_s = 0.0
+    if page_cells is not None:
+        page_s = PAGE_S + PAGE_OF_CELL_S * min(page_cells, CELLS_DRAWN)
         words.append("the report")
     if tests:
         words.append(f"beliefs and faults of {count(tests, 'strategy', 'strategies')}")

@@ -15,7 +15,7 @@ from typing import Final
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
-from vibroswarm.show.numbers import Estimate, count, counts, listed, percent, with_limits
+from vibroswarm.show.numbers import Estimate, count, counts, listed, p_value, percent, with_limits
 from vibroswarm.study.answers import Answer, Effect, lacks_truth
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.equal_error import pairs_at_equal_error
@@ -196,9 +196,14 @@ def _decimals(figure: str, difference: Interval) -> int:
 
 
 def _differences(effects: Iterable[Effect]) -> str:
-    """List effects with short name and difference: ``time -127 s [-153, -102], wrong +6.7 points [3.9, 9.4]``."""
+    """List effects with short name and difference: ``time -127 s [-153, -102], wrong +6.7 points [3.9, 9.4]``.
+
+    An interval is of one comparison; where it excludes 0, the p-value says why the difference is not significant.
+    """
     return ", ".join(
-        f"{SHORT[effect.figure]} {_signed(effect.figure, effect.interval)}" for effect in effects
+        f"{SHORT[effect.figure]} {_signed(effect.figure, effect.interval)}"
+        f"{f', p = {p_value(effect.p)} after correction' if side(effect.interval) else ''}"
+        for effect in effects
     )
 
 

@@ -18,6 +18,7 @@ from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.league.entries import least_entries
 from vibroswarm.league.fronts import drawn_means
 from vibroswarm.league.standings import Standings
+from vibroswarm.scenario.scenario import Scenario
 
 GUESS: Final = 0.4
 """Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
@@ -25,9 +26,9 @@ fifth, has this error; one that always tosses a coin has 1/2, which strategies t
 undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, or of its cost."""
 
 
-def guess_level(standings: Standings) -> float:
-    """Return ``GUESS`` for the answers of a league, and for what its mistakes cost."""
-    costs = costs_of(standings.league.base)
+def guess_level(scenario: Scenario) -> float:
+    """Return ``GUESS`` for the answers of a scenario's task, and for what its mistakes cost."""
+    costs = costs_of(scenario)
     return GUESS if costs is None else 2.0 * GUESS * float(costs.mean())
 
 
@@ -42,7 +43,7 @@ BEST: Final[dict[str, Any]] = {
 def guesses(standings: Standings, entry: int) -> bool:
     """Return whether an entry is not shown to err less than a guess; one without a forced error does not guess."""
     error = standings.interval(entry, "forced_error")
-    return not (error.high < guess_level(standings) or np.isnan(error.estimate))
+    return not (error.high < guess_level(standings.league.base) or np.isnan(error.estimate))
 
 
 def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:

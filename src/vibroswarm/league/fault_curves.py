@@ -9,7 +9,8 @@ faulty with each larger number, and everything else is the same, so differences 
 | kind, faulty | the fault (a field of ``[faults]``), and the number of robots that have it |
 | forced_error | mean forced error (``analysis.forced_error``) of the working robots, averaged over floors |
 | rise | its difference from that of the same robots in the same runs without faults |
-| bears | true (tolerated): upper limit of the rise below ``MARGIN``; false: lower limit above; else null |
+| bears | true (tolerated): upper limit of the rise below ``MARGIN``; false: lower limit above; else null, as for an \
+entry that guesses without faults, and where all runs have the same rise, which says nothing of how it varies |
 
 Intervals are 95 % intervals over runs. They are not corrected for the comparison of several numbers of faulty robots.
 """
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import columns_of, mean_interval, share_interval
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import costs_of, forced_errors
+from vibroswarm.league.best import guess_level
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working
@@ -120,7 +122,8 @@ def fault_curves(
     study = run(faulty_league.study, folder, **how)
     found = _errors(faulty_league, study)
     errors = {(entry.label, kind, count): one for (entry, kind, count), one in zip(cases, found, strict=True)}
-    return pl.DataFrame([_row(case, errors) for case in _rows_of(errors, kinds)], schema=CURVES)
+    guess = guess_level(league.base)
+    return pl.DataFrame([_row(case, errors, guess) for case in _rows_of(errors, kinds)], schema=CURVES)
 
 
 def _cases(entry: Entry, kinds: Sequence[str], most: int, sensor: Sensor) -> list[tuple[str, int]]:
@@ -149,13 +152,13 @@ def _rows_of(errors: dict[Case, Errors], kinds: Sequence[str]) -> list[Case]:
     ]
 
 
-def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
+def _row(case: Case, errors: dict[Case, Errors], guess: float) -> dict[str, Any]:
     """Compute the row of a case: forced error and its rise with limits, and whether the fault is tolerated.
 
     The rise is the difference from the case without faulty robots, over the robots that work in ``case``.
 
     Args:
-        errors: results of all cases.
+        errors: results of all cases. guess: forced error from which an entry guesses.
     """
     name, kind, count = case
     without_faults, all_work = errors[name, "none", 0]
@@ -167,12 +170,16 @@ def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
     row |= columns_of("forced_error", share_interval(of_run))
     row |= columns_of("rise", mean_interval(of_run - before))
-    low, high = row["rise_low"], row["rise_high"]
-    # None: there are no faulty robots or no limits, or the margin lies within the limits.
-    row["bears"] = None
-    if count > 0 and low is not None and high is not None and (high < MARGIN or low > MARGIN):
-        row["bears"] = high < MARGIN
+    row["bears"] = _verdict(row) if count > 0 and share_interval(before).high < guess else None
     return row
+
+
+def _verdict(row: dict[str, Any]) -> bool | None:
+    """Return whether the rise is below ``MARGIN``; None without limits, or if the margin is not outside of them."""
+    low, high = row["rise_low"], row["rise_high"]
+    if low is None or high is None or not low < high or low <= MARGIN <= high:
+        return None
+    return bool(high < MARGIN)
 
 
 def _errors(league: League, study: StudyResult) -> list[Errors]:

@@ -47,8 +47,6 @@ from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.spec import Cell, Study
 
-FORMAT: Final = 3
-"""Version of the files in a search's folder."""
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""
 START: Final = "paper-empirical"
@@ -223,6 +221,9 @@ class Search(NotebookView):
             InputError: the text is not TOML, or has an unknown or invalid entry, which the message names.
         """
         values = parsed_toml(text, name)
+        for key in ("runs", "until"):
+            if key in values:
+                raise InputError("is for studies; a search has a budget of runs, search.budget", field=key)
         search_values = {key: values.pop(key) for key in KEYS if key in values}
         # The other keys must be those of a study, and ``Study.from_values`` refuses all others. A key that resembles a
         # key of a search, and none of a study, is refused here: only here the message can suggest the right spelling.
@@ -294,6 +295,7 @@ class Search(NotebookView):
         function they have only the name, which ``from_toml`` refuses.
         """
         values: dict[str, Any] = tomllib.loads(self.study.to_toml())
+        values.pop("runs", None)  # of a study; a search has a budget
         values["start"] = list(self._start)
         values["space"] = self.space.to_block()
         blocks = [objective.as_values() for objective in self.objectives]
@@ -439,9 +441,7 @@ class Search(NotebookView):
         settings count, also those that change no run of the search, such as ``fresh``. Of a cost that is a function
         only the name counts: two different functions with one name give the same hash.
         """
-        values = self.to_values()
-        values.pop("runs", None)  # the study's number of runs, which a search ignores
-        text = json.dumps(values, sort_keys=True, default=str)  # ``str``: of types that JSON lacks
+        text = json.dumps(self.to_values(), sort_keys=True, default=str)  # ``str``: of types that JSON lacks
         return hashlib.sha256(f"{text} {self.study.hash}".encode()).hexdigest()[:16]
 
 

@@ -35,6 +35,8 @@ class Effect:
     """One of ``FIGURES``, or of ``ESTIMATED``."""
     interval: Interval
     """Cell - reference: s, or a difference of shares."""
+    p: float
+    """p-value, corrected over all comparisons (Holm)."""
     significant: bool
     repeated: bool
     """Whether the figure was compared on the other seed too."""
@@ -161,6 +163,7 @@ def _effect(one: Compared) -> Effect:
     return Effect(
         figure=one.first.figure,
         interval=one.first.difference,
+        p=one.first.p_holm,
         significant=one.first.p_holm < SIGNIFICANT,
         repeated=one.replicate is not None,
         confirmed=one.replicate is not None and one.replicate.confirmed,

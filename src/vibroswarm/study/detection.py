@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -52,13 +53,21 @@ class Detection(NotebookView):
     """Fill ratios on which the swarm cannot be right, however many samples robots take, each as a sentence."""
 
     @property
+    def runs(self) -> int:
+        """Runs of each fill ratio and number of robots; the fewest, if some failed."""
+        return int(self.tables["needed"]["runs"].min())  # type: ignore[arg-type]
+
+    @property
+    def runs_needed(self) -> int:
+        """Fewest runs that can show that misses and false alarms are rare enough: with none of them."""
+        least = min(self.error, self.false_alarms)
+        return next(n for n in count(1) if float(wilson_limits(0, n, 0.95)[1]) < least)
+
+    @property
     def finds_nothing(self) -> bool:
         """Whether no floor above the boundary is distinguished from one below it, although there are enough runs."""
-        most = max((self.error, self.false_alarms))
-        fewest_runs = int(self.tables["needed"]["runs"].min())  # type: ignore[arg-type]
-        enough = float(wilson_limits(0, fewest_runs, 0.95)[1]) < most
         found = self.tables["pairs"]["time_s"]
-        return enough and found.len() > 0 and found.is_null().all()
+        return self.runs >= self.runs_needed and found.len() > 0 and found.is_null().all()
 
 
 def more_than(scenario: Scenario, share: float) -> Scenario:

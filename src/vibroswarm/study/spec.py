@@ -261,10 +261,10 @@ class Study(NotebookView):
         base = base or next(iter(scenarios.values()))
         sections = base.model_dump(exclude_none=True)
         # A point cannot set a field to None, so the base has no value of a field that is None in a scenario.
-        for name in field_names():
-            if any(value_of(scenario, name) is None for scenario in scenarios.values()):
-                section, _, field_name = name.partition(".")
-                sections.get(section, {}).pop(field_name, None)
+        for field_name in field_names():
+            if any(value_of(scenario, field_name) is None for scenario in scenarios.values()):
+                section, _, last = field_name.partition(".")
+                sections.get(section, {}).pop(last, None)
         points = [{LABEL: label, **differences(scenario, base)} for label, scenario in scenarios.items()]
         # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
         # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
