@@ -320,7 +320,7 @@ def test_bad_input_is_told_and_ends_with_2(
 def searched(line: list[str]) -> vibroswarm.optimize.Search:
     command, values = parsed(line)
     arguments = bound(command.function(), vars(values)).arguments
-    return search_of(arguments["search"], arguments["options"])
+    return search_of(arguments["search"], arguments["settings"])
 
 
 def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
@@ -334,3 +334,12 @@ def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
     assert (search.settings.method, search.budget) == ("tpe", 90)
     path.write_text(SMALL.replace("budget = 150", "budget = 2"))
     assert searched(["optimize", str(path), "--budget", "90"]).budget == 90
+
+
+def test_a_search_refuses_a_number_of_runs_of_each_cell(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It has a budget: the number was ignored."""
+    (tmp_path / "search.toml").write_text("runs = 300\n", encoding="utf-8")
+    assert main(["optimize", str(tmp_path / "search.toml")]) == 2
+    assert "runs: is for grids" in capsys.readouterr().err

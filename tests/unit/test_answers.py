@@ -71,7 +71,8 @@ def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
     assert sentence(found) == (
         "soft is faster than none; no difference shown in wrong decisions: 127 s faster [102, 153], 18.6 points fewer "
         "undecided [14.5, 23.0]; time confirmed on other seeds, undecided not confirmed. Not significant: right +0.2 "
-        "points [-1.0, +2.0], wrong +1.3 points [+0.1, +2.4]."
+        "points [-1.0, +2.0], wrong +1.3 points [+0.1, +2.4], "
+        "p = 0.060 after correction."
     )
     nothing = answer(*((0.004, -0.01, 0.02, 0.8),) * 4)
     assert sentence(nothing).startswith("soft and none: no significant difference (time 0.0 s [0.0, 0.0]")

@@ -56,7 +56,8 @@ def put(kind: str, path: Path) -> None:
 @pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
 def test_only_plain_files_are_opened(name: str, kind: str, out: Path) -> None:
     put(kind, out / name)
-    assert main(["show", str(out)]) in (1, 2)
+    # The steps say what was found, without what was printed.
+    assert main(["show", str(out)]) in ((0,) if name == "printed.json" else (1, 2))
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])

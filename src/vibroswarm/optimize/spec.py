@@ -221,9 +221,6 @@ class Search(NotebookView):
             InputError: the text is not TOML, or has an unknown or invalid entry, which the message names.
         """
         values = parsed_toml(text, name)
-        for key in ("runs", "until"):
-            if key in values:
-                raise InputError("is for studies; a search has a budget of runs, search.budget", field=key)
         search_values = {key: values.pop(key) for key in KEYS if key in values}
         # The other keys must be those of a study, and ``Study.from_values`` refuses all others. A key that resembles a
         # key of a search, and none of a study, is refused here: only here the message can suggest the right spelling.
