@@ -29,6 +29,7 @@ def run(asked):
     os.chdir(asked["folder"])
     os.environ.clear()
     os.environ.update(asked["env"])
+    sys.dont_write_bytecode = bool(asked["env"].get("PYTHONDONTWRITEBYTECODE"))
     sys.argv = asked["argv"]
     sys.path[:1] = [os.path.dirname(os.path.abspath(sys.argv[0])), *filter(None, [asked["env"].get("PYTHONPATH")])]
     runpy.run_path(sys.argv[0], run_name="__main__")

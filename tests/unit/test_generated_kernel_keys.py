@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from vibroswarm.inference.generated_kernels import _text_of, key_of
+from vibroswarm.core.compiled_code import UnknownValueError
+from vibroswarm.inference.generated_kernels import _text_of, hooks_of, key_of
+from vibroswarm.networks import network
 from vibroswarm.scenario.plugins import load_code
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.base import Strategy
@@ -92,63 +94,104 @@ def test_a_file_that_is_imported_and_loaded_by_name_has_two_keys(tmp_path, monke
     assert key_of(loaded) != key_of(imported)
 
 
-ELSEWHERE = """import numba
+ELSEWHERE = """import enum
+import numba
 K = 1.0
 LIMITS = (1, 2)
+WORDS = b"1"
+TURN = 1 + 2j
 NOT_READ = 0
+class Side(enum.IntEnum):
+    LESS = 1
 @numba.njit
 def inner():
     return 3.0
 @numba.njit
 def limit():
     return inner()
+def plain():
+    return 4.0
 """
-READING = """from vibroswarm.strategies import strategy_in
-import {name} as elsewhere
-from {name} import K, limit
+READING = """import read_by_it.sides
+import read_by_it.sides as elsewhere
+from vibroswarm.strategies import strategy_in
+from read_by_it.sides import K, Side, TURN, WORDS, limit
 class State:
     n: float
 def begin(s, a, d, p, w):
     s.n = 0.0
 def on_sample(s, a, x, out, d, p, w):
-    s.n += K * elsewhere.LIMITS[0]
+    s.n += K * elsewhere.LIMITS[0] + len(WORDS) + TURN.imag
     return False
 def on_message(s, a, m, sender, t_s, d, p, w):
-    pass
+    s.n += read_by_it.sides.plain()
 def decision(s, a, p, w):
-    return 1 if s.n > limit() else -1
+    return Side.LESS if s.n > limit() else -1
 mine = strategy_in(__name__, "of_another_file", decides="opinion", about="reads another file")
 """
 
 
 @pytest.fixture
 def key_after(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], str]]:
-    """The key of a strategy that takes constants and a compiled function from another file, after a change there."""
+    """The key of a strategy that takes constants and functions from a module in a package, after a change there."""
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "reading_strategy.py").write_text(READING.format(name="read_by_it"), encoding="utf-8")
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "reading_strategy.py").write_text(READING, encoding="utf-8")
+    (tmp_path / "read_by_it").mkdir()
+    (tmp_path / "read_by_it" / "__init__.py").touch()
+    modules = ("read_by_it.sides", "read_by_it", "reading_strategy")
 
     def key(before: str, after: str) -> str:
         assert before in ELSEWHERE
-        (tmp_path / "read_by_it.py").write_text(ELSEWHERE.replace(before, after), encoding="utf-8")
-        for name in ("read_by_it", "reading_strategy"):
+        text = ELSEWHERE.replace(before, after)
+        (tmp_path / "read_by_it" / "sides.py").write_text(text, encoding="utf-8")
+        for name in modules:
             sys.modules.pop(name, None)
-        monkeypatch.setattr(sys, "dont_write_bytecode", True)
         importlib.invalidate_caches()
         return key_of(importlib.import_module("reading_strategy").mine)
 
     yield key
-    for name in ("read_by_it", "reading_strategy"):
+    for name in modules:
         sys.modules.pop(name, None)
 
 
 @pytest.mark.parametrize(
-    ("before", "after"), [("K = 1.0", "K = 0.25"), ("(1, 2)", "(2, 2)"), ("return 3.0", "return 1.0")]
+    ("before", "after"),
+    [
+        ("K = 1.0", "K = 0.25"),
+        ("(1, 2)", "(2, 2)"),
+        ('b"1"', 'b"2"'),
+        ("2j", "3j"),
+        ("LESS = 1", "LESS = 0"),
+        ("return 3.0", "return 1.0"),
+        ("return 4.0", "return 5.0"),
+    ],
 )
 def test_what_is_read_from_another_file_is_in_the_key(
     before: str, after: str, key_after: Callable[[str, str], str]
 ) -> None:
-    """A constant, a module's constant, and what a compiled function calls; a cached kernel has all of them inside."""
+    """Constants of several types, what a compiled function calls, a function of a module in a package."""
     same = key_after(before, before)
     assert key_after(before, after) != same
     assert key_after(before, before) == same
     assert key_after("NOT_READ = 0", "NOT_READ = 1") == same
+
+
+def test_a_constant_that_is_set_anew_in_a_session_is_in_the_key() -> None:
+    """As in a notebook, where the strategy is not declared again."""
+    made = cell("LIMIT = 3\n" + DECISION.format("LIMIT"))
+    before = key_of(made)
+    hooks = hooks_of(made, network("ideal"))
+    assert hooks_of(made, network("ideal")) is hooks
+    made.decision.__globals__["LIMIT"] = 4  # type: ignore[union-attr]
+    assert key_of(made) != before
+    assert hooks_of(made, network("ideal")) is not hooks
+
+
+def test_kernels_of_a_value_that_cannot_be_described_are_not_cached(caplog: pytest.LogCaptureFixture) -> None:
+    made = cell("class Limit:\n    most = 3\nLIMIT = Limit()\n" + DECISION.format("LIMIT.most"))
+    with pytest.raises(UnknownValueError, match="type Limit"):
+        key_of(made)
+    assert not hooks_of(made, network("ideal")).IS_SAVED
+    assert "no change can be seen" in caplog.text
+    assert hooks_of(cell(DECISION.format(1)), network("ideal")).IS_SAVED  # the control

@@ -256,29 +256,22 @@ _stamps = {str(source): _stamp(source) for source in simulation_sources()} if co
 """Time of change and size of each source, before any module with a kernel was imported."""
 
 
-def register_source(file: str, text: str) -> None:
-    """Register the text of a generated module, so that its cached kernels are checked by a hash of that text.
+_never_cached: set[str] = set()
 
-    Args:
-        file: the file name under which the module was compiled; no such file need exist.
-    """
-    if not compiles():
-        return
-    from vibroswarm.core import kernel_cache
 
-    kernel_cache.GENERATED[file] = hashlib.sha256(text.encode()).digest()
+def never_cache(file: str) -> None:
+    """Cache no kernel of a file that is compiled from now on."""
+    _never_cached.add(file)
 
 
 def _is_changed(source: str) -> bool:
     """Return whether a source file was changed after this process had started to import this package.
 
-    The text of a generated module is not read from a file, so it never counts as changed. Nor does a file whose time of
-    change lies in the future, which only a wrong clock explains.
+    A generated module is known by its name, so it never counts as changed. Nor does a file whose time of change lies in
+    the future, which only a wrong clock explains.
     """
-    from vibroswarm.core import kernel_cache
-
-    path = Path(source)
-    if source in kernel_cache.GENERATED:
+    path, folder = Path(source), cache_folder()
+    if folder is None or path.is_relative_to(folder) or not path.is_file():
         return False
     if source in _stamps:
         return _stamp(path) != _stamps[source]
@@ -337,7 +330,8 @@ def _compile(
     # Error model "numpy": division by 0 gives inf or NaN, not an error.
     compiled: Any = whole_kernels.declare(function, from_python, error_model="numpy", **options)
     # A function that only kernels call is in the cached machine code of these kernels.
-    folder = cache_folder() if cached and from_python else None
+    is_saved = cached and from_python and function.__code__.co_filename not in _never_cached
+    folder = cache_folder() if is_saved else None
     if folder is not None:
         config: Any = numba.config  # the cache takes its folder from there when it is created
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)

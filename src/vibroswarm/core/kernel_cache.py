@@ -16,7 +16,6 @@ import os
 import pickle
 import stat
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
@@ -28,6 +27,7 @@ from numba.core.caching import (
     UserProvidedCacheLocator,
 )
 
+from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, is_ours
 from vibroswarm.core.kernel_lock import KernelLock
 from vibroswarm.errors import warn_once
 
@@ -66,12 +66,13 @@ def why_unsafe(folder: Path, base: Path) -> str | None:
 class _Locator(UserProvidedCacheLocator):
     """The folder in Numba's ``CACHE_DIR``, and no other; sources are identified by content."""
 
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        super().__init__(py_func, py_file)
+        self._py_func = py_func
+
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
-        """Return the locator of a function, whether or not it has a source file.
-
-        Numba's own method returns None, "not cached here", for functions of generated modules, which have no file.
-        """
+        """Return the locator of a function, whether or not it has a source file."""
         return cls(py_func, py_file)
 
     @classmethod
@@ -92,23 +93,22 @@ class _Locator(UserProvidedCacheLocator):
             Path(self.get_cache_path()).mkdir(mode=0o700, exist_ok=True)
 
     def get_source_stamp(self) -> bytes:
-        """Return a hash of the source; cached kernels of another source are not used."""
-        return _hash_of(self._py_file)
+        """Return nothing so far: what a user's function calls may not be defined yet (``stamp``)."""
+        return b""
 
+    def stamp(self) -> bytes:
+        """Return a hash of all that is compiled with the function; cached kernels with another one are not used.
 
-GENERATED: Final[dict[str, bytes]] = {}
-"""Hashes of the texts of generated modules, by file name."""
+        It is empty for functions of this package and of generated modules: all of that is in the name of the folder.
 
-
-def _hash_of(path: str) -> bytes:
-    """Return the hash of a source: of the registered text of a generated module, else of the file."""
-    return GENERATED[path] if path in GENERATED else _hash_of_file(path)
-
-
-@cache
-def _hash_of_file(path: str) -> bytes:
-    """Return the hash of a file's content, as it was at this process's first call."""
-    return hashlib.sha256(Path(path).read_bytes()).digest()
+        Raises:
+            UnknownValueError: it reads a value that cannot be described.
+        """
+        if is_ours(self._py_func.__module__) or Path(self._py_file).is_relative_to(
+            Path(self._cache_path).parent
+        ):
+            return b""
+        return hashlib.sha256(compiled_text(self._py_func).encode()).digest()
 
 
 class _Impl(CompileResultCacheImpl):
@@ -186,8 +186,8 @@ class KernelCache(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         # Replaces the ``IndexDataCacheFile`` that Numba has created with the same arguments.
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, b"")
+        self._is_stamped = False
         cache_path = Path(self._cache_path)
         self._lock = KernelLock(cache_path.parent, f"{cache_path.name}/{self._impl.filename_base}")
 
@@ -196,11 +196,24 @@ class KernelCache(FunctionCache):
 
         If it has to be compiled, the kernel stays locked for other processes until ``unlock``.
         """
+        if not self._is_stamped and self._enabled:
+            self._set_stamp()
         found = self._loaded(sig, target_context)
         if found is not None:
             return found
         self._lock.acquire()
         return self._loaded(sig, target_context)  # another process may have compiled it meanwhile
+
+    def _set_stamp(self) -> None:
+        """Find out what is compiled with the function; if that cannot be described, cache nothing."""
+        self._is_stamped = True
+        try:
+            self._cache_file._source_stamp = self._impl.locator.stamp()
+        except UnknownValueError as unknown:
+            self.disable()
+            warn_once(
+                f"{self._name} reads {unknown}, of which no change can be seen, and is compiled at every start"
+            )
 
     def unlock(self) -> None:
         """Let other processes have the kernel, which is compiled or cannot be."""

@@ -9,22 +9,22 @@ a hash of the strategy, the network and our code, so a kernel is compiled once, 
 
 from __future__ import annotations
 
-import dis
 import hashlib
 import inspect
-import linecache
-import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, Final
+from uuid import uuid4
 
 import numpy as np
 
-from vibroswarm.core.jit import inlined_uncached, register_source, source_hash
-from vibroswarm.errors import InputError
+from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, globals_of, is_ours
+from vibroswarm.core.generated_modules import generated_module
+from vibroswarm.core.jit import inlined_uncached, source_hash
+from vibroswarm.errors import InputError, warn_once
 from vibroswarm.inference import default_hooks
 from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
@@ -107,33 +107,31 @@ def key_of(*declared: Strategy | Network) -> str:
 
     The names of the modules of that code are part of it: a cached kernel refers to them. A user's file has one name if
     it is imported, and another if it is loaded by name.
+
+    Raises:
+        UnknownValueError: a user's code reads a value of which no change can be seen.
     """
-    # ``source`` is the text of a user's file that was loaded by name (``scenario.plugins``). It is empty for strategies
-    # and networks of this package, of installed packages and of a user's own program.
-    texts = [item.source or _text_of(item) for item in declared]
-    modules = {function.__module__ for item in declared for function in _functions_of(item)}
-    texts += sorted(str(name) for name in modules if not _is_ours(name))
-    # What a user's file takes from other files is compiled in, and is not in its text.
-    texts += [
-        _described(function, set())
-        for item in declared
-        for function in _functions_of(item)
-        if not _is_ours(function.__module__)
-    ]
     # ``source_hash`` is that of this package's own source, which includes the templates.
-    text = "\0".join((source_hash(), *texts))
+    text = "\0".join((source_hash(), *map(_declared_text, declared)))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def _is_ours(module: object) -> bool:
-    """Return whether a module, by name, belongs to this package, of which ``source_hash`` has all sources."""
-    return str(module).startswith("vibroswarm.")
+_of_ours: dict[Strategy | Network, str] = {}
+"""Texts of strategies and networks whose code is this package's, which stays as it is."""
 
 
-def _is_known(module: object) -> bool:
-    """Return whether the name of the cache folder tells the code of a module, by name: by a hash, or by a version."""
-    root = str(module).partition(".")[0]
-    return _is_ours(module) or root in ("numpy", "numba") or root in sys.stdlib_module_names
+def _declared_text(declared: Strategy | Network) -> str:
+    if declared in _of_ours:
+        return _of_ours[declared]
+    users = [each for each in _functions_of(declared) if not is_ours(each.__module__)]
+    modules = sorted({str(function.__module__) for function in users})
+    # ``source`` is the text of a user's file that was loaded by name (``scenario.plugins``). It is empty for strategies
+    # and networks of this package, of installed packages and of a user's own program. What a user's file takes from
+    # other files is compiled in, and is not in its text.
+    text = "\0".join((declared.source or _text_of(declared), *modules, *map(compiled_text, users)))
+    if not users:
+        _of_ours[declared] = text
+    return text
 
 
 def _text_of(declared: Strategy | Network) -> str:
@@ -150,61 +148,8 @@ def _text_of(declared: Strategy | Network) -> str:
         if module is not None:
             with suppress(OSError, TypeError):  # TypeError: the module of an interactive session has no file
                 text = inspect.getsource(module)
-        texts[text or _described(function, set())] = None
+        texts[text or compiled_text(function)] = None
     return "\0".join(texts)
-
-
-def _described(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> str:
-    """Return a text of all that is compiled with a function: its bytecode, the values that it reads, what it calls.
-
-    Functions of this package and of libraries are left out (``_is_known``).
-
-    Args:
-        seen: functions that are described already; extended.
-    """
-    seen.add(function)
-    texts = [_code_text(function.__code__)]
-    # Closures hold values, or functions, of the function in which this one was defined.
-    enclosed = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
-    values = {name: _enclosed_value(cell) for name, cell in enclosed.items()} | globals_of(function)
-    modules = [value for value in values.values() if isinstance(value, ModuleType)]
-    for module in (each for each in modules if not _is_known(each.__name__)):
-        # Numba takes what a function reads from a module as a constant, like a global.
-        read = _names_in(function.__code__) & vars(module).keys()
-        values |= {f"{module.__name__}.{name}": vars(module)[name] for name in sorted(read)}
-    for name, value in values.items():
-        plain = getattr(value, "py_func", value)  # of a function that is compiled already
-        if isinstance(plain, FunctionType):
-            if plain not in seen and not _is_known(plain.__module__):
-                texts.append(f"{name}: {_described(plain, seen)}")
-        elif isinstance(value, np.ndarray):
-            texts.append(f"{name} = {value.dtype} {value.shape} {value.tobytes()!r}")
-        elif isinstance(value, int | float | str | tuple | np.generic):
-            texts.append(f"{name} = {value!r}")
-    return "; ".join((*texts, repr(function.__defaults__)))
-
-
-def _names_in(code: CodeType) -> set[str]:
-    """Return all names that a function's code uses, with those of the functions inside it."""
-    inside = [value for value in code.co_consts if isinstance(value, CodeType)]
-    return set(code.co_names).union(*map(_names_in, inside))
-
-
-def _enclosed_value(cell: CellType) -> Any:
-    """Return what a closure's cell holds; None if nothing was assigned to it."""
-    try:
-        return cell.cell_contents
-    except ValueError:
-        return None
-
-
-def _code_text(code: CodeType) -> str:
-    """Return a text of a function's bytecode, names and constants, which is the same in each process."""
-    # A nested function is a constant too, whose ``repr`` has its address in memory.
-    constants = [
-        _code_text(value) if isinstance(value, CodeType) else repr(value) for value in code.co_consts
-    ]
-    return f"{code.co_code!r} {constants} {code.co_names}"
 
 
 def _functions_of(declared: Strategy | Network) -> list[Callable[..., Any]]:
@@ -240,14 +185,25 @@ def network_arrays_for(strategy: Strategy, network: Network, params: object, siz
     return vars(hooks_of(strategy, network))["NetworkArrays"](**arrays) if arrays else 0
 
 
-@cache
 def hooks_of(strategy: Strategy, network: Network) -> ModuleType:
     """Return the module ``hooks`` of a strategy and a network: their compiled functions under the names of hooks."""
-    name = f"{PACKAGE}.{strategy.name}_{network.name}_{key_of(strategy, network)}.hooks"
-    return _hooks_module(name, strategy, network)
+    try:
+        return _hooks_of(strategy, network, key_of(strategy, network))
+    except UnknownValueError as unknown:
+        warn_once(
+            f"strategy '{strategy.name}' or network '{network.name}' reads {unknown}, of which no change can be seen: "
+            "its kernels are compiled at every start"
+        )
+        return _hooks_of(strategy, network, "")
 
 
 @cache
+def _hooks_of(strategy: Strategy, network: Network, key: str) -> ModuleType:
+    """Return ``hooks_of`` for a key of all that it is made of; empty: it is not known."""
+    name = f"{PACKAGE}.{strategy.name}_{network.name}_{key or uuid4().hex}.hooks"
+    return _hooks_module(name, strategy, network, is_saved=bool(key))
+
+
 def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
     """Return the module that is generated from a template for a strategy and a network, built at the first call.
 
@@ -256,22 +212,27 @@ def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
     Raises:
         ValueError: the module does not import from ``default_hooks``.
     """
-    made_hooks = hooks_of(strategy, network).__name__  # name of the generated module ``hooks``
+    return _kernels(hooks_of(strategy, network), template)
+
+
+@cache
+def _kernels(hooks: ModuleType, template: str) -> ModuleType:
     text = (FOLDER / f"{template}.py").read_text()
     if IMPORT not in text:
         raise ValueError(f"{template} takes no hooks")
-    package = made_hooks.rpartition(".")[0]
-    return _generated_module(f"{package}.{template}", text.replace(IMPORT, f"from {made_hooks} import"))
+    package = hooks.__name__.rpartition(".")[0]
+    text = text.replace(IMPORT, f"from {hooks.__name__} import")
+    return generated_module(f"{package}.{template}", text, is_saved=hooks.IS_SAVED)
 
 
-def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType:
+def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: bool) -> ModuleType:
     """Build the module ``hooks`` of a strategy and a network, which has all names that ``default_hooks`` has.
 
     Functions that only access fields and arrays by their declared names are generated as text. The others are the
     functions of the strategy and of the network, compiled; ``default_hooks`` provides those that they do not define.
 
     Args:
-        name: full name of the module.
+        name: full name of the module. is_saved: whether its kernels are cached.
     """
     fields = tuple(arrays_of(strategy.arrays))
     text = HEADER
@@ -301,8 +262,9 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
         text += AS_COUNTS
     if strategy.opposite is None and strategy.has_opposite:
         text += OPPOSITE_BIT
-    module = _generated_module(name, text)
+    module = generated_module(name, text, is_saved=is_saved)
     space = vars(module)
+    space["IS_SAVED"] = is_saved
     compiled: dict[Callable[..., Any], Any] = {}
     for declared, names in ((strategy, STRATEGY_HOOKS), (network, NETWORK_HOOKS)):
         for hook in names:
@@ -316,16 +278,6 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
     space["HAS_SEND"] = network.send is not None
     space["READS_POSITIONS"] = network.reads_positions
     return module
-
-
-def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the values of the globals that a function reads, by name; names that are not defined are left out."""
-    names = {
-        instruction.argval
-        for instruction in dis.get_instructions(function)
-        if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME")
-    }
-    return {name: function.__globals__[name] for name in sorted(names) if name in function.__globals__}
 
 
 def _is_hook_code(function: FunctionType, module: str) -> bool:
@@ -376,32 +328,3 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
         rebound.__module__, rebound.__qualname__ = function.__module__, function.__qualname__
     compiled[function] = inlined_uncached(rebound)
     return compiled[function]
-
-
-def _generated_module(name: str, text: str) -> ModuleType:
-    """Build a module from its source text, and register it for imports, for tracebacks and for the cache of kernels.
-
-    Args:
-        name: full name of the module. text: its source.
-    """
-    file = str(FOLDER / "generated" / f"{name}.py")
-    register_source(file, text)
-    # For tracebacks: size, time of change (None: the entry is never checked against a file), lines and name.
-    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    module = ModuleType(name)
-    module.__file__ = file
-    _register(module)
-    exec(compile(text, file, "exec"), vars(module))  # noqa: S102  (our own text)
-    return module
-
-
-def _register(module: ModuleType) -> None:
-    """Register a generated module and its parent packages in ``sys.modules``."""
-    parts = module.__name__.split(".")
-    for count in range(1, len(parts)):
-        parent = ".".join(parts[:count])
-        if parent not in sys.modules:
-            package = ModuleType(parent)
-            package.__path__ = []  # a module with a path is a package
-            sys.modules[parent] = package
-    sys.modules[module.__name__] = module
