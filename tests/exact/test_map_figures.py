@@ -76,6 +76,16 @@ def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     assert 0.5 < table["map_auc"].item() <= 1.0
 
 
+def test_maps_are_compared_with_the_floor_at_the_end() -> None:
+    scenario = preset("paper").with_values({
+        "strategy.name": "fading", "run.t_end_s": 90.0, "swarm.robots": 2, "change.at_s": 60, "change.to": "invert",
+    })  # fmt: skip
+    result = simulate(scenario, 4, 2)
+    for (run,), of_run in floor_maps(result).drop_nulls("robot").group_by("run", maintain_order=True):
+        first = result.floor(int(run)).tiles.ravel().tolist()  # type: ignore[call-overload]
+        assert of_run["vibrates"].to_list() == [1 - kind for kind in first] * 2
+
+
 def test_who_keeps_no_map_has_no_scores(tmp_path: Path) -> None:
     cells = Study.of(preset("paper"), runs=2, strategy__name=["none", "places"], run__t_end_s=[60.0])
     result = cells.run(tmp_path / "study")

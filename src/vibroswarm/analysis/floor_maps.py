@@ -46,7 +46,8 @@ MAPS: Final[dict[str, Any]] = {
     "vibrates": pl.UInt8,
 }
 """One row per run, robot (null: pooled) and tile. ``row``, ``column``: of the tile, rows from the top. ``vibrating``:
-belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile does vibrate, else 0."""
+belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile vibrates at the end of
+the run, else 0."""
 
 WITH_MAP: Final = ("places", "explore", "fading")
 """Strategies whose robots keep a map."""
@@ -78,10 +79,11 @@ def floor_maps(result: Result) -> pl.DataFrame:
         draws_read(scenario),
     )
     frames = []
+    ends_s = dict(result.runs.select("run", "end_s").iter_rows())
     for r, run in enumerate(runs):
-        floor = result.floor(run)
-        frames += [_frame(run, i, by_robot[r, i], floor.tiles) for i in range(robots)]
-        frames.append(_frame(run, robot=None, belief=pooled[r], tiles=floor.tiles))
+        tiles = result.floor(run).at(ends_s[run]).tiles
+        frames += [_frame(run, i, by_robot[r, i], tiles) for i in range(robots)]
+        frames.append(_frame(run, robot=None, belief=pooled[r], tiles=tiles))
     return pl.concat(frames)
 
 
