@@ -70,8 +70,10 @@ def test_answers_over_time_by_hand() -> None:
         (((0, 10.0, 0), (1, 20.0, 0)), 0.425, 100.0, 0),
         # one of them does: the swarm's answer stays
         (((0, 10.0, 0), (1, 20.0, 0), (0, 120.0, 1)), 0.625, 100.0, 0),
-        # they leave at 50 s without a change, which is then right
-        (((0, 10.0, 0), (1, 20.0, 0), (0, 40.0, 1), (1, 50.0, 1)), 0.65, 0.0, 1),
+        # they leave at 50 s without a change: the answer is right from the change on, which they have not noticed
+        (((0, 10.0, 0), (1, 20.0, 0), (0, 40.0, 1), (1, 50.0, 1)), 0.65, NAN, 1),
+        # they answer anew at the very change
+        (((0, 10.0, 0), (1, 20.0, 0), (0, 100.0, 1), (1, 100.0, 1)), 0.925, 0.0, 0),
         # leave and come back: one false change
         (((0, 0.0, 0), (1, 0.0, 0), (0, 40.0, 1), (1, 40.0, 1), (0, 50.0, 0), (1, 50.0, 0)), 0.45, 100.0, 1),
         # first answer wrong, then right: no right answer was left
@@ -81,7 +83,7 @@ def test_answers_over_time_by_hand() -> None:
 def test_more_answers_by_hand(rows: Any, share: float, delay_s: float, false: int) -> None:
     numbers = judged(course(*rows))
     assert numbers["right_time_share"] == pytest.approx(share)
-    assert numbers["answer_delay_s"] == delay_s
+    assert numbers["answer_delay_s"] == pytest.approx(delay_s, nan_ok=True)
     assert numbers["false_changes_per_h"] == pytest.approx(false * 3600 / 200)
 
 
@@ -103,6 +105,26 @@ def test_without_a_change_of_the_truth_there_is_no_delay() -> None:
     assert math.isnan(numbers["answer_delay_s"])
     assert numbers["false_changes_per_h"] == pytest.approx(18.0)  # the swarm leaves at 160 s
     assert numbers["right_at_decision"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("rows", "delay_s", "false"),
+    [
+        # "the floor has changed" at 50 s, as the first answer: a false change, and none that was noticed
+        (((0, 40.0, 1), (1, 50.0, 1)), NAN, 1),
+        # taken back in time, and given again after the change
+        (((0, 40.0, 1), (1, 50.0, 1), (0, 60.0, 0), (1, 60.0, 0), (0, 130.0, 1), (1, 130.0, 1)), 30.0, 1),
+        # one robot alone is not the swarm
+        (((0, 40.0, 1), (0, 60.0, 0), (0, 130.0, 1), (1, 140.0, 1)), 40.0, 0),
+        # as it was, then changed
+        (((0, 40.0, 0), (1, 50.0, 0), (0, 130.0, 1), (1, 140.0, 1)), 40.0, 0),
+    ],
+)
+def test_a_change_that_is_told_before_it_comes_is_false(rows: Any, delay_s: float, false: int) -> None:
+    changed = {"task.name": "changed", "strategy.name": "reset", "strategy.reset.tells_change": True}
+    numbers = judged(course(*rows, **changed))
+    assert numbers["answer_delay_s"] == pytest.approx(delay_s, nan_ok=True)
+    assert numbers["false_changes_per_h"] == pytest.approx(false * 3600 / 200)
 
 
 ANEW = {
@@ -224,12 +246,19 @@ def test_counts_are_forgotten_as_the_formula_says(forgetful: Result) -> None:
     np.testing.assert_allclose(own["belief_below"].to_numpy(), below, atol=1e-12)
 
 
-def plain_cusum(bits: Any, threshold: float, least: float) -> list[tuple[int, int, int, float]]:
+GATE = GRID["decision.min_observations"]
+
+
+def plain_cusum(bits: Any, threshold: float, gate: int = GATE) -> list[tuple[int, int, int, float]]:
     """alpha, beta, changes and time of the last after each own sample, of a robot that does not follow."""
-    base, excursion, score, changes, rows = [0, 0], [0, 0], 0.0, 0, []
-    began_s, changed_s = NAN, NAN
+    base, excursion, score, changes, rows, least = [0, 0], [0, 0], 0.0, 0, [], 0.05
+    began_s, changed_s, counted = NAN, NAN, 0
     for heard, own in bits:
         for bit, time_s in (*heard, own):
+            counted += 1
+            if counted <= gate:  # the robot may not decide yet
+                base[bit] += 1
+                continue
             share = (1 + base[1]) / (2 + sum(base))
             apart = max(abs(share - 0.5), least) * (1 if share > 0.5 else -1)
             if_new, if_old = (min(max(p, 0.01), 0.99) for p in (0.5 - apart, 0.5 + apart))
@@ -250,14 +279,17 @@ def test_changes_are_those_of_a_cumulative_sum(threshold: float) -> None:
     values = {"strategy.reset.threshold": threshold, "strategy.reset.follows": False}
     result = simulate(scenario("reset", **INVERTED, **values), 3, 2)
     own = result.inference.filter((pl.col("run") == 1) & (pl.col("robot") == 2))
-    expected = plain_cusum(timed_bits(result, 1, 2), threshold, 0.05)
+    expected = plain_cusum(timed_bits(result, 1, 2), threshold)
     assert own.select("alpha", "beta").rows() == [row[:2] for row in expected]
     reports = result.reports
     assert reports is not None
     told = reports.filter((pl.col("run") == 1) & (pl.col("robot") == 2) & (pl.col("name") == "changes"))
     assert told["value"].to_list() == [row[2] for row in expected]
     assert expected[-1][2] >= 1
-    assert expected != plain_cusum(timed_bits(result, 1, 2), threshold + 1.0, 0.05)  # negative control
+    # negative controls
+    assert expected != plain_cusum(timed_bits(result, 1, 2), threshold + 1.0)
+    if threshold == 2.0:  # with 6.0 nothing happens before the gate
+        assert expected != plain_cusum(timed_bits(result, 1, 2), threshold, gate=0)
     when = reports.filter((pl.col("run") == 1) & (pl.col("robot") == 2) & (pl.col("name") == "changed_s"))
     # A message is read in the next control period in which the robot walks.
     stop_s = (result.motion["time_s"] - result.motion["stop_start_s"]).max() + 2 * result.scenario.tick_s

@@ -23,6 +23,7 @@ from vibroswarm.analysis.intervals import (
     mean_interval,
     mean_share_interval,
     quantile_interval,
+    rate_interval,
     share_interval,
     sign_flip,
     sign_flip_interval,
@@ -286,3 +287,31 @@ def test_intervals_of_small_shares_hold_as_often_as_they_say_and_students_leave_
     even = np.random.default_rng(6).beta(50.0, 50.0, size=(200, 10))
     for row in even:
         assert mean_share_interval(row).low == pytest.approx(mean_interval(row).low, abs=0.005)
+
+
+def test_rates_of_events_have_limits_of_counts() -> None:
+    """Garwood's limits for 3 events in 10 runs of a third of an hour, each with at most one."""
+    found = rate_interval([3.0] * 3 + [0.0] * 7, 3.0)
+    by_hand = stats.chi2.ppf([0.025, 0.975], [6, 8]) / 2 / 10 * 3.0
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.9, *by_hand))
+    none = rate_interval([0.0] * 10, 3.0)
+    assert (none.low, none.high) == pytest.approx((0.0, -math.log(0.025) * 0.3))
+    assert rate_interval([0.0] * 10).high == math.inf
+    assert rate_interval([3.0] * 4) == (3.0, 3.0, 3.0, 0.95, 4, "quasi-Poisson")
+    assert math.isnan(rate_interval([math.nan]).low)
+
+
+@pytest.mark.parametrize("cluster", [1, 2])
+def test_rates_of_rare_events_hold_the_truth_also_if_events_come_together(cluster: int) -> None:
+    """1000 times 100 runs with .15 events on average; the control counts each event for itself over all runs."""
+    held, held_alone, below = 0, 0, 0
+    counts = cluster * np.random.default_rng(5).poisson(0.15 / cluster, size=(1000, 100)).astype(float)
+    for runs in counts:
+        found, k = rate_interval(runs, 1.0), runs.sum()
+        low, high = stats.chi2.ppf([0.025, 0.975], [2 * k, 2 * k + 2]) / 200
+        held += 0.0 <= found.low <= 0.15 <= found.high
+        held_alone += np.nan_to_num(low) <= 0.15 <= high
+        below += mean_interval(runs).low < 0.0
+    assert held > 940
+    assert (held_alone > 940) == (cluster == 1)
+    assert (below > 0) == (cluster == 2), "Student's limits go below 0"

@@ -2,11 +2,12 @@
 
 | name | definition |
 |---|---|
-| swarm's answer | the answer on which all robots agreed last; none before they first agree |
+| swarm's answer | the answer on which all robots agreed last; before they first agree the one that the task presumes \
+(``tasks.base``), if any |
 | right at the decision | share of the robots whose last answer was right when it was given |
 | share of the time | mean over robots: of the time in which an answer is right, the share in which theirs was |
 | delay | from a change of the truth until the swarm's answer is the new truth, at most to the next change or to the \
-end of the run; mean over the changes of the run |
+end of the run; mean over the changes of the run, without those at which it was the swarm's answer already |
 | false changes | how often an hour the swarm's answer, which was right, became one that was not, at the same truth |
 | error of the time | distance of the time of a change that robots report (``changed_s``) from the true one; mean over \
 right answers after a change |
@@ -24,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -91,6 +93,8 @@ class Course(NamedTuple):
     """The answers of each robot, in the order of time."""
     swarm: list[Answer]
     """The swarm's answers, each different from the one before it."""
+    presumed: int | None
+    """The answer that the swarm stands for before its first."""
     truth_s: Array
     """Times from which the truth is ``truth``, 0 first."""
     truth: Array
@@ -135,12 +139,13 @@ def course_of(
     truth_s, truth = truth_over_time(scenario, floor)
     truth_s, truth = truth_s[truth_s < end_s], truth[truth_s < end_s]
     answers = [one for one, of in zip(robots, counts.tolist(), strict=True) if of]
-    is_own = task(scenario.task.name).is_asked_anew(scenario.task.params)
+    asked = task(scenario.task.name)
+    is_own = asked.is_asked_anew(scenario.task.params)
     if is_own:
         truths = [_own_truth(scenario, floor, one, end_s) for one in answers]
     else:
         truths = [Truth(truth_s, truth, _spans_at(truth_s, one)) for one in answers]
-    return Course(answers, swarm, truth_s, truth, end_s, truths, is_own)
+    return Course(answers, swarm, asked.presumed, truth_s, truth, end_s, truths, is_own)
 
 
 def _own_truth(scenario: Scenario, floor: Floor, answers: list[Answer], end_s: float) -> Truth:
@@ -198,35 +203,37 @@ def _right_time_share(course: Course) -> float:
 
 
 def _delay_s(course: Course) -> float:
-    """Return the mean delay of the swarm's new answer over changes to another truth; nan without such a change."""
+    """Return the mean delay of the swarm's new answer over changes to another truth; nan without one to notice."""
     delays = []
     until_s = [*course.truth_s[1:].tolist(), course.end_s]
-    for since_s, end_s, truth in list(
-        zip(course.truth_s.tolist(), until_s, course.truth.tolist(), strict=True)
-    )[1:]:
-        if not math.isnan(truth):
-            delays.append(_since(course.swarm, truth, since_s, end_s) - since_s)
+    spans = list(zip(course.truth_s.tolist(), until_s, course.truth.tolist(), strict=True))
+    for since_s, end_s, truth in spans[1:]:
+        if not math.isnan(truth) and _answer_before(course, since_s) != truth:
+            delays.append(_first_time(course.swarm, truth, since_s, end_s) - since_s)
     return float(np.mean(delays)) if delays else math.nan
 
 
-def _since(swarm: list[Answer], truth: float, since_s: float, end_s: float) -> float:
-    """Return the first time from ``since_s`` on at which the swarm's answer is ``truth``; at most ``end_s``."""
-    before = [one for one in swarm if one.since_s <= since_s]
-    if before and before[-1].answer == truth:
-        return since_s
-    for one in swarm:
-        if since_s < one.since_s < end_s and one.answer == truth:
-            return one.since_s
-    return end_s
+def _answer_before(course: Course, time_s: float) -> int | None:
+    """Return the swarm's answer just before a time."""
+    before = [one.answer for one in course.swarm if one.since_s < time_s]
+    return before[-1] if before else course.presumed
+
+
+def _first_time(swarm: list[Answer], truth: float, since_s: float, end_s: float) -> float:
+    """Return the first time from ``since_s`` on at which the swarm comes to the answer ``truth``; at most ``end_s``."""
+    times_s = (one.since_s for one in swarm if since_s <= one.since_s < end_s and one.answer == truth)
+    return next(times_s, end_s)
 
 
 def _false_changes(course: Course) -> int:
     """Return how often the swarm left a right answer without a change of the truth."""
-    pairs = zip(course.swarm[:-1], course.swarm[1:], strict=True)
+    swarm = course.swarm
+    if course.presumed is not None:
+        swarm = [Answer(0.0, course.presumed), *swarm]
     return sum(
         _truth_at(course, after.since_s) == before.answer != after.answer
         and not math.isnan(_truth_at(course, after.since_s))
-        for before, after in pairs
+        for before, after in pairwise(swarm)
     )
 
 

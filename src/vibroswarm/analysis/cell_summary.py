@@ -113,7 +113,7 @@ def summary(
         robots=int(robot_counts.sum()),
         t_end_s=t_end_s,
         level=level,
-        figures={figure.name: interval(figure.name, by_run, level, seed) for figure in FIGURES},
+        figures={figure.name: interval(figure.name, by_run, level, seed, t_end_s) for figure in FIGURES},
         correlations={
             **{f"icc_{name}": value for name, value in iccs.items()},
             **{f"design_effect_{name}": design_effect(value, sizes[name]) for name, value in iccs.items()},

@@ -32,6 +32,7 @@ from vibroswarm.analysis.intervals import (
     cluster_share,
     mean_interval,
     quantile_interval,
+    rate_interval,
     share_interval,
     wilson,
 )
@@ -279,7 +280,8 @@ class RunFigure(NotebookView):
     of_run: Callable[[Swarms], Array]
     """Computes it for each run, (runs,); nan in runs that do not have it."""
     kind: str = "mean"
-    """How runs make it a figure of a cell: "mean", "share" (of robots), "runs", "robots" or "median"."""
+    """How runs make it a figure of a cell: "mean", "rate" (of events), "share" (of robots), "runs", "robots" or
+    "median"."""
     better: int = 0
     """1 if larger values are better, -1 if smaller values are, 0 if neither: then it cannot be compared."""
     unit: str = ""
@@ -473,8 +475,8 @@ FIGURES: Final = (
         unit="s",
         column="consensus_time_s",
     ),
-    RunFigure("agreed_on_0", "agreed on 0 (less)", _agreed_on(0), "runs"),
-    RunFigure("agreed_on_1", "agreed on 1 (more)", _agreed_on(1), "runs"),
+    RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(0), "runs"),
+    RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(1), "runs"),
     RunFigure(
         "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
     ),
@@ -493,7 +495,11 @@ FIGURES: Final = (
         unit="s",
     ),
     RunFigure(
-        "false_changes_per_h", "false changes an hour", lambda s: s.runs["false_changes_per_h"], better=-1
+        "false_changes_per_h",
+        "false changes an hour",
+        lambda s: s.runs["false_changes_per_h"],
+        "rate",
+        better=-1,
     ),
     RunFigure(
         "change_time_error_s",
@@ -572,12 +578,18 @@ def columns_of(table: pl.DataFrame) -> dict[str, Array]:
     return {name: numbers(table[name]) for name in table.columns if name not in ("run", "truth", "consensus")}
 
 
-def interval(name: str, by_run: Mapping[str, NDArray[Any]], level: float = 0.95, seed: int = 0) -> Interval:
+def interval(
+    name: str,
+    by_run: Mapping[str, NDArray[Any]],
+    level: float = 0.95,
+    seed: int = 0,
+    t_end_s: float = math.nan,
+) -> Interval:
     """Compute a figure of a cell, with its limits, from the figures of its runs.
 
     Args:
         name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
-        level: confidence level. seed: seed of the bootstrap.
+        level: confidence level. seed: seed of the bootstrap. t_end_s: the end of a run, s, which rates of events need.
     """
     figure = BY_NAME[name]
     if figure.kind == "robots":
@@ -587,6 +599,8 @@ def interval(name: str, by_run: Mapping[str, NDArray[Any]], level: float = 0.95,
     values = by_run[figure.by_run]
     if figure.kind == "mean":
         return figure.mean(values, level)
+    if figure.kind == "rate":
+        return rate_interval(values, 3600.0 / t_end_s, level)
     if figure.kind == "share":
         known, robots = ~np.isnan(values), by_run["robots"]
         return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)

@@ -4,6 +4,8 @@
 |---|---|---|---|
 | ``wilson`` | share of runs | (k + z^2/2 +- z sqrt(k(n-k)/n + z^2/4)) / (n + z^2) | Wilson 1927 |
 | ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
+| ``rate_interval`` | mean rate of events | Garwood's limits for K / c events, times c; c = variance / mean | \
+Garwood 1936; McCullagh & Nelder 1989, 6.2 |
 | ``share_interval`` | mean of shares | the same, clipped to [0, 1] | Student 1908 |
 | ``bootstrap_mean`` | mean over runs | percentiles of means of resampled runs | Efron 1979 |
 | ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
@@ -24,7 +26,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri, stdtrit
+from scipy.special import gammaincinv, ndtr, ndtri, stdtrit
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.core.displayed import html_view
@@ -159,6 +161,33 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     # Student 1908
     half = float(stdtrit(runs.size - 1, 0.5 + level / 2)) * float(runs.std(ddof=1)) / math.sqrt(runs.size)
     return Interval(mean, mean - half, mean + half, level, runs.size, "t")
+
+
+def rate_interval(values: ArrayLike, of_one_event: float = math.nan, level: float = 0.95) -> Interval:
+    """Compute a mean over runs of rates of events, such as events an hour, with limits that are not below 0.
+
+    Events of a run may come together. So Garwood's limits are those of a Poisson count of clusters, whose size is the
+    variance of the rates over their mean (quasi-Poisson), at least that of one event.
+
+    Args:
+        values: rate of each run; those of nan are left out. of_one_event: the rate of a run with one event; nan:
+            unknown, then the upper limit is infinite if there is no event, or only one run.
+    """
+    check_level(level)
+    runs = without_nan(values)
+    if runs.size == 0:
+        return undefined(level, 0, "quasi-Poisson")
+    mean = _mean(runs)
+    dispersion = float(runs.var(ddof=1)) / mean if runs.size > 1 and mean > 0.0 else math.nan
+    size = float(np.fmax(dispersion, of_one_event)) / runs.size
+    if math.isnan(size):
+        return Interval(mean, 0.0, math.inf, level, runs.size, "quasi-Poisson")
+    clusters, tail = (mean / size if size > 0.0 else math.inf), (1.0 - level) / 2
+    if math.isinf(clusters):  # the same rate in all runs, and the rate of one event is unknown
+        return Interval(mean, mean, mean, level, runs.size, "quasi-Poisson")
+    low = size * float(gammaincinv(clusters, tail)) if clusters > 0.0 else 0.0
+    high = size * float(gammaincinv(clusters + 1.0, 1.0 - tail))
+    return Interval(mean, low, high, level, runs.size, "quasi-Poisson")
 
 
 def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:

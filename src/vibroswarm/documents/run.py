@@ -53,20 +53,21 @@ def run_document(result: Result, run: int) -> Document:
         InputError: there is no such run.
     """
     found, scenario = verdict(result, run), result.scenario
+    answers = _answers_over_time(result, run)
     decidable = decidability(scenario, floor=result.floor(run).at(found.end_s))
     opinions = holds_opinions(scenario)
     parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(result, run, found))]
     parts += map(Text, fault_sentences(result, run))
     parts += [Text(OPINION_NOTE)] if opinions else []
     parts += robot_tables(found, "opinion" if opinions else "share of ones" if _counts(found) else "estimate")
-    parts += _answers(result, run)
+    parts += _answers(answers)
     parts += _reports(result, run)
     parts += _map(result, run)
     parts += _reports_over_time(result, run)
     parts.append(Figure("run", lambda style: draw_run(result, run, style=style)))
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
-        answer=(*failure_sentences(result), *_outcome(found)),
+        answer=(*failure_sentences(result), *_outcome(found), *_when_given(found, answers)),
         knew=told([scenario]),
         warnings=(decidable.says,) if decidable.is_warning else (),
         parts=tuple(parts),
@@ -229,14 +230,30 @@ def _counts(found: Verdict) -> bool:
     return any(robot.alpha is not None for robot in found.robots) or found.robots[0].estimate is None
 
 
-def _answers(result: Result, run: int) -> list[Part]:
-    """Return a table of how right answers were over time; none if the floor stays, or decisions are not logged."""
+def _answers_over_time(result: Result, run: int) -> pl.DataFrame:
+    """Return how right the answers of a run were over time, in one row; without columns if that is not known."""
     if not result.scenario.change.is_given:
-        return []
+        return pl.DataFrame()
     judged = answers_in(result).filter(pl.col("run") == run).drop("run")
-    known = judged.select(column for column in judged if column.count())
+    return judged.select(column for column in judged if column.count())
+
+
+def _answers(judged: pl.DataFrame) -> list[Part]:
+    """Return a table of how right answers were over time, if that is known."""
     caption = "Answers over time: what was right when it was given, and how soon after a change."
-    return [Table(known, figure_columns(), caption, name="answers")] if known.width else []
+    return [Table(judged, figure_columns(), caption, name="answers")] if judged.width else []
+
+
+def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
+    """Return a sentence on answers that were wrong when they were given, if what they became by the end hides that."""
+    if "right_at_decision" not in judged.columns or found.consensus != "right":
+        return ()
+    right = judged["right_at_decision"].item()
+    if right == 1.0:
+        return ()
+    return (
+        f"That is right at the end; when they were given, {percent(round(right, 3))} of the answers were right.",
+    )
 
 
 def _reports(result: Result, run: int) -> list[Part]:

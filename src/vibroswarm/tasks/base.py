@@ -68,6 +68,8 @@ class Task(Plugin):
             words, such as "share of tiles that vibrate"; empty: the task asks for a decision. check: optional, a
             function like ``truth`` that raises an ``InputError`` if the question makes no sense on a floor.
             asked_anew: a function of the parameters, whether each robot is asked anew once its decision becomes 1.
+            presumed: the answer that is right at time 0 on every floor, and for which undecided robots stand; None: it
+                has none. Another first answer is a false change (``analysis.answers_over_time``).
             scored: optional, a function like ``truth`` that returns the number against which the estimates of robots
             are scored that decide as well; without it that is the fill ratio.
     """
@@ -77,6 +79,7 @@ class Task(Plugin):
     estimated: str = ""
     check: Callable[[Floor, Asked, Any], None] | None = None
     asked_anew: Callable[[Any], bool] | None = None
+    presumed: int | None = None
     scored: Callable[[Floor, Asked, Any], Any] | None = None
 
     def __post_init__(self) -> None:

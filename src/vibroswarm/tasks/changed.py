@@ -53,5 +53,6 @@ changed = register(
         about="has the floor changed since the start, or since a robot last said so?",
         answers=("the floor is as it was", "the floor has changed"),
         asked_anew=lambda p: bool(p.since == "answer"),
+        presumed=0,
     )
 )
