@@ -8,7 +8,8 @@ boundary; that the others are told, and follow, is ours.
 | share | f | - | (prior + ones) / (prior + ones + zeros) of the bits before the excursion |
 | distance | e | - | max(abs(f - b), least), b the boundary of readings |
 | before, after | q_0, q_1 | - | b + e and b - e if f is above b, else b - e and b + e; kept in [0.01, 0.99] |
-| sum | S | - | max(0, S + ln(P(bit given q_1) / P(bit given q_0))), at each bit, own or received |
+| sum | S | - | max(0, S + ln(P(bit given q_1) / P(bit given q_0))), at each bit, own or received, once the robot has \
+enough bits to decide (O_c) |
 | excursion | - | - | the bits since S was last 0 |
 | change | - | - | S > threshold: the posterior is the prior plus the excursion, S is 0, and the robot tells it |
 | time of the change | - | s | time of the first bit of that excursion; reported as ``changed_s`` |
@@ -171,6 +172,8 @@ def take(s: Row, bit: int, t_s: float, p: Row, w: World) -> None:
     share = before / (before + s.beta - s.zeros)
     s.alpha += bit
     s.beta += 1 - bit
+    if not enough(s.own, s.received, w):  # the share is not known well enough to be tested
+        return
     apart = max(abs(share - w.boundary), p.least)
     apart = apart if share > w.boundary else -apart
     now = min(max(w.boundary + apart, RAREST), 1.0 - RAREST)
