@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, stats
 
 from vibroswarm import Scenario, preset, replay, simulate
+from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
@@ -26,6 +27,7 @@ from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.replay import replay_recording
 from vibroswarm.recordings.threshold import labelled
 from vibroswarm.result import Result
 from vibroswarm.testing.runs import in_pieces
@@ -379,7 +381,7 @@ def test_a_scenario_without_change_has_the_hash_that_it_had() -> None:
     assert Scenario.from_toml(changed.to_toml()) == changed
 
 
-def test_the_floor_of_a_recording_may_change(tmp_path: Path) -> None:
+def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The log of a simulated run, imported with its floor: tiles, truths and replays are those of the run."""
     simulated = simulate(
         scenario(**{"floor.source": "diagonal:0.46", "run.t_end_s": 300.0}), 4, 1, segments=True
@@ -399,6 +401,20 @@ def test_the_floor_of_a_recording_may_change(tmp_path: Path) -> None:
     assert (at_first == read).mean() < 0.5  # negative control: five sixths of the run lie after the change
     with pytest.raises(InputError, match="changes during the run"):
         labelled(recorded)
+    revising = {"strategy.name": "forget", "strategy.forget.memory": 80.0, "decision.revise": True}
+    revising |= {"decision.min_observations": 40, "decision.credible_threshold": 0.8}
+    replayed = replay_recording(recorded, recorded.scenario.with_values(revising), draws=2).answers
+    assert replayed is not None
+    assert replayed["draw"].to_list() == [0, 1]
+    run = answers_in(
+        simulate(simulated.scenario.with_values(revising), 4, 1)
+    )  # nothing is lost: it is that run
+    assert run["answer_delay_s"].item() == pytest.approx(replayed["answer_delay_s"][1], abs=0.5)
+    assert run["right_time_share"].item() == pytest.approx(replayed["right_time_share"][1], abs=0.005)
+    sets = ["--set", "min_observations=40", "--set", "forget.memory=80", "--set", "decision.revise=true"]
+    command = ["lab", "replay", str(tmp_path / "recording"), "--strategy", "forget", "--draws", "2", *sets]
+    assert main(command) == 0
+    assert "Answers over time" in capsys.readouterr().out
 
 
 def test_a_recording_has_no_random_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -414,3 +430,17 @@ def test_a_recording_has_no_random_changes(tmp_path: Path, capsys: pytest.Captur
     ]
     assert main([*command, "--set", "change.rate_per_h=1"]) == 2
     assert "change: is random, but a recording's floor changed as it did" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["at_s=300,900", "shares=0.4,0.6"])
+def test_numbers_in_one_text_are_refused_with_the_list_that_is_meant(
+    text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    numbers = text.partition("=")[2].replace(",", ", ")
+    assert main(["run", "--set", f"change.{text}", "--set", "change.to=invert"]) == 2
+    assert f"write a list: [{numbers}]" in capsys.readouterr().err
+
+
+def test_detection_is_on_a_floor_that_stays(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detect", "--runs", "1", "--set", "change.at_s=10", "--set", "change.to=invert"]) == 2
+    assert "change: must be left out" in capsys.readouterr().err

@@ -294,6 +294,29 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) ->
     assert not page.evaluate(BLANK, "floor")
 
 
+def test_a_floor_that_changes_is_shown_as_it_is_at_the_time(open_page: Open, tmp_path: Path) -> None:
+    from vibroswarm import preset, simulate
+    from vibroswarm.observation.observe import kinds_at
+    from vibroswarm.run_page.write import write_run_page
+
+    values = {"floor.source": "stripe:0.48", "run.t_end_s": 120.0, "change.at_s": 60, "change.to": "invert"}
+    result = simulate(preset("paper").with_values(values), 2, 1, segments=True)
+    write_run_page(result, tmp_path / "changing.html")
+    page = open_page("#t=0", tmp_path / "changing.html")
+    drawn = []
+    for time_s in (59.0, 60.0, 59.0):
+        page.evaluate("t => vibroswarm.seek(t)", time_s)
+        drawn.append(page.evaluate('document.getElementById("floor").toDataURL()'))
+    assert drawn[0] == drawn[2] != drawn[1]
+    page.evaluate("t => vibroswarm.seek(t)", 120.0)
+    seen = result.observations
+    kinds = kinds_at(result.floor(0), seen["tile"].to_numpy(), result.motion["time_s"].to_numpy())
+    at_first = result.floor(0).tiles.ravel()[seen["tile"].to_numpy()]
+    shares = [round(100 * (seen["observation"].to_numpy() != now).mean(), 1) for now in (kinds, at_first)]
+    assert f"{shares[0]:g} % misread" in page.inner_text("#facts")
+    assert shares[1] > shares[0] + 10, "by the floor at time 0 it would be another share"
+
+
 STOPS = np.array([[0, 34, 78], [65, 77, 107], [124, 123, 120], [188, 174, 108], [254, 232, 56]])
 CORNER = """id => {
   const copy = document.createElement("canvas"), context = copy.getContext("2d", { willReadFrequently: true });

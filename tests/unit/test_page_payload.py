@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
+from vibroswarm.floors.changes import changes_between
 from vibroswarm.run_page.payload import RunRecord, payload
 
 
@@ -61,6 +62,17 @@ def test_floor_is_the_floor(record: RunRecord) -> None:
     floor = payload(record)["floor"]
     tiles = np.array(list(floor["tiles"]), dtype=int).reshape(floor["rows"], floor["columns"])
     np.testing.assert_array_equal(tiles, record.floor.tiles)
+
+
+def test_changes_of_the_floor_are_given_in_the_order_of_time(record: RunRecord) -> None:
+    assert "changes" not in payload(record)["floor"]
+    changes = changes_between(record.floor.tiles, [(7.0, 1 - record.floor.tiles), (9.0, record.floor.tiles)])
+    given = payload(replace(record, floor=replace(record.floor, changes=changes)))["floor"]["changes"]
+    before = record.floor.tiles.ravel().tolist()
+    assert given == [
+        *((7.0, tile, 1 - kind) for tile, kind in enumerate(before)),
+        *((9.0, tile, kind) for tile, kind in enumerate(before)),
+    ]
 
 
 def test_energies_that_are_not_known_are_not_numbers(record: RunRecord) -> None:

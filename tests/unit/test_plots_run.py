@@ -30,6 +30,23 @@ def test_tiles_samples_and_robots_are_there(result: Result) -> None:
     assert "no feedback, seed 3" in axes.get_title()
 
 
+def test_a_floor_that_changes_is_drawn_as_it_is_at_the_end_and_small_before() -> None:
+    changing = preset("paper").with_values({
+        "floor.source": "random:0.2", "run.t_end_s": 120.0, "change.at_s": [40, 80], "change.to": ["grow", "invert"],
+    })  # fmt: skip
+    result = simulate(changing, 3, 1)
+    at_end, *small = run_figure(result).axes
+    hatched = [
+        sum(isinstance(patch, Rectangle) and bool(patch.get_hatch()) for patch in axes.patches)
+        for axes in (at_end, *small)
+    ]
+    tiles = [int(stage.tiles.sum()) for _, stage in result.floor(0).stages()]
+    assert hatched == [tiles[-1], *tiles]
+    assert tiles[0] == 5 < tiles[1] == 25 - tiles[2]
+    assert [axes.get_title() for axes in small] == ["from 0 s", "from 40 s", "from 80 s"]
+    assert "at the end" in at_end.get_title()
+
+
 def test_marks_are_those_of_the_replay_page(result: Result) -> None:
     """Its colours, by their names in the page's style sheet; a diamond says vibrating; misread samples are struck."""
     sheet = files("vibroswarm.run_page").joinpath("assets", "page.css").read_text(encoding="utf-8")

@@ -10,6 +10,8 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.answers_over_time import JUDGED
+from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.session_estimates import estimate_of
 from vibroswarm.plots.run import write_run_picture
@@ -179,6 +181,7 @@ def replay_document(
         warnings=tuple(warnings),
         parts=(
             _replayed(logged, outcomes),
+            *_answers_over_time(replays),
             Text(
                 f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {count(draws, 'draw')}."
             ),
@@ -242,6 +245,25 @@ def _replayed(logged: Sequence[SessionOutcome], outcomes: Mapping[str, Sequence[
     }
     caption = "In brackets: 5 % and 95 % quantiles over draws of the lost packets."
     return Table(pl.DataFrame(rows, infer_schema_length=None), columns, caption, "replayed", names=2)
+
+
+def _answers_over_time(replays: Mapping[str, Replayed]) -> list[Table]:
+    """Return a table of how right answers were over time, if the floor changes: means over draws of the packets."""
+    rows = [
+        replay.answers.group_by(session=pl.col("run") + 1, maintain_order=True)
+        .agg(pl.col(*JUDGED).mean())
+        .insert_column(1, pl.lit(name).alias("strategy"))
+        for name, replay in replays.items()
+        if replay.answers is not None
+    ]
+    if not rows:
+        return []
+    judged = pl.concat(rows).sort("session", maintain_order=True)
+    known = judged.select(column for column in judged if column.count())
+    caption = (
+        "Answers over time: what was right when it was given, and how soon after a change; means over draws."
+    )
+    return [Table(known, figure_columns(), caption, "answers", names=2)]
 
 
 def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> dict[str, Any]:

@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.answers_over_time import ANSWERS, answers_table
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
@@ -74,6 +75,8 @@ class Replayed(NotebookView):
     """Number of logged received messages that no robot can have sent at that time, mean over draws; left out."""
     put_back: int
     """Number of restored samples in all sessions."""
+    answers: pl.DataFrame | None = None
+    """``draw`` and the columns ``answers_over_time.ANSWERS``: one row per draw and session; None: the floor stays."""
 
 
 @dataclass(frozen=True)
@@ -127,19 +130,28 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     if scenario.strategy.reads_places:
         return _replay_with_places(recording, scenario, draws, seed)
     parts = [_rows_of(recording, run) for run in runs]
-    tables, unsent = [], 0
+    tables, unsent, answers = [], 0, []
     for draw in range(draws):
-        finals = []
+        finals, samples = [], []
         for run, rows in zip(runs, parts, strict=True):
-            # The columns of the inference table are not needed here.
-            final, missing, _ = _replay_once(recording, scenario, rows, run, seed + draw)
+            final, missing, columns = _replay_once(recording, scenario, rows, run, seed + draw)
+            decision = next(column for column in columns if column.name == "decision")
+            robot, time_s = rows.session.robot, rows.session.time_s
+            samples.append(pl.DataFrame({"run": run, "robot": robot, "time_s": time_s, "decision": decision}))
             finals.append(final)
             unsent += missing
         tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
+        answers += _answers(recording, scenario, pl.concat(samples), draw)
     lost = int(recording.rows["lost_before"].sum())
     robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))  # of all draws
     return Replayed(
-        scenario=scenario, draws=draws, robots=robots, runs=of_runs, unsent=unsent / draws, put_back=lost
+        scenario=scenario,
+        draws=draws,
+        robots=robots,
+        runs=of_runs,
+        unsent=unsent / draws,
+        put_back=lost,
+        answers=pl.concat(answers) if answers else None,
     )
 
 
@@ -160,12 +172,41 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
         radio = {"network.name": "loss", "network.loss.share": min(max(lost.get(run) or 0.0, 0.0), 1.0)}
         of_session = scenario.with_values(radio)
         replays.append((of_session, timeline_of(of_session, motion), seen))
-    tables = []
+    tables, answers = [], []
     for draw in range(draws):
-        finals = [infer(one, seed + draw, timeline, seen)[1] for one, timeline, seen in replays]
-        tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
+        replayed = [infer(one, seed + draw, timeline, seen) for one, timeline, seen in replays]
+        tables.append(_outcome(recording, scenario, pl.concat([finals for _, finals in replayed]), draw))
+        samples = recording.motion.join(
+            pl.concat([inference for inference, _ in replayed]), on=["run", "robot", "sample"]
+        )
+        in_order = samples.select("run", "robot", "time_s", "decision").sort("run", "time_s", "robot")
+        answers += _answers(recording, scenario, in_order, draw)
     robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
-    return Replayed(scenario=scenario, draws=draws, robots=robots, runs=of_runs, unsent=0.0, put_back=0)
+    return Replayed(
+        scenario=scenario,
+        draws=draws,
+        robots=robots,
+        runs=of_runs,
+        unsent=0.0,
+        put_back=0,
+        answers=pl.concat(answers) if answers else None,
+    )
+
+
+def _answers(
+    recording: Recording, scenario: Scenario, samples: pl.DataFrame, draw: int
+) -> list[pl.DataFrame]:
+    """Return the table of answers over time of one draw, with its number; an empty list if the floor stays.
+
+    Args:
+        samples: run, robot, time_s and decision of all samples, run by run in the order of time.
+    """
+    if not scenario.change.is_given:
+        return []
+    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
+    columns = {name: samples[name].to_numpy() for name in samples.columns}
+    table = answers_table(scenario, None, floors, columns, recording.runs["end_s"].to_numpy())
+    return [table.select(pl.lit(draw, dtype=pl.UInt32).alias("draw"), *ANSWERS)]
 
 
 def _replay_once(

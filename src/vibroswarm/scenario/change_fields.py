@@ -12,7 +12,7 @@ from typing import Annotated, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.errors import InputError, nearest, shown
@@ -62,6 +62,22 @@ class Change(FrozenModel):
     def _listed(cls, value: object) -> object:
         """Turn one value into a list of it."""
         return [value] if isinstance(value, str | int | float) and not isinstance(value, bool) else value
+
+    @field_validator("at_s", "shares", mode="before")
+    @classmethod
+    def _not_text(cls, value: object, info: ValidationInfo) -> object:
+        """Refuse several numbers in one text, such as "300,900".
+
+        Raises:
+            InputError: as said.
+        """
+        text = value[0] if isinstance(value, list) and len(value) == 1 else value
+        if isinstance(text, str) and "," in text:
+            numbers = ", ".join(part.strip() for part in text.split(","))
+            raise InputError(
+                f"'{text}' is a text; write a list: [{numbers}]", field=f"change.{info.field_name}"
+            )
+        return value
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:

@@ -81,10 +81,15 @@ def detection_study(
     """Return the study of random floors of these fill ratios with these numbers of robots.
 
     Raises:
-        InputError: the scenario asks another question than the fill ratio, or a value is wrong.
+        InputError: the scenario asks another question than the fill ratio, its floor changes, or a value is wrong.
     """
     if scenario.task.name != "fill_ratio":
         raise InputError(f"must be fill_ratio to detect, not '{scenario.task.name}'", field="task.name")
+    if scenario.change.is_given:
+        raise InputError(
+            "must be left out: what is detected is on a floor that stays; evaluate judges answers on one that changes",
+            field="change",
+        )
     return Study.of(
         scenario,
         runs,
