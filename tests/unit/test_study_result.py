@@ -282,3 +282,13 @@ def test_a_figure_that_is_declared_is_on_the_page_in_the_files_and_in_python(
     page = result.report(tmp_path / "r").path.read_text(encoding="utf-8")
     assert page.count('aria-label="brand-new"') == 1
     assert (tmp_path / "r" / "pictures" / "brand-new.svg").is_file()
+
+
+def test_answers_beyond_the_second_kind_are_read_back(tmp_path: Path) -> None:
+    three = preset("paper").with_values({
+        "sensor.model": "confusion", "floor.source": "random:0.2,0.2,0.6", "task.name": "majority",
+        "strategy.name": "dirichlet", "run.t_end_s": 200.0, "decision.min_observations": 20,
+    })  # fmt: skip
+    Study.of(three, runs=2, seed=2).run(tmp_path / "study")
+    read = StudyResult.open(tmp_path / "study")
+    assert read.tables(0)[0]["decision"].to_list() == [2] * 10

@@ -556,7 +556,7 @@ def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
         InputError: a column is wrong; it names the file and the column.
     """
     has_time = frame["decision_time_s"].is_not_null()
-    if (frame["decision"].is_in([0, 1]) != has_time).any():
+    if ((frame["decision"] >= 0) != has_time).any():
         raise InputError(
             "column 'decision_time_s' must be given for robots that decided, and for no others", field=name
         )
