@@ -381,8 +381,8 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading")
       for field in ("edge_reach_m", *OF_MAPS[1:])),
     "strategy.forget.memory", "task.changed.more_than",
-    *(f"sensor.acceleration.{field}" for field in ("motor_jitter", "frequency_jitter", "coupling", "lateral",
-      "feet_m", "contact_jitter", "gain_spread", "noise_m_s2")),
+    *(f"sensor.acceleration.{field}" for field in ("motor_spread", "motor_jitter", "frequency_jitter",
+      "coupling", "lateral", "feet_m", "gain_spread", "noise_m_s2")),
     "strategy.explore.recent_s",
     "strategy.field.min_samples", "strategy.places.draws",
     "localisation.start_spread_m", "localisation.start_heading_spread_deg",

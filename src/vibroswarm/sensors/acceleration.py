@@ -5,14 +5,14 @@
 | tile | z_i | m/s^2 | (D + kappa L) z = D d: rigid tiles on springs, joined to their neighbours by the frame |
 | stiffness | D | - | 1 - r^2 + 2 j zeta r with r = f / ``tile_hz``: one tile's own, at the motor's frequency f |
 | neighbours | L | - | the grid's Laplacian: (L z)_i = sum of z_i - z_j over the tiles j beside i |
-| drive | d_s | m/s^2 | acceleration that the motor of tile s would give it alone: amplitude exp(jitter n_s) |
+| drive | d_s | m/s^2 | what the motor of tile s would give it alone: amplitude exp(spread m_s + jitter n_s) |
 | response | G_is | - | abs of the element (i, s) of D (D + kappa L)^-1 |
 | robot | a_s | m/s^2 | d_s sqrt(mean of G_is^2 over the tiles i below its two feet): heave and pitch together |
-| upwards | a(t) | m/s^2 | gravity + gain [contact * sum of a_s cos(2 pi f_s t + phase_s) + noise] |
+| upwards | a(t) | m/s^2 | gravity + gain [sum of a_s cos(2 pi f_s t + phase_s) + noise] |
 | value | - | - | features of the signal after the robot's high-pass (``robot.sensing``, ``robot.features``) |
 
 Kind 0 has no motor; kind k has one of ``motor_hz[k - 1]``. A motor's amplitude and frequency are drawn again every
-``WANDER_S``, the same for all robots; contact and phases are drawn for each sample. n is standard normal.
+``motor_hold_s``, the same for all robots; phases are drawn for each sample. n and m are standard normal.
 Two kinds are read as energy > theta_E, as the paper's robots do. More are told apart by the peak's frequency: a sample
 with an energy above theta_E is of the kind whose motor, as the rate folds it, is nearest to the peak.
 """
@@ -60,8 +60,8 @@ from vibroswarm.sensors.base import MOST_KINDS, MOST_NUMBERS, Samples, SensorMod
 from vibroswarm.sensors.energies import histogram_density
 
 GRAVITY_M_S2: Final = 9.81
-WANDER_S: Final = 20.0
-"""Time for which a motor keeps its amplitude and frequency, s."""
+LASTING: Final = 1
+"""In place of a robot's number, in the address of what a motor keeps for a whole run; 0 is in that of its jitter."""
 STEPS: Final = 2
 """Motors are felt from at most this many rows and columns of tiles away."""
 SIDE: Final = 2 * STEPS + 1
@@ -87,13 +87,21 @@ class Params:
         165.0,
     )
     """Frequency of the motor below tiles of kind 1, 2, ..., Hz; tiles of kind 0 have no motor."""
-    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 6.05
+    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 6.08
     """Peak acceleration that a motor gives its tile alone (median)."""
-    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.582
+    amplitude_shares: Annotated[
+        tuple[Annotated[float, Field(gt=0, le=1e3)], ...], Field(max_length=MOST_KINDS - 1, strict=False)
+    ] = ()
+    """That of the motor below tiles of kind 1, 2, ..., as a share of amplitude_m_s2; if empty, 1 for all."""
+    motor_spread: Annotated[float, Field(ge=0, le=2)] = 0.159
+    """Standard deviation of the logarithm of the amplitude from motor to motor, drawn per tile and run."""
+    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.539
     """Standard deviation of the logarithm of a motor's amplitude in time."""
+    motor_hold_s: Annotated[float, Field(ge=0.01, le=1e5)] = 1.0
+    """Time for which a motor keeps its amplitude and frequency, s."""
     frequency_jitter: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """Standard deviation of a motor's frequency in time, as a share of it."""
-    coupling: Annotated[float, Field(ge=0, le=10)] = 0.184
+    coupling: Annotated[float, Field(ge=0, le=10)] = 0.191
     """kappa: stiffness of the frame between two tiles, as a share of a tile's own springs."""
     tile_hz: Annotated[float, Field(gt=0, le=1e5)] = 400.0
     """Frequency at which a tile would swing on its springs, alone."""
@@ -101,13 +109,11 @@ class Params:
     """zeta: damping of a tile, as a share of the critical one."""
     lateral: Annotated[float, Field(ge=0, le=10)] = 0.1
     """Horizontal acceleration of a tile, as a share of the vertical one."""
-    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0395
+    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0394
     """Distance between the robot's feet, which straddle edges."""
-    contact_jitter: Annotated[float, Field(ge=0, le=2)] = 0.172
-    """Standard deviation of the logarithm of how well a robot's feet take up vibration, from sample to sample."""
-    gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
+    gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.12
     """Standard deviation of the logarithm of the gain of a robot's accelerometer, drawn per robot and run."""
-    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.33
+    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.319
     """Standard deviation of the accelerometer's noise, in each axis."""
     rate_hz: Annotated[float, Field(gt=0, le=1e5)] = 350.0
     """Readings of the accelerometer per second."""
@@ -147,11 +153,12 @@ class Shaking(NamedTuple):
 
     place: Place
     amplitude_m_s2: float
+    motor_spread: float
     motor_jitter: float
+    motor_hold_s: float
     frequency_jitter: float
     lateral: float
     feet_m: float
-    contact_jitter: float
     gain_spread: float
     noise_m_s2: float
 
@@ -174,9 +181,17 @@ def response(tiles: tuple[int, int], frequency_hz: float, p: Any) -> Values:
     return np.abs(own * np.linalg.inv(own * np.eye(number.size) + p.coupling * laplacian))
 
 
+def amplitude_share(k: int, p: Any) -> float:
+    """Return the amplitude of the motor of kind ``k`` + 1, as a share of ``amplitude_m_s2``."""
+    return float(p.amplitude_shares[k]) if p.amplitude_shares else 1.0
+
+
 @lru_cache(maxsize=16)
 def _near_responses(rows: int, columns: int, p: Any) -> Values:
-    """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on."""
+    """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on.
+
+    It is per ``amplitude_m_s2``: the share of a kind's motor is in it.
+    """
     if rows * columns > MOST_TILES:
         raise InputError(
             f"a floor of {rows * columns} tiles is too large for the sensor 'acceleration', whose tiles' equations are "
@@ -185,7 +200,7 @@ def _near_responses(rows: int, columns: int, p: Any) -> Values:
         )
     near = np.zeros((len(p.motor_hz), rows * columns, SIDE * SIDE))
     for k, frequency_hz in enumerate(p.motor_hz):
-        square = response((rows, columns), frequency_hz, p) ** 2
+        square = (amplitude_share(k, p) * response((rows, columns), frequency_hz, p)) ** 2
         for i in range(rows * columns):
             for down in range(-STEPS, STEPS + 1):
                 for across in range(-STEPS, STEPS + 1):
@@ -222,9 +237,8 @@ def shake(
     half_m = 0.5 * shaking.feet_m
     one = tile_below(x_m + half_m * cosine, y_m + half_m * sine, place)
     other = tile_below(x_m - half_m * cosine, y_m - half_m * sine, place)
-    contact = math.exp(shaking.contact_jitter * normal(seed, run, robot, VIBRATION, sample, 1))
     gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
-    slot = int(time_s / WANDER_S)
+    slot = int(time_s / shaking.motor_hold_s)
     for down in range(-STEPS - 1, STEPS + 2):  # one more than ``STEPS``, as feet may be on two tiles
         for across in range(-STEPS - 1, STEPS + 2):
             source = source_at(max(one, other), down, across, place)
@@ -239,7 +253,9 @@ def shake(
             drive = shaking.amplitude_m_s2 * math.exp(
                 shaking.motor_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source)
             )
-            amplitude = gain * contact * drive * math.sqrt(square)
+            if shaking.motor_spread > 0.0:
+                drive *= math.exp(shaking.motor_spread * normal(seed, run, LASTING, MOTOR, source, ALONE))
+            amplitude = gain * drive * math.sqrt(square)
             frequency_hz = motors_hz[k] * (
                 1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
             )
@@ -520,6 +536,12 @@ def _alias_words(one: int, other: int, multiple: int, p: Any) -> str:
 def check(p: Any) -> None:
     """Refuse bands beyond half of the rate, a time shorter than a period, and features that do not exist."""
     field = "sensor.acceleration"
+    if len(p.amplitude_shares) not in (0, len(p.motor_hz)):
+        raise InputError(
+            f"lists {len(p.amplitude_shares)} for the {len(p.motor_hz)} of {field}.motor_hz; give as many, or "
+            "none",
+            field=f"{field}.amplitude_shares",
+        )
     if p.cutoff_hz is not None and p.cutoff_hz >= 0.5 * p.rate_hz:
         raise InputError(
             f"{p.cutoff_hz:g} is not below half of the rate, {p.rate_hz:g} Hz", field=f"{field}.cutoff_hz"
