@@ -242,9 +242,12 @@ def _check_kinds(s: Sections) -> None:
     tiles, name = s.floor.tiles_for(0, 0)
     if tiles.max() >= kinds:
         row, column = (int(index) for index in np.argwhere(tiles >= kinds)[0])
+        more = 'give it a law, as with sensor.model = "confusion"'
+        if s.sensor.model == "acceleration":
+            more = "give each kind from 1 on a motor, in sensor.acceleration.motor_hz"
         raise InputError(
             f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
-            f"'{s.sensor.model}' knows {kinds} kinds, from 0; give it a law, as with sensor.model = \"confusion\"",
+            f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
     shares = random_shares(name) if s.floor.is_named and is_random(name) else ()
