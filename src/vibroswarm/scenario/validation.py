@@ -210,7 +210,7 @@ def _check_sensor(s: Sections) -> None:
     for field in ("tile_spread", "robot_spread"):
         if getattr(sensor, field) is not None and not known.scales:
             raise InputError(
-                f"multiplies strengths, and '{sensor.model}' measures none; leave it out",
+                f"multiplies strengths, and '{sensor.model}' measures none; leave it out (--set sensor.{field}=)",
                 field=f"sensor.{field}",
             )
     if known.sense is not None:
@@ -229,7 +229,8 @@ def _check_options_of_laws(s: Sections) -> None:
     for field, is_set in options.items():
         if is_set:
             raise InputError(
-                f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out",
+                f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out "
+                f"(--set {field}=)",
                 field=field,
             )
 
