@@ -28,9 +28,19 @@ from vibroswarm.testing.sensor import check_sensor
 
 QUIET = {
     f"sensor.acceleration.{name}": 0.0
-    for name in ("motor_jitter", "frequency_jitter", "contact_jitter", "noise_m_s2", "lateral", "feet_m")
+    for name in (
+        "motor_jitter",
+        "motor_spread",
+        "frequency_jitter",
+        "gain_spread",
+        "noise_m_s2",
+        "lateral",
+        "feet_m",
+    )
 }
 """Settings without chance: each sample of a tile is the same sine, but for its phase."""
+SEVERAL = {"strategy.name": "dirichlet", "task.name": "majority"}
+"""What robots do with more than two kinds of tile."""
 MODEL = sensor("acceleration")
 
 
@@ -45,13 +55,15 @@ def quiet(**fields: object) -> Scenario:
     )
 
 
-def samples_at(x_m: list[float], tiles: list[int], columns: int = 2, run: int = 0) -> Samples:
-    """Samples in the middle of a row of tiles of 0.2 m."""
+def samples_at(
+    x_m: list[float], tiles: list[int], columns: int = 2, run: int = 0, every_s: float = 0.0, robot: int = 0
+) -> Samples:
+    """Samples of a robot in the middle of a row of tiles of 0.2 m."""
     rows = len(tiles) // columns
     number = np.arange(len(x_m))
     return Samples(
         Place(rows, columns, 0.2, 0.2, 0.0, 0.2 * rows), np.array(tiles, dtype=np.uint8), np.array(x_m),
-        np.full(len(x_m), 0.1), np.zeros(len(x_m)), np.zeros_like(number), number, 1, run,
+        np.full(len(x_m), 0.1), every_s * number, np.full_like(number, robot), number, 1, run,
     )  # fmt: skip
 
 
@@ -118,20 +130,56 @@ def test_noise_has_its_standard_deviation_and_no_memory() -> None:
     assert abs((noise[:, 0] * noise[:, 2]).mean()) < 4 * 0.25 / math.sqrt(noise[:, 0].size)
 
 
-def test_motors_vary_alike_for_all_robots_and_contact_does_not() -> None:
-    p = quiet(motor_jitter=0.5).sensor.params
-    same = MODEL.sensed(samples_at([0.1] * 20, [1, 0]), p)[:, 0]
-    assert np.ptp(same) < 0.02 * same.mean()  # all in one time slot; only phases differ
-    amplitudes = [MODEL.sensed(samples_at([0.1], [1, 0], run=run), p)[0, 0] for run in range(200)]
-    assert np.log(amplitudes).std() == pytest.approx(0.5, rel=0.2)
-    contact = MODEL.sensed(samples_at([0.1] * 500, [1, 0]), quiet(contact_jitter=0.3).sensor.params)[:, 0]
-    assert np.log(contact).std() == pytest.approx(0.3, rel=0.1)
+def logs(samples: Samples, **fields: object) -> np.ndarray:
+    """Logarithms of the energies of samples, without any other chance than that of fields."""
+    return np.log(MODEL.sensed(samples, quiet(**fields).sensor.params)[:, 0])
+
+
+def test_motors_keep_their_amplitude_for_a_time_and_are_felt_alike_by_all_robots() -> None:
+    jitter = {"motor_jitter": 0.5, "motor_hold_s": 4.0}
+    one, other = (logs(samples_at([0.1] * 400, [1, 0], every_s=1.0, robot=k), **jitter) for k in (0, 1))
+    held = one.reshape(-1, 4)  # four samples in each time for which amplitudes are kept
+    assert np.ptp(held, axis=1).max() < 0.02  # only phases differ
+    assert held.mean(axis=1).std() == pytest.approx(0.5, rel=0.2)
+    assert np.corrcoef(held.mean(axis=1)[1:], held.mean(axis=1)[:-1])[0, 1] == pytest.approx(0.0, abs=0.2)
+    assert np.abs(one - other).max() < 0.02
+
+
+def test_motors_differ_for_a_run_and_robots_do() -> None:
+    times = {"every_s": 30.0}
+    tiles = [logs(samples_at([0.1] * 5, [1, 0], run=run, **times), motor_spread=0.3) for run in range(200)]
+    assert np.ptp(tiles, axis=1).max() < 0.02
+    assert np.mean(tiles, axis=1).std() == pytest.approx(0.3, rel=0.15)
+    # Two tiles of a run differ, and so do two robots; of motors that do not differ robots feel the same.
+    far, gains = {"coupling": 0.0, "motor_spread": 0.3}, {"gain_spread": 0.2}
+    pairs = np.array([logs(samples_at([0.1, 0.3], [1, 1], run=run), **far) for run in range(200)])
+    assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.2
+    robots = np.array([logs(samples_at([0.1], [1, 0], robot=k), **gains)[0] for k in range(200)])
+    assert robots.std() == pytest.approx(0.2, rel=0.15)
+
+
+def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
+    samples, base = samples_at([0.1, 0.3], [1, 2]), quiet(coupling=0.0).with_values(SEVERAL)
+    section = "sensor.acceleration"
+    even, uneven = (
+        MODEL.sensed(samples, base.with_values(motors).sensor.params)[:, 0]
+        for motors in (
+            {f"{section}.motor_hz": (100.0, 140.0)},
+            {f"{section}.motor_hz": (100.0, 140.0), f"{section}.amplitude_shares": (1.0, 0.25)},
+        )
+    )
+    assert uneven == pytest.approx(even * [1.0, 0.25], rel=0.01)
 
 
 def test_the_window_is_the_chains() -> None:
     ours = scenario()
     program = sense_program(ours)
     assert (program.rate_hz, program.signal_ms, program.settle_ms) == (350.0, 500.0, 500.0)
+    assert (program.feedback, program.forward) == (0.2, 0.6)
+    program = sense_program(
+        scenario(rate_hz=1000.0)
+    )  # another rate has the same cutoff, by other coefficients
+    assert cutoff_hz(program.feedback, 1000.0) == pytest.approx(cutoff_hz(0.2, 350.0))
     faster = scenario(rate_hz=1000.0, cutoff_hz=40.0, signal_ms=250.0)
     program = sense_program(faster)
     assert cutoff_hz(program.feedback, 1000.0) == pytest.approx(40.0)
@@ -206,9 +254,15 @@ def test_strategies_of_energies_use_its_law() -> None:
         ({"features": ("band_200",)}, "needs a rate above 400 Hz"),
         ({"features": ("band_1.5",)}, "shorter than a period of 'band_1.5'"),
         ({"features": ("loudness",)}, "no feature 'loudness'"),
+        ({"features": ("band_nan",)}, "no feature 'band_nan'"),
+        ({"features": ("variance", "variance")}, "'variance' is listed twice"),
+        ({"features": ("energy",)}, "energy is always the first number"),
+        ({"motor_hz": 165}, r"165 is wrong: give a list, such as \[165\]"),
         ({"motor_hz": ()}, "motor_hz"),
+        ({"amplitude_shares": (1.0, 2.0)}, "lists 2 for the 1 of"),
         ({"motor_hz": (1.0,)}, "shorter than a period of the motor"),
-        ({"cutoff_hz": 175.0}, "not below half of the rate"),
+        ({"cutoff_hz": 175.0}, "175 Hz is not below half of the rate"),
+        ({"rate_hz": 120.0}, r"65\.5 Hz \(if it is omitted\) is not below half of the rate"),
         ({"signal_ms": 1500.0}, "longer than the stop"),
         ({"signal_ms": 10.0}, "fewer than 8 readings"),
     ],
@@ -227,45 +281,73 @@ def test_options_of_laws_are_refused(field: dict[str, object]) -> None:
 
 
 ALIASED = [
-    ((165.0, 185.0), 350.0, 500.0),  # folds onto it
-    ((100.0, 450.0), 350.0, 500.0),  # one rate higher
-    ((60.0, 120.0), 350.0, 500.0),  # twice
-    ((50.0, 150.0), 1000.0, 500.0),  # three times
-    ((120.0, 122.0), 350.0, 500.0),  # too near for half a second
-    ((90.0, 170.0), 350.0, 500.0),  # twice 90 folds onto it: 350 - 180
-    ((165.0,), 100.0, 500.0),  # alone, and seen at 35 Hz
+    ((165.0, 185.0), {}, "show it at 165 Hz"),  # folds onto it
+    ((100.0, 450.0), {}, "show it at 100 Hz"),  # one rate higher
+    (
+        (60.0, 120.0),
+        {"amplitude_m_s2": 25.0},
+        "show 2 x 60 Hz at 120 Hz",
+    ),  # tiles shaken by more than gravity
+    ((165.0, 84.0), {"lateral": 3.0}, "show 2 x 84 Hz at 168 Hz"),  # a magnitude doubles what is horizontal
+    (
+        (50.0, 150.0),
+        {"rate_hz": 1000.0, "amplitude_m_s2": 40.0},
+        "show 3 x 50 Hz at 150 Hz",
+    ),
+    (
+        (90.0, 170.0),
+        {"amplitude_m_s2": 40.0},
+        "show 2 x 90 Hz at 170 Hz",
+    ),  # twice 90 folds onto it: 350 - 180
+    ((120.0, 121.0), {}, "500 ms of them tell lines 4 Hz apart"),
+    ((120.0, 124.0), {"frequency_jitter": 0.02, "signal_ms": 2000.0}, "wanders by 2.4"),
+    # A fast motor keeps the spectrum of the slow ones short.
+    (
+        (20.0, 30.0, 2000.0),
+        {"rate_hz": 6000.0, "cutoff_hz": 10.0},
+        "42.7 ms of them tell lines 46.9 Hz apart",
+    ),
+    ((30.0, 100.0), {"noise_m_s2": 3.0}, "does not stand out"),
+    ((165.0,), {"rate_hz": 100.0, "cutoff_hz": 10.0}, "show it at 35 Hz"),  # alone
 ]
 APART = [
-    ((165.0, 185.0), 1000.0, 500.0),
-    ((90.0, 140.0), 350.0, 500.0),
-    ((60.0, 105.0), 350.0, 500.0),
-    ((120.0, 122.0), 350.0, 2000.0),
-    ((80.0, 130.0), 1000.0, 500.0),
-    ((165.0,), 350.0, 500.0),
+    ((165.0, 185.0), {"rate_hz": 1000.0}),
+    ((90.0, 140.0), {}),
+    ((60.0, 120.0), {}),  # multiples that are weak
+    ((55.0, 110.0, 165.0), {}),
+    ((165.0, 84.0), {"lateral": 3.0, "axis": "x"}),
+    ((120.0, 122.0), {"frequency_jitter": 0.0, "signal_ms": 2000.0}),
+    ((80.0, 130.0), {"rate_hz": 1000.0}),
+    ((20.0, 30.0), {"rate_hz": 6000.0, "cutoff_hz": 10.0}),  # means of readings make a spectrum of all 500 ms
+    ((165.0,), {}),
 ]
 
 
-@pytest.mark.parametrize(
-    ("case", "warned"), [*((case, True) for case in ALIASED), *((case, False) for case in APART)]
-)
-def test_aliases_are_warned_of(case: tuple[tuple[float, ...], float, float], warned: bool) -> None:
-    motor_hz, rate_hz, signal_ms = case
-    base = {"strategy.name": "dirichlet", "task.name": "majority", "sample.stop_ms": 2500.0}
-    if len(motor_hz) == 1:
-        base = {"sample.stop_ms": 2500.0}
-    one = Scenario().with_values(
-        base
-        | {"sensor.model": "acceleration", "sensor.acceleration.motor_hz": motor_hz}
-        | {"sensor.acceleration.rate_hz": rate_hz, "sensor.acceleration.signal_ms": signal_ms}
-    )
-    assert bool(sensor_warnings(one.sensor)) == warned
+def of_motors(motor_hz: tuple[float, ...], fields: dict[str, object]) -> Scenario:
+    base = {"sample.stop_ms": 2500.0, "sensor.model": "acceleration"} | (SEVERAL if len(motor_hz) > 1 else {})
+    own = {f"sensor.acceleration.{name}": value for name, value in ({"motor_hz": motor_hz} | fields).items()}
+    return Scenario().with_values(base | own)
+
+
+@pytest.mark.parametrize(("motor_hz", "fields", "why"), ALIASED)
+def test_motors_that_look_alike_are_warned_of(
+    motor_hz: tuple[float, ...], fields: dict[str, object], why: str
+) -> None:
+    assert why in sensor_warnings(of_motors(motor_hz, fields).sensor)[0]
+
+
+@pytest.mark.parametrize(("motor_hz", "fields"), APART)
+def test_motors_that_are_told_apart_are_not_warned_of(
+    motor_hz: tuple[float, ...], fields: dict[str, object]
+) -> None:
+    assert sensor_warnings(of_motors(motor_hz, fields).sensor) == []
 
 
 def confusion(
     motor_hz: tuple[float, ...], kinds: tuple[int, ...], threshold: float
 ) -> tuple[float, float, int]:
     """Shares of samples read right, at least 3 cm and less than 1 cm from tiles of other kinds, and their number."""
-    base = {"strategy.name": "dirichlet", "task.name": "majority", "sensor.rms_threshold": threshold}
+    base = SEVERAL | {"sensor.rms_threshold": threshold}
     one = scenario().with_values(base | {"sensor.acceleration.motor_hz": motor_hz})
     rng, count = np.random.default_rng(3), 200
     right: dict[bool, list[bool]] = {True: [], False: []}
@@ -298,11 +380,9 @@ def test_the_most_common_kind_is_decided() -> None:
     values = {
         "sensor.acceleration.motor_hz": (90.0, 140.0),
         "sensor.rms_threshold": 1.0,
-        "strategy.name": "dirichlet",
-        "task.name": "majority",
         "floor.source": "random:0.2,0.6,0.2",
     }
-    result = v.simulate(scenario().with_values(values), 1, 3)
+    result = v.simulate(scenario().with_values(SEVERAL | values), 1, 3)
     decided = result.robots.filter(pl.col("decision") >= 0)["decision"]
     assert decided.len() >= 10
     assert (decided == 1).all()
@@ -377,7 +457,7 @@ def test_commands_warn_of_aliases(capsys: pytest.CaptureFixture[str]) -> None:
     ]
     motors = ["--set", "sensor.model=acceleration", "--set", "sensor.acceleration.motor_hz=[165,185]"]
     assert main(["run", *options, *motors]) == 0
-    said = "Warning: readings at 350 Hz show kind 1 (165 Hz) at 165 Hz, within 4 Hz of kind 2 (185 Hz, at 165 Hz)"
+    said = "Warning: kind 2 (185 Hz) is read as kind 1 (165 Hz) in 100 % of samples, even far from edges"
     assert said in capsys.readouterr().err
 
 

@@ -33,7 +33,7 @@ from vibroswarm.floors.place import Place
 from vibroswarm.robot.line_sensing import kind_of_line
 from vibroswarm.robot.walk import DRIVE, STOP
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.sensors.acceleration import accelerations
+from vibroswarm.sensors.acceleration import accelerations, averaged_readings
 from vibroswarm.sensors.base import Samples
 
 SEED = 4
@@ -190,9 +190,17 @@ def recorded(scenario: Scenario, inspection: Any, samples: int) -> np.ndarray[An
     )
 
 
-@pytest.fixture(scope="module", params=["magnitude", "x"])
+AXES = {
+    "magnitude": {},
+    # The mean of two readings is one of the spectrum.
+    "x": {"sensor.acceleration.rate_hz": 1000.0},
+}
+
+
+@pytest.fixture(scope="module", params=AXES)
 def shaken(request: pytest.FixtureRequest) -> tuple[Scenario, Shaken]:
-    scenario = MOTORS.with_values({"sensor.acceleration.axis": request.param})
+    scenario = MOTORS.with_values({"sensor.acceleration.axis": request.param} | AXES[request.param])
+    assert averaged_readings(scenario.sensor.params) == (1 if request.param == "magnitude" else 2)
     return scenario, Shaken(scenario, 30)
 
 

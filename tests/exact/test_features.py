@@ -27,6 +27,8 @@ from vibroswarm.robot.features import (
     band_energy,
     band_step,
     begin_moments,
+    block_gain,
+    block_means,
     crossings_hz,
     kurtosis,
     moments_step,
@@ -83,6 +85,23 @@ def test_the_peak_is_the_sine(hz: float, count: int) -> None:
     peak = spectrum_peak(signal, count, RATE_HZ, np.empty(POINTS), np.empty(POINTS))
     assert abs(peak.hz - hz) < 0.15 * RATE_HZ / count  # a seventh of what the time resolves
     assert peak.height == pytest.approx(3.0, rel=0.04)  # as its documentation says
+
+
+def test_means_of_blocks_are_numpys_and_keep_a_known_share_of_a_sine() -> None:
+    signal, means = noisy(count=175), np.full(POINTS, -1.0)
+    assert block_means(signal, 175, 4, means) == 43
+    assert means[:43] == pytest.approx(signal[:172].reshape(43, 4).mean(axis=1), rel=1e-12)
+    assert (means[43:] == -1.0).all()
+    assert block_means(signal, 175, 1, means) == 175
+    assert np.array_equal(means[:175], signal)
+    assert block_means(np.zeros(9000), 9000, 4, means) == POINTS  # as many as there is room for
+    sine = np.sin(2 * np.pi * 90.0 * np.arange(1000) / 1000.0 + 0.3)
+    kept = block_means(sine, 1000, 4, means)
+    peak = spectrum_peak(means, kept, 250.0, np.empty(POINTS), np.empty(POINTS))
+    assert peak.hz == pytest.approx(90.0, abs=0.1)
+    assert peak.height < 0.85  # as its means keep 80 %
+    assert peak.height / block_gain(90.0, 1000.0, 4) == pytest.approx(1.0, rel=0.04)
+    assert block_gain(80.0, 1000.0, 4) == pytest.approx(abs(np.exp(-2j * np.pi * 0.08 * np.arange(4)).mean()))
 
 
 def test_moments_are_scipys() -> None:

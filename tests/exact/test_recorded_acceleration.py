@@ -79,6 +79,29 @@ def test_import_computes_the_energies_that_scipy_computes(
     assert np.abs(np.sort(found) - np.sort(logged)).max() > 0.05  # not those of the log
 
 
+def test_samples_of_a_log_of_places_are_found_as_the_robot_finds_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
+    pl.read_csv(SHIPPED / "camera.csv").drop("rms").write_csv(tmp_path / "places.csv")
+    text = (SHIPPED / "columns.toml").read_text()
+    (tmp_path / "columns.toml").write_text(text.replace('energy = "rms"\n', ""))
+    given = arguments(tmp_path / "acceleration.csv", tmp_path / "lab")
+    given[2:5] = [str(tmp_path / "places.csv"), "--columns", str(tmp_path / "columns.toml")]
+    assert main(given) == 0
+    assert f"{len(expected)} samples found in" in capsys.readouterr().out
+    assert main(arguments(tmp_path / "acceleration.csv", tmp_path / "with-energies")) == 0
+    alone, beside = (Recording.read(tmp_path / name) for name in ("lab", "with-energies"))
+    np.testing.assert_allclose(alone.rows["energy"], beside.rows["energy"], rtol=1e-9)
+    for name in ("robot", "x_m", "y_m", "time_s"):
+        np.testing.assert_allclose(alone.motion[name], beside.motion[name], atol=1e-3)
+    # Without acceleration there is nothing to make energies of.
+    given[given.index("--acceleration") :] = ["--out", str(tmp_path / "none")]
+    capsys.readouterr()
+    assert main(given) == 2
+    assert "only with --acceleration it may be missing" in capsys.readouterr().err
+
+
 def test_with_json_nothing_else_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
     assert main([*arguments(tmp_path / "acceleration.csv", tmp_path / "lab"), "--json"]) == 0

@@ -111,6 +111,35 @@ def test_units_and_numbered_samples(tmp_path: Path) -> None:
     by_number = spectra_of(path, axis="z")
     in_g = spectra_of(path, axis="z", unit="g")
     assert in_g.whole.power == pytest.approx(9.80665**2 * by_number.whole.power)
+    assert by_number.warnings == ()
+    (said,) = in_g.warnings
+    assert said == "the mean magnitude is 9.814, which is gravity in m/s2, and not in g: add --unit m/s2"
+
+
+def driven(seconds: float = 60.0, y_m: float = 0.5) -> pl.DataFrame:
+    """A recording without pauses: 2 s of driving, shaken at 30 Hz, then 1 s of standing, shaken at 61 Hz."""
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    stands = t % 3.0 >= 2.0
+    z = 9.81 + np.where(stands, np.cos(2 * np.pi * 61.0 * t), 3.0 * np.cos(2 * np.pi * 30.0 * t))
+    x_m = 0.001 * np.cumsum(np.where(stands, 0.0, 55.0 / RATE_HZ))
+    x_m += 5e-4 * np.random.default_rng(2).standard_normal(t.size)  # as a camera sees it
+    zeros = np.zeros_like(t)
+    return pl.DataFrame(
+        {"robot": zeros, "time_s": t, "ax": zeros, "ay": zeros, "az": z, "x_m": x_m, "y_m": y_m}
+    )
+
+
+def test_stops_of_a_recording_without_pauses_are_where_the_robot_stands(tmp_path: Path) -> None:
+    frame = driven()
+    found = spectra_of(file_of(frame, tmp_path), axis="z")
+    assert found.samples == 20
+    assert [round(line.hz) for line in found.whole.lines] == [61]
+    # Negative controls: without places there are no stops, and a robot that turns in place does not stand.
+    with pytest.raises(InputError, match="without a pause"):
+        spectra_of(file_of(frame.drop("x_m"), tmp_path), axis="z")
+    turning = frame.with_columns(heading_rad=2.0 * pl.col("time_s"))
+    with pytest.raises(InputError, match="no two readings of a robot that stands"):
+        spectra_of(file_of(turning, tmp_path), axis="z")
 
 
 @pytest.mark.parametrize(
@@ -120,6 +149,9 @@ def test_units_and_numbered_samples(tmp_path: Path) -> None:
         (lambda frame: frame.drop("x_m"), {"by": ("tile",)}, "no columns x_m and y_m"),
         (lambda frame: frame, {"unit": "ft/s2"}, "no unit of acceleration"),
         (lambda frame: frame, {"rate_hz": 500.0}, "readings come at 350 Hz, and 500 Hz is stated"),
+        (lambda frame: frame, {"motors_hz": (90.0, -3.0)}, "-3 is not a frequency above 0"),
+        (lambda frame: frame.with_columns(time_s=pl.col("time_s") / 1000), {}, "is time_s in seconds"),
+        (lambda frame: frame.with_columns(time_s=pl.col("time_s") * 1000), {}, "is time_s in seconds"),
         (lambda frame: frame, {"signal_ms": 20.0}, "a spectrum needs 16"),
         (lambda frame: frame, {"signal_ms": 900.0}, "0 of 40 stops have the 315 readings"),
         (lambda frame: frame.with_columns(time_s=-pl.col("time_s")), {}, "time does not rise"),

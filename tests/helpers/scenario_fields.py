@@ -35,6 +35,7 @@ OTHERS = {
     "sensor.confusion.kinds": 2,
     "sensor.confusion.rates": ((0.9, 0.1), (0.3, 0.7)),
     "sensor.acceleration.motor_hz": (150.0,),
+    "sensor.acceleration.amplitude_shares": (0.8,),
     "sensor.acceleration.cutoff_hz": 40.0,
     "sensor.acceleration.features": ("peak_hz",),
     "sensor.vibrating_energies": (1.0, 2.0),

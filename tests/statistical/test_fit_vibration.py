@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
 from vibroswarm import preset, simulate
-from vibroswarm.calibrate.dataset import dataset_of
-from vibroswarm.calibrate.fit_vibration import FIELDS, feature_names, fit_vibration
+from vibroswarm.calibrate.dataset import Dataset, dataset_of
+from vibroswarm.calibrate.fit_vibration import FIELDS, SEARCHED, _Simulator, feature_names, fit_vibration
 
-TRUE = {
-    "amplitude_m_s2": 4.0,
-    "coupling": 0.3,
-    "noise_m_s2": 0.6,
-    "motor_jitter": 0.3,
-    "feet_m": 0.03,
-    "contact_jitter": 0.2,
-}
+TRUE = {"amplitude_m_s2": 4.0, "coupling": 0.3, "noise_m_s2": 0.6, "motor_jitter": 0.3}
+BASE = preset("paper").with_values({"sensor.model": "acceleration", "floor.source": "random:0.48"})
 
 
+def sessions(runs: int, motor_spread: float, gain_spread: float) -> Dataset:
+    values = TRUE | {"motor_spread": motor_spread, "gain_spread": gain_spread}
+    true = BASE.with_values({f"sensor.acceleration.{name}": value for name, value in values.items()})
+    return dataset_of([simulate(true, 5, runs)])
+
+
+@pytest.mark.slow
 def test_known_parameters_are_found() -> None:
-    base = preset("paper").with_values({"sensor.model": "acceleration", "floor.source": "random:0.48"})
-    true = base.with_values({f"sensor.acceleration.{name}": value for name, value in TRUE.items()})
-    found = dataset_of([simulate(true, 5, 2)])
-    fitted = fit_vibration(found, base, draws=20, folds=False)
-    assert fitted.misfit < 0.05
+    fitted = fit_vibration(sessions(2, 0.0, 0.0), BASE, draws=20, folds=False)
+    assert fitted.misfit.value < 0.05
     assert fitted.folds == ()
     assert tuple(fitted.values) == FIELDS
     assert fitted.names == feature_names()
     for name in ("amplitude_m_s2", "coupling", "noise_m_s2"):
         assert fitted.draws[name].std(ddof=1) < 0.1 * TRUE[name], name
         assert abs(fitted.values[name] - TRUE[name]) < 3.0 * 0.05 * TRUE[name], name
+    assert fitted.values["motor_jitter"] == pytest.approx(TRUE["motor_jitter"], abs=0.06)
+    assert max(fitted.values["motor_spread"], fitted.values["gain_spread"]) < 0.05
     # Negative control: the start of the search, the study's robots, is far away.
-    assert (
-        abs(base.sensor.params.amplitude_m_s2 - TRUE["amplitude_m_s2"]) > 3.0 * 0.05 * TRUE["amplitude_m_s2"]
-    )
+    start = BASE.sensor.params
+    assert abs(start.amplitude_m_s2 - TRUE["amplitude_m_s2"]) > 3.0 * 0.05 * TRUE["amplitude_m_s2"]
+    assert abs(start.motor_jitter - TRUE["motor_jitter"]) > 3.0 * 0.06
+
+
+def test_spreads_between_motors_and_robots_are_found() -> None:
+    found = sessions(4, motor_spread=0.25, gain_spread=0.2)
+    simulator, rows = _Simulator(found, BASE), np.arange(found.samples.height)
+    spreads = np.sqrt(simulator.missing(np.log([TRUE[name] for name in SEARCHED]), rows))
+    # Standard deviations of 48 motors and 20 robots have errors of 10 and 17 % by themselves.
+    assert spreads[0] == pytest.approx(0.25, rel=3 * 0.10)
+    assert spreads[1] == pytest.approx(0.2, rel=3 * 0.17)

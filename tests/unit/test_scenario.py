@@ -22,7 +22,14 @@ from vibroswarm.floors.source import shadows
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_fields import FAULTS, SINCE
 from vibroswarm.scenario.presets import describe, preset_names
-from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting, preset, value_of
+from vibroswarm.scenario.scenario import (
+    Scenario,
+    field_names,
+    parse_setting,
+    parse_settings,
+    preset,
+    value_of,
+)
 from vibroswarm.simulation import simulate
 
 OF_MAPS = ("variance_factor", "min_samples", "falls_from", "trust_limit", "broken_prior", "prior_median")
@@ -305,8 +312,16 @@ def test_what_is_no_setting_is_refused(text: str) -> None:
 
 
 def test_settings_are_applied_in_their_order() -> None:
-    scenario = Scenario().with_values(dict(map(parse_setting, ["swarm.robots=7", "run.t_end_s=60"])))
+    scenario = Scenario().with_values(parse_settings(["swarm.robots=7", "run.t_end_s=60"]))
     assert (scenario.swarm.robots, scenario.run.t_end_s) == (7, 60.0)
+
+
+def test_a_setting_without_a_value_leaves_a_field_out() -> None:
+    texts = [f"sensor.{name}=" for name in ("tile_spread", "robot_spread", "edge_reach_m", "edge_blur_m")]
+    base, physics = preset("calibrated"), {"sensor.model": "acceleration"}
+    with pytest.raises(InputError, match=r"leave it out \(--set sensor.tile_spread=\)"):
+        base.with_values(physics)
+    assert base.with_values(physics | parse_settings(texts)).sensor.model == "acceleration"
 
 
 # What is refused
@@ -381,8 +396,8 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading")
       for field in ("edge_reach_m", *OF_MAPS[1:])),
     "strategy.forget.memory", "task.changed.more_than",
-    *(f"sensor.acceleration.{field}" for field in ("motor_jitter", "frequency_jitter", "coupling", "lateral",
-      "feet_m", "contact_jitter", "gain_spread", "noise_m_s2")),
+    *(f"sensor.acceleration.{field}" for field in ("motor_spread", "motor_jitter", "frequency_jitter",
+      "coupling", "lateral", "feet_m", "gain_spread", "noise_m_s2")),
     "strategy.explore.recent_s",
     "strategy.field.min_samples", "strategy.places.draws",
     "localisation.start_spread_m", "localisation.start_heading_spread_deg",

@@ -24,6 +24,7 @@ from vibroswarm.calibrate.classifier import classifier_accuracy
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.features import FEATURES, values_of
 from vibroswarm.calibrate.fit import Fit, fit
+from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -61,25 +62,6 @@ class Score(NotebookView):
     """Energy distance to the other real sessions."""
     distance_simulator: float
     """Energy distance to the sessions of another simulator."""
-
-
-@dataclass(frozen=True)
-class Reading(NotebookView):
-    """A statistic of the held-out session, with mean and standard deviation over simulated sessions."""
-
-    name: str
-    """Name of the statistic, see ``readings_of``."""
-    recorded: float
-    """Its value in the held-out session."""
-    simulated: float
-    """Its mean over the simulated sessions."""
-    spread: float
-    """Its standard deviation over the simulated sessions."""
-
-    @property
-    def deviation(self) -> float:
-        """Recorded minus simulated value, in units of ``spread``; NaN if all simulated sessions have the same value."""
-        return (self.recorded - self.simulated) / self.spread if self.spread > 0 else np.nan
 
 
 @dataclass(frozen=True)
@@ -202,22 +184,13 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
     held_out = found.only([session]).samples
     threshold = scenario.sensor.rms_threshold
     scores = tuple(_score(feature, held_out, simulated, rest, other) for feature in FEATURES)
-    recorded = readings_of(held_out, threshold)
     by_session = [readings_of(samples, threshold) for samples in simulated.by_session]
-    readings = []
-    for name, value in recorded.items():
-        in_simulation = np.array([rates[name] for rates in by_session])
-        # A statistic is left out if it is unknown in this session or in too many simulated ones: a standard deviation
-        # needs two values.
-        if np.isfinite(value) and np.isfinite(in_simulation).sum() > 1:
-            mean, spread = float(np.nanmean(in_simulation)), float(np.nanstd(in_simulation, ddof=1))
-            readings.append(Reading(name, value, mean, spread))
     accuracy_simulator = np.nan if other is None else _recognised(held_out, other.by_session)
     return Fold(
         session=session,
         fit=fitted,
         scores=scores,
-        readings=tuple(readings),
+        readings=readings_beside(readings_of(held_out, threshold), by_session),
         accuracy_fitted=_recognised(held_out, simulated.by_session[:CLASSIFIED]),
         accuracy_simulator=accuracy_simulator,
     )

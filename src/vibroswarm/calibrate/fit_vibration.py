@@ -1,20 +1,26 @@
 """Fit the physics of vibration (sensor ``acceleration``) to labelled samples, and judge it on sessions that it has not seen.
 
 The six fields of ``FIELDS`` are fitted: those that energies depend on and that no data sheet gives. Recordings hold
-energies and no acceleration, so the frequencies of motors and tiles are those of the base scenario.
+energies and no acceleration, so the frequencies of motors and tiles are those of the base scenario, and so are the time
+for which motors hold their amplitude and the distance between a robot's feet.
 
 | name | symbol | equation |
 |---|---|---|
 | features | F | quantiles of the energies on each kind of tile; means over distance to edges, and by neighbours that vibrate |
 | misfit | - | sqrt(mean of (F_simulated / F_recorded - 1)^2): a relative RMS over ``features`` |
+| spread of tiles | s_t | s_t^2 = V(recorded) - V(simulated without); V: variance between tiles of mean log energies |
+| spread of robots | s_r | as s_t, of robots |
 
-Simulated samples are taken where and when the recorded ones were, so that only the sensing differs. The same random
-numbers are used for all parameters: the misfit is a smooth enough function for a simplex search.
+Features hardly tell scatter that lasts from scatter in time. So the spreads follow from the means of tiles and robots
+(``vibration_facts``), and a search finds the other four fields, ``SEARCHED``, with these spreads; this is done twice
+(``EVALUATIONS``). Simulated samples are taken where and when the recorded ones were, so that only the sensing differs.
+The same random numbers are used for all parameters: the misfit is a smooth enough function for a simplex search.
 """  # noqa: E501
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
@@ -24,6 +30,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.calibrate.reading import Reading, readings_beside
+from vibroswarm.calibrate.vibration_facts import fact_samples, facts, robot_spread, tile_spread
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -33,9 +41,9 @@ from vibroswarm.recordings.threshold import resample
 from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
-FIELDS: Final = (
-    "amplitude_m_s2", "coupling", "noise_m_s2", "motor_jitter", "feet_m", "contact_jitter",
-)  # fmt: skip
+SEARCHED: Final = ("amplitude_m_s2", "coupling", "noise_m_s2", "motor_jitter")
+SPREADS: Final = ("motor_spread", "gain_spread")
+FIELDS: Final = (*SEARCHED, *SPREADS)
 """Fitted fields of ``sensor.acceleration``."""
 QUANTILES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 EDGES_M: Final = tuple(0.01 * k for k in range(-5, 5))
@@ -45,7 +53,11 @@ NEIGHBOURS: Final = ((0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2))
 FAR_M: Final = 0.03
 """Samples at least this far from an edge count in the features by neighbours."""
 SEEDS: Final = (1, 2)
-"""Seeds of the simulated samples; features are means over them."""
+"""Seeds of the simulated samples during the search; features are means over them."""
+EVALUATIONS: Final = (80, 240)
+"""Most evaluations of each search."""
+REPEATS: Final = tuple(range(1, 21))
+"""Seeds of the simulated samples by which a fit is judged."""
 DRAWS: Final = 40
 """Bootstrap resamples of samples within sessions."""
 _SEED: Final = 37
@@ -54,16 +66,33 @@ _STEP: Final = 0.02
 
 
 @dataclass(frozen=True)
+class Misfit(NotebookView):
+    """Features of recorded sessions beside those of simulations of them, (features,) each."""
+
+    recorded: Floats
+    recorded_error: Floats
+    """Standard errors, of a bootstrap of samples within sessions."""
+    simulated: Floats
+    """Means over ``REPEATS``."""
+    error: float
+    """Standard error of ``value``, of the same bootstrap: resamples stand for other sessions of the same length."""
+
+    @property
+    def value(self) -> float:
+        """The relative RMS over the features."""
+        return relative_misfit(self.simulated, self.recorded)
+
+
+@dataclass(frozen=True)
 class FoldMisfit(NotebookView):
-    """The misfit of a fit to all sessions but one, with errors from a bootstrap of samples within sessions."""
+    """The misfit of a fit to all sessions but one, in that one."""
 
     session: int
     """The session that was left out."""
     inside: float
     """Misfit in the sessions of the fit."""
-    outside: float
-    """Misfit in the session that was left out."""
-    outside_error: float
+    outside: Misfit
+    """In the session that was left out."""
     forecast: float
     """Misfit of the recorded features of the other sessions as a forecast of this one: what no law can do better."""
 
@@ -76,11 +105,10 @@ class VibrationFit(NotebookView):
     draws: dict[str, Floats]
     names: tuple[str, ...]
     """Names of the features."""
-    recorded: Floats
-    recorded_error: Floats
-    simulated: Floats
-    """(features,): over all sessions."""
-    misfit: float
+    misfit: Misfit
+    """In all sessions."""
+    facts: tuple[Reading, ...]
+    """What no feature holds, recorded and simulated (``vibration_facts``)."""
     folds: tuple[FoldMisfit, ...]
     """Empty if they were not requested, and for fewer than three sessions."""
 
@@ -103,7 +131,7 @@ def feature_names() -> tuple[str, ...]:
     return (
         *(f"{kinds[kind]}, {100 * q:.0f} % quantile" for kind in (1, 0) for q in QUANTILES),
         *(f"{1000 * a:.0f} to {1000 * b:.0f} mm from the edge" for a, b in pairwise(EDGES_M)),
-        *(f"{kinds[kind]}, {count} vibrating neighbours" for kind, count in NEIGHBOURS),
+        *(f"{kinds[kind]}, vibrating neighbours: {count}" for kind, count in NEIGHBOURS),
     )
 
 
@@ -143,6 +171,7 @@ class _Simulator:
 
     def __init__(self, found: Dataset, base: Scenario) -> None:
         self.found, self.base = found, base
+        self.fact_samples = fact_samples(found)
         frame = found.samples
         columns = {name: frame[name].to_numpy() for name in ("run", "energy", "edge_m", "vibrating", "tile")}
         run = columns["run"].astype(np.int64)
@@ -156,56 +185,107 @@ class _Simulator:
             neighbours,
         )
 
-    def scenario(self, theta: Floats) -> Scenario:
-        """Return the base with parameters, whose logarithms are ``theta``."""
-        values = dict(zip(FIELDS, np.exp(theta).tolist(), strict=True))
-        return self.base.with_values({f"sensor.acceleration.{name}": value for name, value in values.items()})
+    def energies(
+        self,
+        values: Mapping[str, float],
+        rows: NDArray[np.int64],
+        seeds: Sequence[int],
+        is_lasting: bool = True,
+    ) -> Floats:
+        """Return energies simulated with fields (``FIELDS``), (seeds, samples); nan beside ``rows``.
 
-    def energies(self, theta: Floats, rows: NDArray[np.int64]) -> Floats:
-        """Return simulated energies, (seeds, samples); nan beside ``rows``."""
-        sensor = self.scenario(theta).sensor
-        out = np.full((len(SEEDS), self.samples.energy.size), np.nan)
+        Args:
+            is_lasting: whether motors and robots differ for a whole session. If not, each sample has its own motor and
+                robot: features are the same on average, without the luck of a few draws.
+        """
+        fields = {f"sensor.acceleration.{name}": value for name, value in values.items()}
+        if not is_lasting:
+            jitter = math.hypot(values["motor_jitter"], values["motor_spread"])
+            fields |= {"sensor.acceleration.motor_jitter": jitter, "sensor.acceleration.motor_spread": 0.0}
+        sensor = self.base.with_values(fields).sensor
+        out = np.full((len(seeds), self.samples.energy.size), np.nan)
         for session in np.unique(self.samples.session[rows]):
             own = np.flatnonzero(self.samples.session == session)
             part, floor = self.found.samples[own], self.found.floors[session]
             columns = [part[name].to_numpy() for name in ("robot", "sample", "x_m", "y_m", "time_s")]
-            for n, seed in enumerate(SEEDS):
+            for n, seed in enumerate(seeds):
+                if not is_lasting:
+                    columns[0] = np.arange(own.size)
                 found = values_at(sensor, floor.tiles.ravel(), place_of(floor), seed, int(session), *columns)
                 out[n, own] = found[:, 0]
         return out
 
-    def simulated(self, theta: Floats, rows: NDArray[np.int64]) -> Floats:
-        """Return the mean features of simulated energies at ``rows``."""
-        energies = self.energies(theta, rows)
+    def simulated(
+        self,
+        values: Mapping[str, float],
+        rows: NDArray[np.int64],
+        seeds: Sequence[int] = REPEATS,
+        is_lasting: bool = True,
+    ) -> Floats:
+        """Return the mean features at ``rows``, simulated with fields (``FIELDS``)."""
+        energies = self.energies(values, rows, seeds, is_lasting)
         return np.asarray(np.mean([features(self.samples, energy, rows) for energy in energies], axis=0))
+
+    def searched(self, theta: Floats, spreads: Floats, rows: NDArray[np.int64]) -> Floats:
+        """Return the features at ``rows`` of parameters (``_fields``), as the search sees them."""
+        return self.simulated(_fields(theta, spreads), rows, SEEDS, is_lasting=False)
 
     def recorded(self, rows: NDArray[np.int64]) -> Floats:
         """Return the features of the recorded energies at ``rows``."""
         return features(self.samples, self.samples.energy, rows)
 
-    def fit(self, rows: NDArray[np.int64], start: Floats) -> Floats:
-        """Return the logarithms of the parameters with the smallest misfit at ``rows``."""
+    def fit(self, rows: NDArray[np.int64], start: Floats) -> tuple[Floats, Floats]:
+        """Return the parameters (``_fields``) with the smallest misfit at ``rows``."""
+        theta, spreads = start, np.zeros(len(SPREADS))
+        for evaluations in EVALUATIONS:
+            spreads = np.sqrt(np.maximum(self.missing(theta, rows), 0.0))
+            theta = self.search(rows, theta, spreads, evaluations)
+        return theta, spreads
+
+    def search(self, rows: NDArray[np.int64], start: Floats, spreads: Floats, evaluations: int) -> Floats:
+        """Return the logarithms of the fields of ``SEARCHED`` with the smallest misfit at ``rows``, given spreads."""
         recorded = self.recorded(rows)
         low, high = np.log(LIMITS).T
 
         def loss(theta: Floats) -> float:
             inside = np.clip(theta, low, high)
-            return relative_misfit(self.simulated(inside, rows), recorded) + float(
+            return relative_misfit(self.searched(inside, spreads, rows), recorded) + float(
                 np.abs(theta - inside).sum()
             )
 
-        options: Any = {"maxfev": 240, "xatol": 0.01, "fatol": 2e-4, "initial_simplex": _simplex(start)}
+        options: Any = {
+            "maxfev": evaluations,
+            "xatol": 0.01,
+            "fatol": 2e-4,
+            "initial_simplex": _simplex(start),
+        }
         best = minimize(loss, start, method="Nelder-Mead", options=options)
         return np.asarray(np.clip(best.x, low, high))
 
+    def variances(self, energy: Floats, rows: NDArray[np.int64]) -> Floats:
+        """Return the variances between vibrating tiles, and between robots, of mean log energies at ``rows``."""
+        own = (self.fact_samples, energy, rows)
+        return np.array([tile_spread(*own) ** 2, robot_spread(*own) ** 2])
 
-LIMITS: Final = ((0.05, 500.0), (1e-3, 5.0), (1e-3, 50.0), (0.01, 1.5), (1e-3, 0.15), (0.01, 1.5))
-"""Lower and upper limit of each field in a fit."""
+    def missing(self, theta: Floats, rows: NDArray[np.int64]) -> Floats:
+        """Return the recorded ``variances`` minus those simulated without spreads."""
+        without = _fields(theta, np.zeros(len(SPREADS)))
+        simulated = [self.variances(energy, rows) for energy in self.energies(without, rows, REPEATS)]
+        return np.asarray(self.variances(self.samples.energy, rows) - np.mean(simulated, axis=0))
+
+
+LIMITS: Final = ((0.05, 500.0), (1e-3, 5.0), (1e-3, 50.0), (0.01, 1.5))
+"""Lower and upper limit of each field of ``SEARCHED``."""
 
 
 def _simplex(start: Floats) -> Floats:
     """Return the corners at which the search begins: ``start``, and a step of 25 % along each parameter."""
     return np.vstack([start, start + 0.25 * np.eye(start.size)])
+
+
+def _fields(theta: Floats, spreads: Floats) -> dict[str, float]:
+    """Return fields (``FIELDS``), of which ``theta`` are the logarithms of those of ``SEARCHED``."""
+    return dict(zip(FIELDS, (*np.exp(theta).tolist(), *spreads.tolist()), strict=True))
 
 
 def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS, folds: bool = True) -> VibrationFit:
@@ -226,23 +306,50 @@ def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS, folds: boo
         )
     rows = np.arange(samples.energy.size)
     params = base.sensor.params
-    start = np.log(np.clip([getattr(params, name) for name in FIELDS], *np.array(LIMITS).T))
-    best = simulator.fit(rows, start)
-    recorded = simulator.recorded(rows)
+    start = np.log(np.clip([getattr(params, name) for name in SEARCHED], *np.array(LIMITS).T))
+    best, spreads = simulator.fit(rows, start)
+    values = _fields(best, spreads)
     resamples = [_resampled(samples, rows, draw) for draw in range(draws)]
-    scattered = np.array([simulator.recorded(again) for again in resamples]).reshape(draws, recorded.size)
-    simulated = simulator.simulated(best, rows)
-    shifts = _shifts(simulator, best, rows, (scattered - recorded) / recorded)
     return VibrationFit(
-        values={name: float(value) for name, value in zip(FIELDS, np.exp(best), strict=True)},
-        draws={name: np.exp(best[k] + shifts[:, k]) for k, name in enumerate(FIELDS)},
+        values=values,
+        draws=_draws(simulator, best, spreads, resamples),
         names=feature_names(),
-        recorded=recorded,
-        recorded_error=scattered.std(axis=0, ddof=1),
-        simulated=simulated,
-        misfit=relative_misfit(simulated, recorded),
+        misfit=_misfit(simulator, values, rows, resamples),
+        facts=facts_of(found, base, values),
         folds=_folds(simulator, best, draws) if folds else (),
     )
+
+
+def _misfit(
+    simulator: _Simulator,
+    values: Mapping[str, float],
+    rows: NDArray[np.int64],
+    resamples: Sequence[NDArray[np.int64]],
+) -> Misfit:
+    """Return the features at ``rows`` beside those simulated with fields; resamples stand for other sessions."""
+    simulated = simulator.simulated(values, rows)
+    again = [simulator.recorded(own) for own in resamples]
+    return Misfit(
+        recorded=simulator.recorded(rows),
+        recorded_error=np.std(again, axis=0, ddof=1),
+        simulated=simulated,
+        error=float(np.std([relative_misfit(simulated, recorded) for recorded in again], ddof=1)),
+    )
+
+
+def facts_of(found: Dataset, base: Scenario, values: Mapping[str, float]) -> tuple[Reading, ...]:
+    """Return the facts of all sessions (``vibration_facts``) beside those simulated with fields (``FIELDS``).
+
+    Args:
+        found, base: as for ``fit_vibration``; facts of a share count energies above ``sensor.rms_threshold``.
+    """
+    simulator = _Simulator(found, base)
+    samples, threshold = simulator.samples, base.sensor.rms_threshold
+    energies = simulator.energies(values, np.arange(samples.energy.size), REPEATS)
+    recorded, *simulated = (
+        facts(simulator.fact_samples, energy, threshold) for energy in (samples.energy, *energies)
+    )
+    return readings_beside(recorded, simulated)
 
 
 def _folds(simulator: _Simulator, start: Floats, draws: int) -> tuple[FoldMisfit, ...]:
@@ -252,20 +359,16 @@ def _folds(simulator: _Simulator, start: Floats, draws: int) -> tuple[FoldMisfit
     folds = []
     for left_out in sessions if len(sessions) > 2 else ():
         inside, outside = np.flatnonzero(session != left_out), np.flatnonzero(session == left_out)
-        theta = simulator.fit(inside, start)
-        predicted = simulator.simulated(theta, outside)
-        # Samples drawn again stand for another session of the same length.
-        again = [
-            relative_misfit(predicted, simulator.recorded(_resampled(simulator.samples, outside, draw)))
-            for draw in range(draws)
-        ]
+        values = _fields(*simulator.fit(inside, start))
+        resamples = [_resampled(simulator.samples, outside, draw) for draw in range(draws)]
+        recorded = simulator.recorded(inside)
+        judged = _misfit(simulator, values, outside, resamples)
         folds.append(
             FoldMisfit(
                 session=left_out,
-                inside=relative_misfit(simulator.simulated(theta, inside), simulator.recorded(inside)),
-                outside=relative_misfit(predicted, simulator.recorded(outside)),
-                outside_error=float(np.std(again, ddof=1)),
-                forecast=relative_misfit(simulator.recorded(inside), simulator.recorded(outside)),
+                inside=relative_misfit(simulator.simulated(values, inside), recorded),
+                outside=judged,
+                forecast=relative_misfit(recorded, judged.recorded),
             )
         )
     return tuple(folds)
@@ -280,20 +383,35 @@ def _resampled(samples: _Samples, rows: NDArray[np.int64], draw: int) -> NDArray
     return np.concatenate(parts)
 
 
-def _shifts(simulator: _Simulator, best: Floats, rows: NDArray[np.int64], relative: Floats) -> Floats:
-    """Return by how much fits to resamples would differ, (draws, fields), to first order in their features.
-
-    Args:
-        relative: (draws, features), relative differences of their features.
-    """
-    middle = simulator.simulated(best, rows)
+def _draws(
+    simulator: _Simulator, best: Floats, spreads: Floats, resamples: Sequence[NDArray[np.int64]]
+) -> dict[str, Floats]:
+    """Return what fits to resamples would find, by field, (resamples,)."""
+    rows = np.arange(simulator.samples.energy.size)
+    recorded = simulator.recorded(rows)
+    scattered = np.array([simulator.recorded(again) for again in resamples])
+    middle = simulator.searched(best, spreads, rows)
     slopes = np.stack(
         [
-            (simulator.simulated(best + _STEP * unit, rows) / middle - 1.0) / _STEP
+            (simulator.searched(best + _STEP * unit, spreads, rows) / middle - 1.0) / _STEP
             for unit in np.eye(best.size)
         ],
         axis=1,
     )
+    thetas = best + _shifts(slopes, (scattered - recorded) / recorded)
+    # Means of resamples scatter more than those of the samples; only how they vary counts.
+    variances = np.array([simulator.variances(simulator.samples.energy, again) for again in resamples])
+    lasting = np.sqrt(np.maximum(spreads**2 + variances - variances.mean(axis=0), 0.0))
+    return dict(zip(FIELDS, np.column_stack((np.exp(thetas), lasting)).T, strict=True))
+
+
+def _shifts(slopes: Floats, relative: Floats) -> Floats:
+    """Return by how much searches in resamples would differ, (draws, parameters), to first order in their features.
+
+    Args:
+        slopes: (features, parameters), relative change of the features. relative: (draws, features), relative
+            differences of their features.
+    """
     known = np.isfinite(slopes).all(axis=1) & np.isfinite(relative).all(axis=0)
     shifts: Any = np.linalg.lstsq(slopes[known], relative[:, known].T, rcond=None)[0].T
     return np.asarray(shifts)

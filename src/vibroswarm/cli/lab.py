@@ -30,7 +30,8 @@ def import_logs(
     acceleration: Annotated[
         list[Path] | None,
         Option(
-            "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az): compute energies from it"
+            "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az): compute energies from it, and find "
+            "samples in it if the log has places only"
         ),
     ] = None,
     known_robots: Annotated[
@@ -103,7 +104,7 @@ def _logs_of(
 
     files = [log_file(path) for path in paths]
     logs = [
-        named_by_folder(read_log(file, reader, columns), path, file)
+        named_by_folder(read_log(file, reader, columns, has_energies=acceleration is None), path, file)
         for path, file in zip(paths, files, strict=True)
     ]
     logs, computed = with_energies(logs, scenario, acceleration)

@@ -36,7 +36,7 @@ def reproduce(
         str | None,
         Option(
             "negative control, under which verdicts must change: labels (swapped), threshold (1.55), "
-            "false-positives, standstill, no-messages or losses"
+            "false-positives, standstill, no-messages or losses; or physics: energies from vibrating tiles, not laws"
         ),
     ] = None,
     archive: Annotated[
@@ -100,7 +100,7 @@ def settings_of(
     Raises:
         InputError: a column or control is unknown, or the number of runs is out of range.
     """
-    from vibroswarm.paper.columns import COLUMNS, CONTROLS
+    from vibroswarm.paper.columns import CHANGES, COLUMNS
     from vibroswarm.paper.item import Settings
     from vibroswarm.study.spec import MOST_RUNS
 
@@ -108,8 +108,8 @@ def settings_of(
     for column in wanted:
         if column not in COLUMNS:
             raise InputError(f"unknown column '{column}'{nearest(column, COLUMNS)}", field="--columns")
-    if control is not None and control not in CONTROLS:
-        raise InputError(f"unknown control '{control}' (known: {', '.join(CONTROLS)})", field="--control")
+    if control is not None and control not in CHANGES:
+        raise InputError(f"unknown control '{control}' (known: {', '.join(CHANGES)})", field="--control")
     if not 2 <= runs <= MOST_RUNS:  # a confidence interval over runs needs two
         raise InputError(f"{runs} is not from 2 to {MOST_RUNS}", field="--runs")
     if recordings is None and os.environ.get(RECORDINGS):

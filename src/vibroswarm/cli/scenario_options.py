@@ -16,7 +16,7 @@ from vibroswarm.floors.source import is_generated, resolve, values_in
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
-from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_setting, preset
+from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset
 
 
 def scenario_from(options: ScenarioBase) -> Scenario:
@@ -44,7 +44,7 @@ def scenario_named(name: str, settings: Sequence[str] = ()) -> Scenario:
     """
     is_file = name not in preset_names() and Path(name).suffix == ".toml"
     base = Scenario.read(name) if is_file else preset(name)
-    scenario = base.with_values(dict(parse_setting(setting) for setting in settings))
+    scenario = base.with_values(parse_settings(settings))
     warn_of([scenario])
     return scenario
 
@@ -55,7 +55,7 @@ def stated_fields(options: ScenarioOptions) -> list[str]:
     No other option states a field that can be inferred from logs, except --preset and --scenario, whose values are
     replaced by inferred ones.
     """
-    stated = [parse_setting(text)[0] for text in options.settings]
+    stated = [*parse_settings(options.settings)]
     return stated + (["strategy.name"] if options.strategy is not None else [])
 
 
@@ -87,7 +87,7 @@ def values_from(options: ScenarioBase, base: Scenario) -> dict[str, Any]:
         InputError: a value is wrong.
     """
     values: dict[str, Any] = {}
-    settings = dict(parse_setting(text) for text in options.settings)
+    settings = parse_settings(options.settings)
     threshold = _image_threshold(options, settings)
     if options.floor is not None or options.tiles is not None:
         values |= _floor_values(base, options.floor, options.tiles, threshold)

@@ -14,6 +14,8 @@ from vibroswarm.calibrate.classifier import STRETCH
 from vibroswarm.calibrate.cross_validation import Fold
 from vibroswarm.calibrate.features import WORDS
 from vibroswarm.calibrate.fit import LACKS, Fit
+from vibroswarm.calibrate.fit_vibration import FoldMisfit, Misfit, VibrationFit
+from vibroswarm.calibrate.reading import Reading
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
 from vibroswarm.show.numbers import Estimate, count, decimals_of, listed, number, percent, with_limits
 
@@ -108,41 +110,76 @@ def _vibration(found: Fit) -> list[Table]:
     fitted = found.vibration
     if fitted is None:
         return []
+    return [_vibration_features(fitted), _vibration_facts(fitted.facts), *_vibration_folds(fitted.folds)]
+
+
+def _vibration_features(fitted: VibrationFit) -> Table:
+    """Return recorded and simulated features: of all sessions, and how far each one is off in a session not seen."""
+    judged = fitted.misfit
     rows = [
         {
             "feature": name,
-            "recorded": f"{number(recorded, 2)} +- {number(error, 2)}",
-            "simulated": number(simulated, 2),
-            "difference": percent(simulated / recorded - 1.0, 0, sign=True),
+            "recorded": f"{number(judged.recorded[k], 2)} +- {number(judged.recorded_error[k], 2)}",
+            "simulated": number(judged.simulated[k], 2),
+            "difference": _difference(judged, k),
         }
-        for name, recorded, error, simulated in zip(
-            fitted.names, fitted.recorded, fitted.recorded_error, fitted.simulated, strict=True
-        )
+        | {f"session_{fold.session + 1}": _difference(fold.outside, k) for fold in fitted.folds}
+        for k, name in enumerate(fitted.names)
     ]
+    columns = {
+        f"session_{fold.session + 1}": Column(f"not seen: session {fold.session + 1}")
+        for fold in fitted.folds
+    }
     caption = (
         f"Energies at the recorded places, with one standard error; relative RMS of the differences: "
-        f"{percent(fitted.misfit)}."
+        f"{percent(judged.value)}."
     )
-    tables = [Table(pl.DataFrame(rows), {}, caption, "vibration")]
-    if fitted.folds:
-        folds = [
-            {
-                "session": fold.session + 1,
-                "inside": percent(fold.inside),
-                "outside": f"{percent(fold.outside)} +- {percent(fold.outside_error)}",
-                "forecast": percent(fold.forecast),
-            }
-            for fold in fitted.folds
-        ]
-        columns = {
-            "session": Column("session left out"),
-            "inside": Column("misfit to the others"),
-            "outside": Column("misfit to it"),
-            "forecast": Column("misfit of the others as its forecast"),
+    return Table(pl.DataFrame(rows), columns, caption, "vibration")
+
+
+def _difference(judged: Misfit, k: int) -> str:
+    """Return by how much a simulated feature is off, with the standard error of the recorded one."""
+    recorded, error = judged.recorded[k], judged.recorded_error[k]
+    return f"{number(100.0 * (judged.simulated[k] / recorded - 1.0), 0, sign=True)} +- {percent(error / recorded, 0)}"
+
+
+def _vibration_facts(facts: Sequence[Reading]) -> Table:
+    """Return what no feature of the misfit holds: scatter in time, of tiles and robots, and samples beside tiles."""
+    rows = [
+        {
+            "fact": fact.name,
+            "recorded": number(fact.recorded, 2),
+            "simulated": f"{number(fact.simulated, 2)} +- {number(fact.spread, 2)}",
+            "deviation": number(fact.deviation, 1, sign=True),
         }
-        words = "The physics fitted to all sessions but one, and judged on that one; +- one standard error."
-        tables.append(Table(pl.DataFrame(folds), columns, words, "vibration_folds"))
-    return tables
+        for fact in facts
+    ]
+    columns = {"deviation": Column("deviation, in s.d. of a simulation")}
+    caption = "Not in the misfit; +- one standard deviation of simulations of all sessions."
+    return Table(pl.DataFrame(rows), columns, caption, "vibration_facts")
+
+
+def _vibration_folds(folds: Sequence[FoldMisfit]) -> list[Table]:
+    """Return the misfit in sessions that the fit has not seen; none without folds."""
+    if not folds:
+        return []
+    rows = [
+        {
+            "session": fold.session + 1,
+            "inside": percent(fold.inside),
+            "outside": f"{percent(fold.outside.value)} +- {percent(fold.outside.error)}",
+            "forecast": percent(fold.forecast),
+        }
+        for fold in folds
+    ]
+    columns = {
+        "session": Column("session left out"),
+        "inside": Column("misfit to the others"),
+        "outside": Column("misfit to it"),
+        "forecast": Column("misfit of the others as its forecast"),
+    }
+    words = "The physics fitted to all sessions but one, and judged on that one; +- one standard error."
+    return [Table(pl.DataFrame(rows), columns, words, "vibration_folds")]
 
 
 def _accuracies(judged: Sequence[Fold]) -> tuple[float, float]:

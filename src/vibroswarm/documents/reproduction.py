@@ -13,7 +13,7 @@ import polars as pl
 
 from vibroswarm.documents.knowledge import told
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
-from vibroswarm.paper.columns import COLUMNS, CONTROLS
+from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
 from vibroswarm.paper.item import Drawn, Picture, Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
@@ -97,7 +97,8 @@ def _warnings(made: Reproduction) -> tuple[str, ...]:
     control = made.settings.control
     if control is None:
         return tuple(skipped)
-    return (f"This is a negative control, not the reproduction: {CONTROLS[control]}.", *skipped)
+    what = "a negative control" if control in CONTROLS else "a variant"
+    return (f"This is {what}, not the reproduction: {CHANGES[control]}.", *skipped)
 
 
 def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:

@@ -106,7 +106,8 @@ def parts_of(scenario: Scenario) -> RobotParts:
     sensing, setup = sense_program(scenario), setup_of(scenario)
     lines, wave = None, None
     if scenario.sensor.model == "acceleration" and scenario.sensor.readings > 2:
-        lines, wave = line_program(scenario.sensor.params), empty_wave(readings(sensing))
+        lines = line_program(scenario.sensor.params)
+        wave = empty_wave(readings(sensing), lines.every)
     return RobotParts(
         scenario=scenario,
         strategy=strategy,

@@ -367,8 +367,10 @@ def keep_reading(r: Robot, ax: float, ay: float, az: float) -> None:
         last = r.wave.last if taken > 1 else value
         r.wave.filtered = high_passed(SENSING, before, value, last)
         r.wave.last = value
-    if taken <= r.wave.signal.size:
-        r.wave.signal[taken - 1] = r.wave.filtered
+    kept = (taken - 1) // LINES.every
+    if kept < r.wave.signal.size:  # ``features.block_means``, as readings come
+        before = 0.0 if (taken - 1) % LINES.every == 0 else r.wave.signal[kept]
+        r.wave.signal[kept] = before + r.wave.filtered / LINES.every
 
 
 def observed(r: Robot) -> int:
@@ -390,7 +392,7 @@ def energy(r: Robot) -> float:
 def sample(r: Robot, reading: int) -> None:
     """Take a sample, whose observation is ``reading``, 0 or 1, or a class: ``work`` tells the strategy."""
     if HAS_LINES and reading == UNREAD:
-        r.wave.taken = min(r.sense.taken, r.wave.signal.size)
+        r.wave.taken = min(r.sense.taken // LINES.every, r.wave.signal.size)
         r.wave.waits = observation(r.sense, RMS_THRESHOLD) == 1
     r.decides = HAS_STEER
     add_job(r, SAMPLE, reading)
@@ -425,7 +427,8 @@ def kind_below(r: Robot) -> int:
     """Return the kind of tile by the signal of the last sample, whose memory is then free."""
     if not r.wave.waits:  # the energy was not above the threshold
         return 0
-    peak = spectrum_peak(r.wave.signal, r.wave.taken, SENSING.rate_hz, r.wave.real, r.wave.imaginary)
+    rate_hz = SENSING.rate_hz / LINES.every
+    peak = spectrum_peak(r.wave.signal, r.wave.taken, rate_hz, r.wave.real, r.wave.imaginary)
     r.wave.waits = False
     return kind_of_line(peak.hz, LINES.seen_hz)
 

@@ -73,6 +73,11 @@ CONTROLS: Final = {
     "losses": "a tenth of the messages is lost, independently at each receiver",
 }
 """Negative controls: changes of every scenario that must change the verdicts."""
+VARIANTS: Final = {
+    "physics": "energies are computed from the vibration of tiles (sensor `acceleration`), and not drawn from laws",
+}
+"""Other changes of every scenario, which show what verdicts depend on."""
+CHANGES: Final = CONTROLS | VARIANTS
 
 RECORDED_ROBOTS: Final = 5
 """Robots in the recordings to which `calibrated` is fitted, and with them its share of lost messages."""
@@ -84,6 +89,10 @@ SLOWER: Final = 0.05
 
 _THRESHOLD: Final = "walk.avoidance_threshold_mm"
 """Field of the distance at which robots turn away from obstacles."""
+_OF_LAWS: Final = tuple(
+    f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m", "tile_spread", "robot_spread")
+)
+"""Options that change the law of a kind of tile."""
 _KINDS: Final = ("shape", "scale", "location")
 """Parameters of the Gamma distribution of energies, as in the names of the sensor's fields."""
 
@@ -104,7 +113,7 @@ def scenario_of(
     Args:
         column: one of ``COLUMNS``. values: fields to set, by dotted name; they override those of P0.
         parameter_set: ``OPTIMISED`` (P*, which the presets have) or ``EMPIRICAL`` (P0).
-        control: negative control, one of ``CONTROLS``; None: no control.
+        control: negative control or variant, one of ``CHANGES``; None: no control.
     Raises:
         InputError: no such control.
     """
@@ -126,14 +135,14 @@ def scenario_of(
 
 
 def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
-    """Return the fields that a negative control sets in this scenario, by dotted name; see ``CONTROLS``.
+    """Return the fields that a negative control or variant sets in this scenario, by dotted name; see ``CHANGES``.
 
     Raises:
         InputError: no such control.
     """
-    if control not in CONTROLS:
+    if control not in CHANGES:
         raise InputError(
-            f"there is no control '{control}'{nearest(control, CONTROLS)} ({', '.join(CONTROLS)})",
+            f"there is no control '{control}'{nearest(control, CHANGES)} ({', '.join(CHANGES)})",
             field="--control",
         )
     match control:
@@ -149,6 +158,8 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
             return {"network.name": "loss", "network.loss.share": 1.0}
         case "losses":
             return {"network.name": "loss", "network.loss.share": 0.1}
+        case "physics":
+            return {"sensor.model": "acceleration"} | dict.fromkeys(_OF_LAWS)
     raise AssertionError(control)
 
 

@@ -59,7 +59,7 @@ class Settings(NotebookView):
     columns: tuple[str, ...] = COLUMNS
     """Presets of the reproduction to compute."""
     control: str | None = None
-    """Negative control, one of ``columns.CONTROLS``."""
+    """Negative control or variant, one of ``columns.CHANGES``."""
     recordings: Path | None = None
     """Folder of the study's recordings; None: items that need them are skipped."""
     workers: int | None = None

@@ -4,12 +4,17 @@ The file is a CSV with a header: ``robot`` as in the log, ``time_s`` by the log'
 unit of the energies. A row is one reading of the accelerometer. The energy of a sample is computed from the last N
 readings of its robot up to the time of the sample, which must be evenly spaced at the rate of the sensing chain. N is
 the number of readings in the time that the chain takes for a sample.
+
+A log without energies has places only. Its samples are then found as the robot takes them: a sample is the last N
+readings of a stop. A robot stands between two pauses of the recording; without pauses while its place does not change
+(and its heading, if that is recorded), or as a column ``sample`` numbers its stops.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -20,7 +25,7 @@ from numpy.typing import NDArray
 from vibroswarm.errors import InputError
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
-from vibroswarm.recordings.log import Log
+from vibroswarm.recordings.log import SAMPLES, Log, log_frame
 from vibroswarm.robot.sensing import SenseProgram, SenseState, energy, readings, sense_step
 from vibroswarm.scenario.scenario import Scenario
 
@@ -31,6 +36,13 @@ RATE_TOLERANCE: Final = 0.02
 WIDEST_GAP: Final = 1.6
 """Longest time between consecutive readings, in periods of the chain's rate or in median periods of the readings. In a
 longer time a reading is missing."""
+LONGEST_STOP: Final = 20
+"""A stop of more than so many samples is no stop."""
+AROUND_S: Final = 0.1
+"""Speeds of robots are those from so long before to so long after a reading."""
+SLOW_M_S: Final = 0.02
+SLOW_RAD_S: Final = 0.5
+"""A robot stands if it moves, and turns, more slowly than this: less than half of what it drives with."""
 CLOCK_S: Final = 0.001
 """A reading may be this much later than its sample, since times are written to a millisecond."""
 
@@ -80,6 +92,102 @@ def energies_from(log: Log, path: Path, program: SenseProgram) -> Computed:
     largest = float(np.nanmax(difference)) if np.isfinite(difference).any() else float("nan")
     samples = log.samples.with_columns(energy=pl.Series(found))
     return Computed(log=replace(log, samples=samples), samples=log.samples.height, largest_difference=largest)
+
+
+def samples_found(log: Log, path: Path, program: SenseProgram) -> Computed:
+    """Find the samples of a log of places alone in recorded acceleration: one at the end of each long enough stop.
+
+    Args:
+        log: of the session, without samples. path: CSV file of the acceleration. program: settings of the chain.
+    Returns: the log with samples at the places that it had at their times.
+    Raises:
+        InputError: as for ``energies_from``; or no stop is long enough, or a robot has no places.
+    """
+    count, rows = readings(program), []
+    for (robot,), own in read_acceleration(path, optional=("sample",)).group_by("robot", maintain_order=True):
+        track = log.tracks.filter(pl.col("robot") == robot).sort("time_s")
+        if track.is_empty():
+            raise InputError(f"has no places of robot {robot:g}, which {path} has", field=log.name)
+        placed = own.with_columns(**_places_at(track, own["time_s"].to_numpy()))
+        stops = stops_of(placed, path, program.signal_ms / 1000.0)
+        rows += [_sample_of(stop[-count:], program, path) for stop in stops if stop.height >= count]
+    if not rows:
+        raise InputError(
+            f"has no stop with the {count} readings of a sample; stops end where readings pause, or where the place "
+            "changes",
+            field=str(path),
+        )
+    samples = log_frame(pl.DataFrame(rows).to_dict(), SAMPLES).sort("time_s", "robot", maintain_order=True)
+    return Computed(replace(log, samples=samples), samples.height, largest_difference=float("nan"))
+
+
+def _places_at(track: pl.DataFrame, time_s: NDArray[np.float64]) -> dict[str, pl.Series]:
+    """Return places of a robot at some times, on straight lines between tracked ones, and headings if all are known."""
+    known = {name: track[name].to_numpy() for name in ("x_m", "y_m")}
+    if track["heading_rad"].null_count() == 0:
+        known["heading_rad"] = np.unwrap(track["heading_rad"].to_numpy())
+    at_s = track["time_s"].to_numpy()
+    return {name: pl.Series(np.interp(time_s, at_s, values)) for name, values in known.items()}
+
+
+def _sample_of(window: pl.DataFrame, program: SenseProgram, path: Path) -> dict[str, float]:
+    """Return the sample of the last readings of a stop, where the robot was at its end; the line is of the file."""
+    numbers = window.select("time_s", "ax", "ay", "az", "line").to_numpy()
+    sample: dict[str, float] = window.select("line", "robot", "time_s", "x_m", "y_m").row(-1, named=True)
+    _check_window(numbers, window.height, int(sample["robot"]), sample["time_s"], program, path)
+    return sample | {"energy": chain_energy(numbers[:, 1:4], program)}
+
+
+def stops_of(rows: pl.DataFrame, path: Path, signal_s: float) -> Iterator[pl.DataFrame]:
+    """Yield the readings of each stop of one robot.
+
+    Args:
+        rows: readings of one robot (``read_acceleration``): stops are those that a column ``sample`` numbers; otherwise
+            they end at pauses, and if there is none for ``LONGEST_STOP`` samples, where the robot moves, if x_m and y_m
+            (and heading_rad) are there.
+        path: of the file, for errors. signal_s: time of a sample.
+    Raises:
+        InputError: times do not rise.
+    """
+    if "sample" in rows.columns:
+        yield from rows.partition_by("sample", maintain_order=True)
+        return
+    time_s = rows["time_s"].to_numpy()
+    spacing_s = np.diff(time_s)
+    if spacing_s.size and spacing_s.min() <= 0.0:
+        k = int(np.flatnonzero(spacing_s <= 0.0)[0])
+        raise InputError("time does not rise", field=f"{path}, row {rows['line'][k + 1]}")
+    usual_s = float(np.median(spacing_s)) if spacing_s.size else 0.0
+    pauses = np.flatnonzero(spacing_s > WIDEST_GAP * usual_s) + 1
+    for low, high in pairwise([0, *pauses, rows.height]):
+        piece = rows[int(low) : int(high)]
+        if time_s[high - 1] - time_s[low] > LONGEST_STOP * signal_s:
+            yield from _standing_parts(piece)
+        else:
+            yield piece
+
+
+def _standing_parts(rows: pl.DataFrame) -> Iterator[pl.DataFrame]:
+    """Yield the readings between which a robot stands, as far as its places tell."""
+    stands = _stands(rows, rows["time_s"].to_numpy())
+    changes = np.flatnonzero(np.diff(stands)) + 1
+    for low, high in pairwise([0, *changes, rows.height]):
+        if stands[low]:
+            yield rows[int(low) : int(high)]
+
+
+def _stands(rows: pl.DataFrame, time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return at which readings a robot stands, as far as its places tell."""
+    first = np.searchsorted(time_s, time_s - AROUND_S)
+    last = np.searchsorted(time_s, time_s + AROUND_S, side="right") - 1
+    stands, between_s = np.ones(time_s.size, dtype=np.bool_), time_s[last] - time_s[first]
+    if {"x_m", "y_m"} <= set(rows.columns):
+        x_m, y_m = rows["x_m"].to_numpy(), rows["y_m"].to_numpy()
+        stands &= np.hypot(x_m[last] - x_m[first], y_m[last] - y_m[first]) <= SLOW_M_S * between_s
+    if "heading_rad" in rows.columns:
+        turned_rad = rows["heading_rad"].to_numpy()[last] - rows["heading_rad"].to_numpy()[first]
+        stands &= np.abs((turned_rad + np.pi) % (2.0 * np.pi) - np.pi) <= SLOW_RAD_S * between_s
+    return stands
 
 
 def chain_energy(acceleration: NDArray[np.float64], program: SenseProgram) -> float:
@@ -177,10 +285,20 @@ def with_energies(
     if len(files) != len(logs):
         raise InputError(f"{len(files)} files for {len(logs)} logs; give one per log", field="--acceleration")
     program = sense_program(scenario)
-    computed = [energies_from(log, path, program) for log, path in zip(logs, files, strict=True)]
-    words = [
-        f"{item.log.name}: {item.samples} energies computed from {path} ({readings(program)} readings at "
-        f"{program.rate_hz:g} Hz each); they differ from the log's by up to {item.largest_difference:.3g}"
-        for item, path in zip(computed, files, strict=True)
+    computed = [
+        (samples_found if log.samples.is_empty() else energies_from)(log, path, program)
+        for log, path in zip(logs, files, strict=True)
     ]
+    words = [_words(item, path, program) for item, path in zip(computed, files, strict=True)]
     return [item.log for item in computed], words
+
+
+def _words(item: Computed, path: Path, program: SenseProgram) -> str:
+    """Say how the energies of a log were computed, and how far they differ from logged ones."""
+    each = f"{readings(program)} readings at {program.rate_hz:g} Hz each"
+    if np.isnan(item.largest_difference):
+        return f"{item.log.name}: {item.samples} samples found in {path} ({each})"
+    return (
+        f"{item.log.name}: {item.samples} energies computed from {path} ({each}); they differ from the log's by up to "
+        f"{item.largest_difference:.3g}"
+    )

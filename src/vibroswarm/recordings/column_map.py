@@ -254,11 +254,12 @@ def rugbot_map() -> ColumnMap:
     return column_map(text, "rugbot")
 
 
-def column_map(text: str, name: str) -> ColumnMap:
+def column_map(text: str, name: str, has_energies: bool = True) -> ColumnMap:
     """Parse a column map from TOML text.
 
     Args:
         name: of the file, for errors; also the map's name, unless the text sets one.
+        has_energies: whether the column for energy is required. Without it all rows are tracking rows.
     Raises:
         InputError: invalid TOML, an unknown key or column, a value of another kind, or a required column missing.
     """
@@ -269,9 +270,10 @@ def column_map(text: str, name: str) -> ColumnMap:
     columns = values.get("columns")
     if not isinstance(columns, dict):
         raise InputError("has no [columns]", field=name)
-    lacking = [use for use in REQUIRED if use not in columns]
+    lacking = [use for use in REQUIRED if use not in columns and (has_energies or use != "energy")]
     if lacking:
-        raise InputError(f"does not name the column for {lacking[0]}", field=f"{name}, [columns]")
+        more = "; only with --acceleration it may be missing" if lacking[0] == "energy" else ""
+        raise InputError(f"does not name the column for {lacking[0]}{more}", field=f"{name}, [columns]")
     if ("alpha" in columns) != ("beta" in columns):
         raise InputError(
             "names a column for one of alpha and beta; name both or neither", field=f"{name}, [columns]"
@@ -355,7 +357,7 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
                 field=f"{name}, row {lines[int(half.arg_true()[0])]}",
             )
     _check_tags(columns, name)
-    is_sample = columns["energy"].is_not_null()
+    is_sample = columns["energy"].is_not_null() if "energy" in columns else pl.repeat(False, lines.len())
     frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})
     samples, tracks = frame.filter(is_sample), frame.filter(~is_sample)
     # Converted to the unit of the log's column.

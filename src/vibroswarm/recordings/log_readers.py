@@ -252,18 +252,25 @@ def readers() -> list[Reader]:
     return list(_READERS.values())
 
 
-def read_log(path: str | Path, reader: str | None = None, columns: str | Path | None = None) -> Log:
+def read_log(
+    path: str | Path,
+    reader: str | None = None,
+    columns: str | Path | None = None,
+    has_energies: bool = True,
+) -> Log:
     """Read a log.
 
     Args:
         path: of the log. reader: name of the format; by default the first format that recognises the file.
         columns: path of a column map; if it is given, the file is read by this map, whatever its format.
+        has_energies: whether a column map must name the column for energy (``column_map``).
     Raises:
         InputError: an unknown format, no format recognises the file, or the reader's own error.
     """
     path = Path(path)
     if columns is not None:
-        return read_mapped(path, column_map(text_of(Path(columns), "a column map"), str(columns)))
+        text = text_of(Path(columns), "a column map")
+        return read_mapped(path, column_map(text, str(columns), has_energies))
     if reader is not None:
         if reader not in _READERS:
             raise InputError(

@@ -8,8 +8,8 @@
 | interval | - | Hz | of the line's frequency: 95 % of resamples of samples, but at least +- resolution / 10 |
 | resolution | - | Hz | 2 / time, as two lines nearer than that are one |
 
-A robot records while it stands; a pause of more than ``GAP`` periods of the rate ends a stop. A recording without
-pauses needs a column ``sample`` that numbers them.
+A robot stands between pauses of the recording, or without pauses while its place does not change
+(``acceleration.stops_of``). A recording without pauses or places needs a column ``sample`` that numbers its stops.
 """
 
 from __future__ import annotations
@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.acceleration import COLUMNS, RATE_TOLERANCE, read_acceleration
+from vibroswarm.recordings.acceleration import (
+    COLUMNS,
+    LONGEST_STOP,
+    RATE_TOLERANCE,
+    read_acceleration,
+    stops_of,
+)
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
@@ -34,10 +40,11 @@ Axis = Literal["magnitude", "x", "y", "z"]
 Group = Literal["robot", "tile", "place", "time"]
 M_S2: Final = {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665}
 """Units of acceleration."""
-GAP: Final = 1.6
-"""A longer pause, in periods of the rate, ends a stop."""
-LONGEST_STOP: Final = 20
-"""A stop of more than so many times a sample's readings is no stop."""
+SLOWEST_HZ: Final = 10.0
+FASTEST_HZ: Final = 1e5
+"""Rates of accelerometers."""
+GRAVITY_WITHIN: Final = 0.2
+"""A mean magnitude within this share of gravity is gravity."""
 STANDS_OUT: Final = 12.0
 """How far a line stands above the median of its spectrum."""
 MOST_LINES: Final = 8
@@ -125,7 +132,7 @@ def spectra_of(
     """Return the spectra of a file of acceleration.
 
     Args:
-        path: CSV with the columns of ``acceleration.COLUMNS``, and if known x_m and y_m (place) and sample (a number).
+        path: CSV with the columns of ``acceleration.COLUMNS``, and if known x_m, y_m (place), heading_rad, and sample.
         rate_hz: readings per second; None: as the times say. signal_ms: the part of each stop that is used, its end.
         unit: of the acceleration, one of ``M_S2``. axis: what spectra are of.
         by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
@@ -136,9 +143,14 @@ def spectra_of(
     """
     if unit not in M_S2:
         raise InputError(f"'{unit}' is no unit of acceleration; give {', '.join(M_S2)}", field="--unit")
-    table = read_acceleration(path, optional=("x_m", "y_m", "sample"))
+    for motor_hz in motors_hz:
+        if not 0.0 < motor_hz <= FASTEST_HZ:
+            raise InputError(f"{motor_hz:g} is not a frequency above 0, in Hz", field="--motors")
+    table = read_acceleration(path, optional=("x_m", "y_m", "heading_rad", "sample"))
     stops = [
-        stop for robot in table.partition_by("robot", maintain_order=True) for stop in _stops_of(robot, path)
+        stop
+        for robot in table.partition_by("robot", maintain_order=True)
+        for stop in stops_of(robot, path, signal_ms / 1000.0)
     ]
     rate_hz = _rate(stops, rate_hz, path)
     count = round(rate_hz * signal_ms / 1000.0)
@@ -174,7 +186,7 @@ def spectra_of(
         len(samples),
         len(stops),
         found,
-        (*_warnings(motors_hz, known), *_left_out(groups)),
+        (*_other_unit(samples, unit), *_warnings(motors_hz, known), *_left_out(groups)),
     )
 
 
@@ -190,29 +202,19 @@ def periodograms(signals: Floats, rate_hz: float) -> tuple[Floats, Floats]:
     return np.asarray(hz), np.asarray(power)
 
 
-def _stops_of(rows: pl.DataFrame, path: Path) -> Iterator[pl.DataFrame]:
-    """Yield the readings of each stop of one robot, by its column ``sample``, or between pauses."""
-    if "sample" in rows.columns:
-        yield from rows.partition_by("sample", maintain_order=True)
-        return
-    spacing_s = np.diff(rows["time_s"].to_numpy())
-    if spacing_s.size and spacing_s.min() <= 0.0:
-        k = int(np.flatnonzero(spacing_s <= 0.0)[0])
-        raise InputError("time does not rise", field=f"{path}, row {rows['line'][k + 1]}")
-    ends = (
-        np.flatnonzero(spacing_s > GAP * float(np.median(spacing_s))) + 1 if spacing_s.size else np.array([0])
-    )
-    for low, high in zip([0, *ends], [*ends, rows.height], strict=True):
-        yield rows[int(low) : int(high)]
-
-
 def _rate(stops: Sequence[pl.DataFrame], stated_hz: float | None, path: Path) -> float:
     """Return the rate of the readings in stops; refuse another one than is stated."""
     periods = [np.diff(stop["time_s"].to_numpy()) for stop in stops if stop.height > 1]
     if not periods:
-        raise InputError("no two readings follow each other", field=str(path))
+        raise InputError("no two readings of a robot that stands follow each other", field=str(path))
     seconds = sum(float(one.sum()) for one in periods)
     found_hz = sum(one.size for one in periods) / seconds if seconds > 0.0 else np.inf
+    if not SLOWEST_HZ <= found_hz <= FASTEST_HZ:
+        raise InputError(
+            f"readings come at {found_hz:.4g} Hz; is time_s in seconds? Rates are from {SLOWEST_HZ:g} to "
+            f"{FASTEST_HZ:g} Hz",
+            field=f"{path}, column time_s",
+        )
     if stated_hz is not None and abs(found_hz / stated_hz - 1.0) > RATE_TOLERANCE:
         raise InputError(
             f"readings come at {found_hz:.4g} Hz, and {stated_hz:g} Hz is stated", field="--rate"
@@ -225,7 +227,7 @@ def _sample_of(stop: pl.DataFrame, count: int, factor: float) -> _Sample:
     if stop.height > LONGEST_STOP * count:
         raise InputError(
             f"robot {stop['robot'][0]:g} has {stop.height} readings without a pause, more than {LONGEST_STOP} samples; "
-            "add a column 'sample' that numbers them",
+            "add columns x_m and y_m, by which it stands, or a column 'sample' that numbers its stops",
             field=f"row {stop['line'][0]}",
         )
     end = stop[-count:]
@@ -365,6 +367,19 @@ def _lines_across(samples: Sequence[_Sample], rate_hz: float) -> tuple[float, ..
         powers.append(power.mean(axis=0))
     total = np.asarray(powers[0] + powers[1])
     return tuple(_top(hz, total, int(k)) for k in _peaks(hz, total))
+
+
+def _other_unit(samples: Sequence[_Sample], unit: str) -> Iterator[str]:
+    """Say which unit the mean magnitude speaks for, if it is not the stated one: that of gravity."""
+    magnitude = float(np.mean([np.sqrt((sample.readings**2).sum(axis=1)).mean() for sample in samples]))
+    if abs(magnitude / M_S2["g"] - 1.0) < GRAVITY_WITHIN:
+        return
+    for other, factor in M_S2.items():
+        if abs(magnitude * factor / M_S2[unit] / M_S2["g"] - 1.0) < GRAVITY_WITHIN:
+            yield (
+                f"the mean magnitude is {magnitude / M_S2[unit]:.4g}, which is gravity in {other}, and not in {unit}: "
+                f"add --unit {other}"
+            )
 
 
 def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:

@@ -11,7 +11,8 @@
 | peak_magnitude | - | as measured | largest abs(s_i) |
 
 All take a fixed memory: moments are sums, a band is Goertzel's recursion of two numbers, and the spectrum needs
-``POINTS`` readings and as many numbers beside; later readings of a longer signal are not in it.
+``POINTS`` readings and as many numbers beside. Of a longer signal it takes means of successive readings
+(``block_means``), and what is then still beyond ``POINTS`` is not in it.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -172,6 +173,31 @@ class Peak(NamedTuple):
     hz: float
     height: float
     """Amplitude of the sine at this frequency."""
+
+
+@kernel
+def block_means(signal: NDArray[np.float64], taken: int, every: int, out: NDArray[np.float64]) -> int:
+    """Write the means of each ``every`` successive readings, and return their number, at most as many as ``out`` holds.
+
+    Args:
+        signal: readings, of which the first ``taken`` are used; what is left over at their end is not.
+    """
+    count: int = min(taken // every, out.shape[0])
+    for k in range(count):
+        out[k] = signal[every * k] / every
+        for i in range(every * k + 1, every * (k + 1)):
+            out[k] += signal[i] / every
+    return count
+
+
+@kernel
+def block_gain(frequency_hz: float, rate_hz: float, every: int) -> float:
+    """Return the amplitude of a sine after ``block_means``, as a share of that before."""
+    if frequency_hz <= 0.0 or every == 1:
+        return 1.0
+    half_turn = math.pi * frequency_hz / rate_hz
+    gain: float = math.sin(every * half_turn) / (every * math.sin(half_turn))
+    return gain
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| signal | s_i | as measured | readings after the high-pass: of the magnitude, or of one axis |
+| signal | s_i | as measured | filtered readings of the magnitude, or of one axis: means of ``every`` in a row |
 | peak | f_p | Hz | frequency of the largest line of the signal (``features.spectrum_peak``) |
 | seen | f_k | Hz | frequency of the motor of kind k, as the rate folds it |
 | reading | O | - | 0 if E is at most theta_E; else the kind k, from 1, with the least abs(f_p - f_k), the first |
@@ -29,13 +29,15 @@ class LineProgram(NamedTuple):
     """0: the signal is of the magnitude; 1, 2, 3: of x, y, z."""
     seen_hz: NDArray[np.float64]
     """(kinds - 1,): f_k."""
+    every: int
+    """Number of successive readings whose mean is one of the signal (``features.block_means``)."""
 
 
 class Wave(NamedTuple):
     """What a robot keeps of a sample's signal."""
 
     signal: NDArray[np.float64]
-    """s_i: as many readings as a sample takes, at most ``POINTS``."""
+    """s_i: as many as a sample has, at most ``POINTS``."""
     real: NDArray[np.float64]
     imaginary: NDArray[np.float64]
     """(POINTS,): the spectrum."""
@@ -49,9 +51,11 @@ class Wave(NamedTuple):
     """Whether a signal waits for its spectrum."""
 
 
-def empty_wave(readings: int) -> Wave:
-    """Return the memory for samples of so many readings."""
-    return Wave(np.zeros(min(readings, POINTS)), np.zeros(POINTS), np.zeros(POINTS), 0, 0.0, 0.0, False)
+def empty_wave(readings: int, every: int) -> Wave:
+    """Return the memory for samples of so many readings, of which means of ``every`` are kept."""
+    return Wave(
+        np.zeros(min(readings // every, POINTS)), np.zeros(POINTS), np.zeros(POINTS), 0, 0.0, 0.0, False
+    )
 
 
 @kernel

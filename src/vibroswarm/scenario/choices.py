@@ -41,6 +41,9 @@ def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: s
         words = first["ctx"]["expected"].replace(" or ", ", ").split(", ")
         hint = nearest(value, [word.strip("'") for word in words])
     message = first["msg"][0].lower() + first["msg"][1:]
+    if first["type"] == "tuple_type":
+        example = f", such as [{shown(value)}]" if isinstance(value, int | float | str) else ""
+        message = f"give a list{example}"
     # An error about the scenario as a whole names no field.
     return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")
 

@@ -14,7 +14,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -386,6 +386,15 @@ def parse_setting(text: str) -> tuple[str, Any]:
     if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
         raise InputError(f"'{text}' sets more than one value", field="--set")
     return name.strip(), parsed["value"]
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the values of settings by name (``parse_setting``); of one without a value, such as ``"a.b="``, None."""
+    settings = {}
+    for text in texts:
+        name, value = parse_setting(text)
+        settings[name] = value if text.partition("=")[2].strip() else None
+    return settings
 
 
 def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:

@@ -210,7 +210,7 @@ def _check_sensor(s: Sections) -> None:
     for field in ("tile_spread", "robot_spread"):
         if getattr(sensor, field) is not None and not known.scales:
             raise InputError(
-                f"multiplies strengths, and '{sensor.model}' measures none; leave it out",
+                f"multiplies strengths, and '{sensor.model}' measures none; leave it out (--set sensor.{field}=)",
                 field=f"sensor.{field}",
             )
     if known.sense is not None:
@@ -229,7 +229,8 @@ def _check_options_of_laws(s: Sections) -> None:
     for field, is_set in options.items():
         if is_set:
             raise InputError(
-                f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out",
+                f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out "
+                f"(--set {field}=)",
                 field=field,
             )
 
@@ -242,9 +243,12 @@ def _check_kinds(s: Sections) -> None:
     tiles, name = s.floor.tiles_for(0, 0)
     if tiles.max() >= kinds:
         row, column = (int(index) for index in np.argwhere(tiles >= kinds)[0])
+        more = 'give it a law, as with sensor.model = "confusion"'
+        if s.sensor.model == "acceleration":
+            more = "give each kind from 1 on a motor, in sensor.acceleration.motor_hz"
         raise InputError(
             f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
-            f"'{s.sensor.model}' knows {kinds} kinds, from 0; give it a law, as with sensor.model = \"confusion\"",
+            f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
     shares = random_shares(name) if s.floor.is_named and is_random(name) else ()

@@ -5,14 +5,14 @@
 | tile | z_i | m/s^2 | (D + kappa L) z = D d: rigid tiles on springs, joined to their neighbours by the frame |
 | stiffness | D | - | 1 - r^2 + 2 j zeta r with r = f / ``tile_hz``: one tile's own, at the motor's frequency f |
 | neighbours | L | - | the grid's Laplacian: (L z)_i = sum of z_i - z_j over the tiles j beside i |
-| drive | d_s | m/s^2 | acceleration that the motor of tile s would give it alone: amplitude exp(jitter n_s) |
+| drive | d_s | m/s^2 | what the motor of tile s would give it alone: amplitude exp(spread m_s + jitter n_s) |
 | response | G_is | - | abs of the element (i, s) of D (D + kappa L)^-1 |
 | robot | a_s | m/s^2 | d_s sqrt(mean of G_is^2 over the tiles i below its two feet): heave and pitch together |
-| upwards | a(t) | m/s^2 | gravity + gain [contact * sum of a_s cos(2 pi f_s t + phase_s) + noise] |
+| upwards | a(t) | m/s^2 | gravity + gain [sum of a_s cos(2 pi f_s t + phase_s) + noise] |
 | value | - | - | features of the signal after the robot's high-pass (``robot.sensing``, ``robot.features``) |
 
 Kind 0 has no motor; kind k has one of ``motor_hz[k - 1]``. A motor's amplitude and frequency are drawn again every
-``WANDER_S``, the same for all robots; contact and phases are drawn for each sample. n is standard normal.
+``motor_hold_s``, the same for all robots; phases are drawn for each sample. n and m are standard normal.
 Two kinds are read as energy > theta_E, as the paper's robots do. More are told apart by the peak's frequency: a sample
 with an energy above theta_E is of the kind whose motor, as the rate folds it, is nearest to the peak.
 """
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from itertools import product
+from itertools import combinations
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -40,6 +40,8 @@ from vibroswarm.robot.features import (
     band_energy,
     band_step,
     begin_moments,
+    block_gain,
+    block_means,
     crossings_hz,
     kurtosis,
     moments_step,
@@ -50,18 +52,29 @@ from vibroswarm.robot.line_sensing import LineProgram
 from vibroswarm.robot.sensing import (
     SenseProgram,
     begin_sense,
+    cutoff_hz,
     energy,
     high_pass,
     high_passed,
     readings,
     sense_step,
 )
-from vibroswarm.sensors.base import MOST_KINDS, MOST_NUMBERS, Samples, SensorModel, Values, register
+from vibroswarm.sensors.base import (
+    MOST_KINDS,
+    MOST_NUMBERS,
+    REFERENCE,
+    Samples,
+    SensorModel,
+    Values,
+    register,
+)
 from vibroswarm.sensors.energies import histogram_density
 
 GRAVITY_M_S2: Final = 9.81
-WANDER_S: Final = 20.0
-"""Time for which a motor keeps its amplitude and frequency, s."""
+STUDY: Final = SenseProgram()
+"""The chain of the study's robots."""
+LASTING: Final = 1
+"""In place of a robot's number, in the address of what a motor keeps for a whole run; 0 is in that of its jitter."""
 STEPS: Final = 2
 """Motors are felt from at most this many rows and columns of tiles away."""
 SIDE: Final = 2 * STEPS + 1
@@ -70,6 +83,8 @@ MOST_TILES: Final = 1600
 """Most tiles of a floor; the tiles' equations are solved together."""
 FAINT: Final = 1e-3
 """Sinusoids of less than this share of the largest drive are left out."""
+LEAST_PER_PERIOD: Final = 2.5
+"""Fewest numbers of the spectrum in a period of a motor."""
 AXES: Final = ("magnitude", "x", "y", "z")
 """Signals that features may be of."""
 FEATURES: Final = (
@@ -87,13 +102,21 @@ class Params:
         165.0,
     )
     """Frequency of the motor below tiles of kind 1, 2, ..., Hz; tiles of kind 0 have no motor."""
-    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 6.05
+    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 6.08
     """Peak acceleration that a motor gives its tile alone (median)."""
-    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.582
+    amplitude_shares: Annotated[
+        tuple[Annotated[float, Field(gt=0, le=1e3)], ...], Field(max_length=MOST_KINDS - 1, strict=False)
+    ] = ()
+    """That of the motor below tiles of kind 1, 2, ..., as a share of amplitude_m_s2; if empty, 1 for all."""
+    motor_spread: Annotated[float, Field(ge=0, le=2)] = 0.159
+    """Standard deviation of the logarithm of the amplitude from motor to motor, drawn per tile and run."""
+    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.539
     """Standard deviation of the logarithm of a motor's amplitude in time."""
+    motor_hold_s: Annotated[float, Field(ge=0.01, le=1e5)] = 1.0
+    """Time for which a motor keeps its amplitude and frequency, s."""
     frequency_jitter: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """Standard deviation of a motor's frequency in time, as a share of it."""
-    coupling: Annotated[float, Field(ge=0, le=10)] = 0.184
+    coupling: Annotated[float, Field(ge=0, le=10)] = 0.191
     """kappa: stiffness of the frame between two tiles, as a share of a tile's own springs."""
     tile_hz: Annotated[float, Field(gt=0, le=1e5)] = 400.0
     """Frequency at which a tile would swing on its springs, alone."""
@@ -101,20 +124,18 @@ class Params:
     """zeta: damping of a tile, as a share of the critical one."""
     lateral: Annotated[float, Field(ge=0, le=10)] = 0.1
     """Horizontal acceleration of a tile, as a share of the vertical one."""
-    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0395
+    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0394
     """Distance between the robot's feet, which straddle edges."""
-    contact_jitter: Annotated[float, Field(ge=0, le=2)] = 0.172
-    """Standard deviation of the logarithm of how well a robot's feet take up vibration, from sample to sample."""
-    gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
+    gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.12
     """Standard deviation of the logarithm of the gain of a robot's accelerometer, drawn per robot and run."""
-    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.33
+    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.319
     """Standard deviation of the accelerometer's noise, in each axis."""
     rate_hz: Annotated[float, Field(gt=0, le=1e5)] = 350.0
     """Readings of the accelerometer per second."""
     signal_ms: Annotated[float, Field(gt=0, le=1e5)] = 500.0
     """How long it is read for a sample."""
     cutoff_hz: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """Where the high-pass has -3 dB; if omitted, the filter is that of the study's robots, with 65.5 Hz at 350 Hz."""
+    """Where the high-pass has -3 dB; if omitted, at 65.5 Hz, as that of the study's robots."""
     axis: Literal["magnitude", "x", "y", "z"] = "magnitude"
     """Signal that the features are of. A magnitude shows horizontal vibration at twice its frequency."""
     features: Annotated[tuple[str, ...], Field(max_length=MOST_NUMBERS - 1, strict=False)] = ()
@@ -136,10 +157,15 @@ def numbers(p: Any) -> tuple[str, ...]:
 def sensing(p: Any) -> SenseProgram:
     """Return the program of the robot's chain, without the time that it stands before."""
     usual = SenseProgram(rate_hz=p.rate_hz, settle_ms=0.0, signal_ms=p.signal_ms)
-    if p.cutoff_hz is None:
-        return usual
-    feedback, forward, before = high_pass(p.cutoff_hz, p.rate_hz)
+    if p.cutoff_hz is None and p.rate_hz == STUDY.rate_hz:
+        return usual  # with the coefficients that the robots have
+    feedback, forward, before = high_pass(cutoff_of(p), p.rate_hz)
     return usual._replace(feedback=feedback, forward=forward, before=before)
+
+
+def cutoff_of(p: Any) -> float:
+    """Return the frequency at which the high-pass has -3 dB, Hz."""
+    return cutoff_hz(STUDY.feedback, STUDY.rate_hz) if p.cutoff_hz is None else float(p.cutoff_hz)
 
 
 class Shaking(NamedTuple):
@@ -147,11 +173,12 @@ class Shaking(NamedTuple):
 
     place: Place
     amplitude_m_s2: float
+    motor_spread: float
     motor_jitter: float
+    motor_hold_s: float
     frequency_jitter: float
     lateral: float
     feet_m: float
-    contact_jitter: float
     gain_spread: float
     noise_m_s2: float
 
@@ -174,9 +201,17 @@ def response(tiles: tuple[int, int], frequency_hz: float, p: Any) -> Values:
     return np.abs(own * np.linalg.inv(own * np.eye(number.size) + p.coupling * laplacian))
 
 
+def amplitude_share(k: int, p: Any) -> float:
+    """Return the amplitude of the motor of kind ``k`` + 1, as a share of ``amplitude_m_s2``."""
+    return float(p.amplitude_shares[k]) if p.amplitude_shares else 1.0
+
+
 @lru_cache(maxsize=16)
 def _near_responses(rows: int, columns: int, p: Any) -> Values:
-    """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on."""
+    """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on.
+
+    It is per ``amplitude_m_s2``: the share of a kind's motor is in it.
+    """
     if rows * columns > MOST_TILES:
         raise InputError(
             f"a floor of {rows * columns} tiles is too large for the sensor 'acceleration', whose tiles' equations are "
@@ -185,7 +220,7 @@ def _near_responses(rows: int, columns: int, p: Any) -> Values:
         )
     near = np.zeros((len(p.motor_hz), rows * columns, SIDE * SIDE))
     for k, frequency_hz in enumerate(p.motor_hz):
-        square = response((rows, columns), frequency_hz, p) ** 2
+        square = (amplitude_share(k, p) * response((rows, columns), frequency_hz, p)) ** 2
         for i in range(rows * columns):
             for down in range(-STEPS, STEPS + 1):
                 for across in range(-STEPS, STEPS + 1):
@@ -222,9 +257,8 @@ def shake(
     half_m = 0.5 * shaking.feet_m
     one = tile_below(x_m + half_m * cosine, y_m + half_m * sine, place)
     other = tile_below(x_m - half_m * cosine, y_m - half_m * sine, place)
-    contact = math.exp(shaking.contact_jitter * normal(seed, run, robot, VIBRATION, sample, 1))
     gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
-    slot = int(time_s / WANDER_S)
+    slot = int(time_s / shaking.motor_hold_s)
     for down in range(-STEPS - 1, STEPS + 2):  # one more than ``STEPS``, as feet may be on two tiles
         for across in range(-STEPS - 1, STEPS + 2):
             source = source_at(max(one, other), down, across, place)
@@ -239,7 +273,9 @@ def shake(
             drive = shaking.amplitude_m_s2 * math.exp(
                 shaking.motor_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source)
             )
-            amplitude = gain * contact * drive * math.sqrt(square)
+            if shaking.motor_spread > 0.0:
+                drive *= math.exp(shaking.motor_spread * normal(seed, run, LASTING, MOTOR, source, ALONE))
+            amplitude = gain * drive * math.sqrt(square)
             frequency_hz = motors_hz[k] * (
                 1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
             )
@@ -325,15 +361,16 @@ def add_noise(out: Values, spread: float, word: int) -> None:
 
 @kernel
 def measure_signal(
-    acceleration: Values, axis: int, program: SenseProgram, codes: NDArray[np.int64], bands_hz: Values,
+    acceleration: Values, axis: int, program: SenseProgram, every: int, codes: NDArray[np.int64], bands_hz: Values,
     signal: Values, spectrum: Values, out: Values,
 ) -> None:  # fmt: skip
     """Write the features of one sample, as the robot computes them.
 
     Args:
         acceleration: (3, readings), without gravity. axis: index in ``AXES`` of the features' signal.
+        every: readings whose mean is one of the spectrum.
         codes: (numbers,), index of each feature in ``FEATURES``; -1 a band, of the frequency ``bands_hz`` (numbers,).
-        signal: (readings,), overwritten. spectrum: (2, POINTS), overwritten. out: (numbers,), written.
+        signal: (readings,), overwritten. spectrum: (3, POINTS), overwritten. out: (numbers,), written.
     """
     count = acceleration.shape[1]
     state = begin_sense()
@@ -363,8 +400,9 @@ def measure_signal(
             out[n] = band_energy(band, coefficient, count)
         elif code == 1 or code == 2:
             if hz < 0.0:
-                peak = spectrum_peak(signal, count, program.rate_hz, spectrum[0], spectrum[1])
-                hz, height = peak.hz, peak.height
+                kept = block_means(signal, count, every, spectrum[2])
+                peak = spectrum_peak(spectrum[2], kept, program.rate_hz / every, spectrum[0], spectrum[1])
+                hz, height = peak.hz, peak.height / block_gain(peak.hz, program.rate_hz, every)
             out[n] = hz if code == 1 else height
         elif code == 3:
             out[n] = crossings_hz(moments, program.rate_hz)
@@ -379,7 +417,7 @@ def measure_signal(
 @kernel
 def sense_samples(
     shaking: Shaking, motors_hz: Values, near: Values, tiles: NDArray[np.uint8],
-    axis: int, program: SenseProgram, codes: NDArray[np.int64], bands_hz: Values,
+    axis: int, program: SenseProgram, every: int, codes: NDArray[np.int64], bands_hz: Values,
     x_m: Values, y_m: Values, time_s: Values, robot: NDArray[np.int64], sample: NDArray[np.int64],
     seed: int, run: int, acceleration: Values, signal: Values, spectrum: Values, out: Values,
 ) -> None:  # fmt: skip
@@ -389,7 +427,7 @@ def sense_samples(
             shaking, motors_hz, near, tiles, program.rate_hz, x_m[k], y_m[k], time_s[k], seed, run, robot[k], sample[k],
             acceleration,
         )  # fmt: skip
-        measure_signal(acceleration, axis, program, codes, bands_hz, signal, spectrum, out[k])
+        measure_signal(acceleration, axis, program, every, codes, bands_hz, signal, spectrum, out[k])
 
 
 def shaking_of(place: Place, p: Any) -> Shaking:
@@ -406,18 +444,28 @@ def sense(samples: Samples, p: Any) -> Values:
     out = np.empty((samples.x_m.size, len(names)))
     sense_samples(
         shaking_of(samples.place, p), np.array(p.motor_hz), _near(samples.place, p), samples.tiles,
-        AXES.index(p.axis), program, codes, bands_hz,
+        AXES.index(p.axis), program, averaged_readings(p), codes, bands_hz,
         samples.x_m, samples.y_m, samples.time_s, samples.robot, samples.sample, samples.seed, samples.run,
-        np.empty((3, count)), np.empty(count), np.empty((2, POINTS)), out,
+        np.empty((3, count)), np.empty(count), np.empty((3, POINTS)), out,
     )  # fmt: skip
     return out
 
 
 def line_program(p: Any) -> LineProgram:
     """Return the parameters by which robots tell several motors apart."""
-    return LineProgram(
-        AXES.index(p.axis), np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])
-    )
+    seen_hz = np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])
+    return LineProgram(AXES.index(p.axis), seen_hz, averaged_readings(p))
+
+
+def averaged_readings(p: Any) -> int:
+    """Return the number of successive readings whose mean is one of the spectrum: as few as let it span the sample.
+
+    Each motor keeps ``LEAST_PER_PERIOD`` numbers a period, so that of fast motors the spectrum spans less.
+    """
+    highest_hz = max(alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz)
+    for_motors = math.floor(p.rate_hz / (LEAST_PER_PERIOD * max(highest_hz, 1e-9)))
+    for_all = math.ceil(readings(sensing(p)) / POINTS)
+    return int(max(min(for_all, for_motors), 1))
 
 
 def _near(place: Place, p: Any) -> Values:
@@ -452,7 +500,7 @@ def band_of(name: str) -> float:
     """
     start, _, number = name.partition("_")
     try:
-        if start == "band":
+        if start == "band" and math.isfinite(float(number)):
             return float(number)
     except ValueError:
         pass
@@ -479,52 +527,109 @@ def likelihood(kind: int, value: Values, p: Any) -> Values:
 
 HARMONICS: Final = (1, 2, 3)
 """Multiples of a motor's frequency that may be seen as another motor's."""
+TRIED: Final = 200
+"""Samples of each kind that are simulated to see which motors look alike."""
+CONFUSED: Final = 0.02
+"""Motors look alike if more of the samples of one than this share are read as the other."""
 
 
 def aliases(p: Any) -> list[str]:
-    """Return a sentence for each motor that the rate folds, and for each that, or a harmonic of it, looks like another.
-
-    Frequencies that differ by less than two lines of the spectrum, 2 / time, cannot be told apart.
-    """
-    motors = range(len(p.motor_hz))
-    cases = [
-        (one, other, multiple)
-        for one, other, multiple in product(motors, motors, HARMONICS)
-        if (one < other or (one != other and multiple > 1)) and _look_alike(one, other, multiple, p)
-    ]
+    """Return a sentence for each pair of motors that look alike, and for each motor beyond half of the rate."""
+    shares = confusions(p)
+    alike = []
+    for one, other in combinations(range(len(p.motor_hz)), 2):
+        if shares[other, one] > shares[one, other]:
+            one, other = other, one
+        if shares[one, other] > CONFUSED:
+            alike.append(_alike_words(one, other, float(shares[one, other]), p))
     folded = [
         f"readings at {p.rate_hz:g} Hz are too few for the motor of kind {kind}, at {hz:g} Hz, and show it at "
         f"{alias_hz(hz, p.rate_hz):.4g} Hz; a rate above {2.0 * hz:g} Hz shows it where it is"
         for kind, hz in enumerate(p.motor_hz, start=1)
         if hz > 0.5 * p.rate_hz
     ]
-    return [*(_alias_words(one, other, multiple, p) for one, other, multiple in cases), *folded]
+    return [*alike, *folded]
 
 
-def _look_alike(one: int, other: int, multiple: int, p: Any) -> bool:
-    """Return whether a multiple of one motor's frequency is seen where another motor is."""
-    seen_hz, its_hz = (alias_hz(hz, p.rate_hz) for hz in (multiple * p.motor_hz[one], p.motor_hz[other]))
-    return bool(abs(seen_hz - its_hz) < 2000.0 / p.signal_ms)
+@lru_cache(maxsize=64)
+def confusions(p: Any) -> Values:
+    """Return the share of samples of each kind's motor (rows) whose largest line is nearest to each kind's motor.
+
+    Samples are taken in the middle of floors of one kind, so that what is confused is so everywhere.
+    """
+    motors, number = len(p.motor_hz), np.arange(TRIED)
+    if motors == 1:
+        return np.ones((1, 1))
+    middle_m = np.full(TRIED, 0.5 * REFERENCE.columns * REFERENCE.width_m)
+    seen_hz = line_program(p).seen_hz
+    shares = np.zeros((motors, motors))
+    for kind in range(1, motors + 1):
+        tiles = np.full(REFERENCE.rows * REFERENCE.columns, kind, dtype=np.uint8)
+        times_s = np.asarray(2.0 * p.motor_hold_s * number)
+        samples = Samples(
+            REFERENCE, tiles, middle_m, middle_m, times_s, robot=number, sample=number, seed=0, run=0
+        )
+        peak_hz = acceleration.sensed(samples, p)[:, numbers(p).index("peak_hz")]
+        nearest = np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1)
+        shares[kind - 1] = np.bincount(nearest, minlength=motors) / TRIED
+    return shares
 
 
-def _alias_words(one: int, other: int, multiple: int, p: Any) -> str:
-    line_hz, other_hz = p.motor_hz[one], p.motor_hz[other]
-    times = "" if multiple == 1 else f"{multiple} x "
+def _alike_words(one: int, other: int, share: float, p: Any) -> str:
+    """Say that samples of one motor's tiles are read as the other's, and why."""
+    kinds_hz = f"kind {one + 1} ({p.motor_hz[one]:g} Hz)", f"kind {other + 1} ({p.motor_hz[other]:g} Hz)"
     return (
-        f"readings at {p.rate_hz:g} Hz show kind {one + 1} ({times}{line_hz:g} Hz) at "
-        f"{alias_hz(multiple * line_hz, p.rate_hz):.4g} Hz, within {2000.0 / p.signal_ms:.3g} Hz of kind {other + 1} "
-        f"({other_hz:g} Hz, at {alias_hz(other_hz, p.rate_hz):.4g} Hz): they look alike"
+        f"{kinds_hz[0]} is read as {kinds_hz[1]} in {100.0 * share:.0f} % of samples, even far from edges: "
+        f"{_why_alike(one, other, p)}"
     )
 
 
+def _why_alike(one: int, other: int, p: Any) -> str:
+    """Say why two motors look alike."""
+    its_hz = alias_hz(p.motor_hz[other], p.rate_hz)
+    resolution_hz = 2.0 / spectrum_s(p)
+    for multiple in HARMONICS:
+        line_hz = multiple * p.motor_hz[one]
+        seen_hz = alias_hz(line_hz, p.rate_hz)
+        if abs(seen_hz - its_hz) < resolution_hz:
+            times = "it" if multiple == 1 else f"{multiple} x {p.motor_hz[one]:g} Hz"
+            folded = f"readings at {p.rate_hz:g} Hz show {times} at {seen_hz:.4g} Hz"
+            return f"{folded}, and {1000.0 * spectrum_s(p):.3g} ms of them tell lines {resolution_hz:.3g} Hz apart"
+    seen_hz, wander_hz = alias_hz(p.motor_hz[one], p.rate_hz), p.frequency_jitter * p.motor_hz[one]
+    if abs(seen_hz - its_hz) < 4.0 * wander_hz:
+        return f"its frequency wanders by {wander_hz:.3g} Hz (frequency_jitter)"
+    return "its line does not stand out of other motors' and of the noise"
+
+
+def spectrum_s(p: Any) -> float:
+    """Return the time that the spectrum of a sample spans, s."""
+    every = averaged_readings(p)
+    return every * min(readings(sensing(p)) // every, POINTS) / float(p.rate_hz)
+
+
 def check(p: Any) -> None:
-    """Refuse bands beyond half of the rate, a time shorter than a period, and features that do not exist."""
+    """Refuse bands beyond half of the rate, a time shorter than a period, and features that do not exist, or twice."""
     field = "sensor.acceleration"
-    if p.cutoff_hz is not None and p.cutoff_hz >= 0.5 * p.rate_hz:
+    if len(p.amplitude_shares) not in (0, len(p.motor_hz)):
         raise InputError(
-            f"{p.cutoff_hz:g} is not below half of the rate, {p.rate_hz:g} Hz", field=f"{field}.cutoff_hz"
+            f"lists {len(p.amplitude_shares)} for the {len(p.motor_hz)} of {field}.motor_hz; give as many, or "
+            "none",
+            field=f"{field}.amplitude_shares",
+        )
+    if cutoff_of(p) >= 0.5 * p.rate_hz:
+        omitted = " (if it is omitted)" if p.cutoff_hz is None else ""
+        raise InputError(
+            f"{round(cutoff_of(p), 1):g} Hz{omitted} is not below half of the rate, {p.rate_hz:g} Hz",
+            field=f"{field}.cutoff_hz",
         )
     for name in p.features:
+        if numbers(p).count(name) > 1:
+            raise InputError(
+                f"'{name}' is measured twice; the energy is always the first number, and is not listed"
+                if name == "energy"
+                else f"'{name}' is listed twice",
+                field=f"{field}.features",
+            )
         if name in FEATURES:
             continue
         band_hz = band_of(name)

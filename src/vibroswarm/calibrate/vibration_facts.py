@@ -1,0 +1,200 @@
+"""Facts of labelled energies that the features of a fit of vibration do not hold: who scatters with whom, and edges.
+
+| name | symbol | equation |
+|---|---|---|
+| scatter | r | log E - its mean over the tile in the session, of samples at least ``FAR_M`` from an edge |
+| successive | - | correlation of r between successive samples of a robot on one tile |
+| together | - | correlation of r between samples of two robots on one tile within ``TOGETHER_S`` |
+| tiles | - | standard deviation of the means of log E between vibrating tiles of a session |
+| robots | - | standard deviation of the means of r between robots in a session |
+
+If motors vary slowly, both correlations are high; if robots differ, only the first is; if each sample is by itself,
+neither. Means of few samples scatter by themselves, so ``tiles`` and ``robots`` are compared with simulations of as
+many samples.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.floors.floor import Floor
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+FAR_M: Final = 0.03
+"""Samples at least this far from an edge are of one kind of tile."""
+NEAR_M: Final = 0.005
+"""Still samples nearer to a border than this lie beside a tile."""
+TOGETHER_S: Final = 5.0
+"""Samples of two robots on one tile within this time are compared, s."""
+LEAST: Final = 1e-9
+"""Energy that stands for 0 in a logarithm."""
+KINDS: Final = (("vibrating", True), ("still", False))
+
+
+@dataclass(frozen=True)
+class FactSamples:
+    """Where, when and by whom recorded samples were taken, (samples,) each."""
+
+    session: Indices
+    tile: Indices
+    """Number of the tile below, other ones for each session."""
+    robot: Indices
+    """Number of the robot, other ones for each session."""
+    vibrating: NDArray[np.bool_]
+    far: NDArray[np.bool_]
+    """At least ``FAR_M`` from an edge."""
+    beside_vibrating: NDArray[np.bool_]
+    """Still, within ``NEAR_M`` of a vibrating tile."""
+    beside_still: NDArray[np.bool_]
+    """Still, within ``NEAR_M`` of the tile's border, and of no vibrating tile."""
+    successive: Indices
+    together: Indices
+    """(pairs, 2): indices of samples."""
+
+
+def fact_samples(found: Dataset) -> FactSamples:
+    """Return what facts depend on, in the order of the samples of a dataset."""
+    frame = found.samples
+    session, robot, tile, sample = (
+        frame[name].to_numpy().astype(np.int64) for name in ("run", "robot", "tile", "sample")
+    )
+    edge_m, vibrating = frame["edge_m"].to_numpy(), frame["vibrating"].to_numpy().astype(np.bool_)
+    border_m = np.empty(edge_m.size)
+    for one in np.unique(session):
+        own = session == one
+        border_m[own] = to_border_m(
+            found.floors[one], frame["x_m"].to_numpy()[own], frame["y_m"].to_numpy()[own]
+        )
+    far = np.abs(edge_m) >= FAR_M
+    of_tile = np.unique(np.column_stack((session, tile)), axis=0, return_inverse=True)[1].ravel()
+    of_robot = np.unique(np.column_stack((session, robot)), axis=0, return_inverse=True)[1].ravel()
+    beside_vibrating = ~vibrating & (edge_m < NEAR_M)
+    return FactSamples(
+        session,
+        of_tile,
+        of_robot,
+        vibrating,
+        far,
+        beside_vibrating,
+        ~vibrating & ~beside_vibrating & (border_m < NEAR_M),
+        _successive(of_tile, of_robot, sample, far),
+        _together(of_tile, of_robot, frame["time_s"].to_numpy(), far),
+    )
+
+
+def to_border_m(floor: Floor, x_m: Floats, y_m: Floats) -> Floats:
+    """Return the distance of places from the border of the tile below, m."""
+    _, _, width_m, height_m, left_m, bottom_m = floor.geometry
+    across, up = (x_m - left_m) % width_m, (y_m - bottom_m) % height_m
+    return np.asarray(np.minimum.reduce([across, width_m - across, up, height_m - up]))
+
+
+def _successive(tile: Indices, robot: Indices, sample: Indices, far: NDArray[np.bool_]) -> Indices:
+    """Return the pairs of successive samples of a robot on one tile; rows are ordered by robot and time."""
+    first = np.arange(tile.size - 1)
+    same = (robot[1:] == robot[:-1]) & (tile[1:] == tile[:-1]) & (sample[1:] == sample[:-1] + 1)
+    return np.asarray(np.column_stack((first, first + 1))[same & far[1:] & far[:-1]])
+
+
+def _together(tile: Indices, robot: Indices, time_s: Floats, far: NDArray[np.bool_]) -> Indices:
+    """Return the pairs of samples of two robots on one tile within ``TOGETHER_S``."""
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    for one in np.unique(tile):
+        rows = np.flatnonzero((tile == one) & far)
+        rows = rows[np.argsort(time_s[rows], kind="stable")]
+        apart_s = time_s[rows] - time_s[rows, None]
+        i, j = np.nonzero(
+            (apart_s >= 0.0) & (apart_s < TOGETHER_S) & (np.arange(rows.size) > np.arange(rows.size)[:, None])
+        )
+        others = robot[rows[i]] != robot[rows[j]]
+        pairs.append(np.column_stack((rows[i[others]], rows[j[others]])))
+    return np.concatenate(pairs)
+
+
+def scatter(samples: FactSamples, energy: Floats, rows: Indices) -> Floats:
+    """Return r of some samples, which are far from edges, (rows,)."""
+    logs = _log(energy[rows])
+    return logs - _means(samples.tile[rows], logs)[samples.tile[rows]]
+
+
+def _log(energy: Floats) -> Floats:
+    return np.log(np.maximum(energy, LEAST))
+
+
+def _means(group: Indices, value: Floats) -> Floats:
+    """Return the mean of each group, (groups,); nan for groups without a value."""
+    number = np.bincount(group)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.bincount(group, value) / number)
+
+
+def _spread(session: Indices, group: Indices, value: Floats) -> float:
+    """Return the standard deviation of the means of groups, within sessions; nan if none has two groups.
+
+    Args:
+        session, group: (values,), numbers of the session, and of the group in any session.
+    """
+    first = np.unique(group, return_index=True)[1]
+    means, of = _means(group, value)[group[first]], session[first]
+    within = means - _means(of, means)[of]
+    freedom = means.size - np.unique(of).size
+    return math.sqrt(float((within**2).sum()) / freedom) if freedom > 0 else math.nan
+
+
+def tile_spread(samples: FactSamples, energy: Floats, rows: Indices) -> float:
+    """Return the standard deviation between vibrating tiles of a session of the means of log E.
+
+    Args:
+        energy: (samples,). rows: indices of the samples that count, which may repeat.
+    """
+    own = rows[samples.far[rows] & samples.vibrating[rows]]
+    return _spread(samples.session[own], samples.tile[own], _log(energy[own]))
+
+
+def robot_spread(samples: FactSamples, energy: Floats, rows: Indices) -> float:
+    """Return the standard deviation between robots of a session of the means of r; arguments as ``tile_spread``."""
+    own = rows[samples.far[rows]]
+    return _spread(samples.session[own], samples.robot[own], scatter(samples, energy, own))
+
+
+def facts(samples: FactSamples, energy: Floats, rms_threshold: float) -> dict[str, float]:
+    """Return the facts by name; nan where there is no sample, or no pair.
+
+    Args:
+        energy: (samples,), recorded or simulated. rms_threshold: theta_E.
+    """
+    found = {}
+    for name, beside in (("vibrating", samples.beside_vibrating), ("still", samples.beside_still)):
+        where = f"still, within {1000 * NEAR_M:.0f} mm of a {name} tile"
+        found[f"{where}: mean energy"] = _mean(energy[beside])
+        found[f"{where}: share above {rms_threshold:g}"] = _mean(energy[beside] > rms_threshold)
+    rows, own = np.arange(energy.size), np.full(energy.size, np.nan)
+    own[samples.far] = scatter(samples, energy, rows[samples.far])
+    for name, kind in KINDS:
+        of_kind = samples.vibrating == kind
+        found[f"{name}: s.d. of log energy on a tile"] = math.sqrt(_mean(own[samples.far & of_kind] ** 2))
+        for pairs, words in (
+            (samples.successive, "successive samples of a robot"),
+            (samples.together, f"two robots within {TOGETHER_S:g} s"),
+        ):
+            found[f"{name}: correlation of {words}"] = _correlation(own, pairs[of_kind[pairs[:, 0]]])
+    found["s.d. of mean log energy between vibrating tiles"] = tile_spread(samples, energy, rows)
+    found["s.d. of mean log energy between robots"] = robot_spread(samples, energy, rows)
+    return found
+
+
+def _mean(values: NDArray[Any]) -> float:
+    return float(values.mean()) if values.size else math.nan
+
+
+def _correlation(values: Floats, pairs: Indices) -> float:
+    if len(pairs) < 3:
+        return math.nan
+    return float(np.corrcoef(values[pairs[:, 0]], values[pairs[:, 1]])[0, 1])
