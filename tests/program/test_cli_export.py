@@ -324,7 +324,7 @@ def test_the_sketch_compiles_as_cpp(name: str, tmp_path: Path) -> None:
     build_sketch(library, tmp_path, "sketch.cpp")
 
 
-LATE_SKETCH = """
+STARTED_SKETCH = """
 #include <stdint.h>
 #include <stdio.h>
 static uint32_t time_us;
@@ -335,6 +335,10 @@ int main()
     setup();
     for (int k = 0; k < 2000; k++)
         loop();
+"""
+LATE_SKETCH = (
+    STARTED_SKETCH
+    + """
     const long steps_before = robot.tick - robot.missed;
     time_us += 1010000; /* a driver of the sketch that takes 1.01 s */
     loop();
@@ -342,6 +346,7 @@ int main()
            (unsigned long)time_us / PERIOD_US);
 }
 """
+)
 
 
 @needs_gcc
@@ -355,6 +360,20 @@ def test_periods_that_a_sketch_misses_are_not_made_up_for(library: Path, tmp_pat
     assert tick == periods + 1  # the clock is that of the board: the first step is at time 0
     assert missed in (49, 50)  # by when in a period the driver began
     assert steps_after == 1
+
+
+@needs_gcc
+def test_a_robot_that_fails_its_own_test_does_not_start(library: Path, tmp_path: Path) -> None:
+    """Those that pass it do: the test above."""
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    copy = shutil.copytree(library, tmp_path / "copy")
+    header = copy / "src" / "vibroswarm_parameters.h"
+    header.write_text(header.read_text().replace("VS_WORLD_PRIOR_BETA 1", "VS_WORLD_PRIOR_BETA 2"))
+    (tmp_path / "failing.cpp").write_text(STARTED_SKETCH + 'printf("%ld\\n", (long)robot.tick); }')
+    build_sketch(copy, tmp_path, "failing.cpp")
+    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == 0
 
 
 PACKETS = """
