@@ -506,6 +506,7 @@ def test_every_shipped_strategy_is_exportable_as_documented() -> None:
     for name, (precision, _, _) in table.items():
         header = c_sources(parts_of(scenario_for(name))).header
         assert f"#define VS_PRECISION {precision} " in header, name
+        assert ("vs_told_pose" in header) == (name in MAPPING), name
 
 
 def written(scenario: Any, folder: Path) -> Path:
@@ -603,8 +604,8 @@ WARNED = [
 ]
 
 
-def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    command = ["gcc", *flags, "-x", "c", "-c", "-", "-o", "/dev/null"]
+def compiled(folder: Path, *flags: str, compiler: str = "gcc") -> subprocess.CompletedProcess[str]:
+    command = [compiler, *flags, "-x", "c", "-c", "-", "-I", ".", "-o", "/dev/null"]
     all_sources = "".join(f'#include "{path.name}"\n' for path in sorted(folder.glob("*.c")))
     return subprocess.run(command, cwd=folder, input=all_sources, capture_output=True, text=True, check=False)
 
@@ -615,10 +616,12 @@ def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
     sources = written(scenario_for(strategy), tmp_path)
     for precision in (1, 2, 3):
-        done = compiled(sources, *WARNED, f"-DVS_PRECISION={precision}")
-        assert done.returncode == 0, done.stderr
-    program = (sources / "vibroswarm.c").read_text(encoding="utf-8")
-    assert not re.search(r"(if|while) \(\([^()]*\)\) {", program), "doubled parentheses"
+        for compiler in filter(shutil.which, ("gcc", "clang")):
+            done = compiled(sources, *WARNED, f"-DVS_PRECISION={precision}", compiler=compiler)
+            assert done.returncode == 0, done.stderr
+    written_c = "".join(path.read_text(encoding="utf-8") for path in sources.glob("*.[ch]"))
+    assert not re.search(r"\(\([^()]*\)\)[;,{]?$", written_c, re.MULTILINE), "doubled parentheses"
+    assert not re.search(r"\(void\)\w", written_c), "a parameter that is not used"
 
 
 @needs_gcc
@@ -627,6 +630,7 @@ def test_what_only_reads_takes_a_constant_and_what_breaks_numbers_is_refused(lib
     for getter in ("vs_left_percent", "vs_right_percent", "vs_observed", "vs_time_s"):
         assert f"{getter}(const vs_Robot *r)" in header
     assert "vs_sample(vs_Robot *r" in header
+    assert "vs_receive(vs_Robot *r, vs_int sender, vs_int number, const vs_Message *message)" in header
     assert compiled(library / "src", *WARNED).returncode == 0
     fast = compiled(library / "src", "-std=c99", "-ffast-math")
     assert fast.returncode != 0

@@ -60,7 +60,9 @@ void setup()
         return; /* runs stays false: loop does nothing */
     }
     vs_start(&robot, SEED, 0, ROBOT_NUMBER);
-    vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad; without effect if it does not localise */
+#if VS_LOCALISES
+    vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad */
+#endif
     next_period_us = last_reading_us = micros();
     runs = true;
 }
