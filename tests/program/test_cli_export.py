@@ -576,6 +576,17 @@ def test_what_does_not_fit_says_so(
     assert "with a control period of 2 ms" in said
 
 
+@pytest.mark.usefixtures("unmeasured")
+@pytest.mark.parametrize("robot", ["kilobot", "e-puck", "paper"])
+def test_a_robot_with_another_processor_says_so(
+    robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "c", str(tmp_path / "x"), "--preset", robot, "--strategy", "soft"]) == 0
+    assert ("NOT FIT for a Kilobot: its ATmega328P has 8 bits" in capsys.readouterr().out) == (
+        robot == "kilobot"
+    )
+
+
 def test_a_strategy_that_was_typed_in_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     space: dict[str, Any] = {}
     exec("def on_sample(s, a, x, out, d, p, w):\n    return True\n", space)  # noqa: S102
