@@ -61,8 +61,8 @@ ADVICE: Final = {
     "one was read for another: give each its own, far apart in the dictionary.",
     "jump": "Dropped, nothing to do, if there are few. If there are many, another object carries this marker, or "
     "the pattern is misread: choose another marker.",
-    "twice": "The one nearer to where the robot was before is used, neither if it was not seen before. Remove the "
-    "second one from the picture: a spare print, a mirror, a screen.",
+    "twice": "The one nearer to the robot's path is used, neither if it was never seen alone. Remove the second one "
+    "from the picture: a spare print, a mirror, a screen.",
     "unexpected": "If it is a marker, add it to the file. If not, something in the picture is misread as one, and "
     "might be misread as a robot's: cover it, or print markers of a dictionary with more squares (6X6_250).",
     "floor": "Measure its place again (centre, mm, from the lower left corner of the arena, y upwards), and look "
