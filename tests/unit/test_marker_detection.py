@@ -13,6 +13,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.tracking import marker_detection
 from vibroswarm.tracking.marker_detection import detect
 from vibroswarm.tracking.markers import APRILTAG_0, DICTIONARIES, Markers, first_corner, read_markers
+from vibroswarm.tracking.picture_quality import faults_of
 from vibroswarm.tracking.track import track
 from vibroswarm.tracking.video_file import frames_of
 
@@ -148,6 +149,18 @@ def test_why_no_marker_is_seen_is_said(tmp_path: Path, change: Any, dictionary: 
     with pytest.raises(InputError, match=r"shows none of the robots' markers \[7, 8\]") as raised:
         track(tmp_path / "v.avi", markers)
     assert words in str(raised.value)
+
+
+def test_reflections_and_compression_are_told_as_causes() -> None:
+    frame = np.full((200, 300), 180, dtype=np.uint8)
+    lit = frame.copy()
+    lit[20:60, 30:70], lit[100:110, 10:20] = 255, 255  # the second is smaller than a marker
+    assert faults_of([frame, frame], 20.0, 0.2) == []
+    assert faults_of([lit, frame], 20.0) == []  # white in one frame only: it moves
+    (white,) = faults_of([lit, lit], 20.0)
+    assert white.startswith("a place is white throughout, as reflections are, 2.7% of the picture")
+    (small,) = faults_of([frame, frame], 20.0, 0.0015)
+    assert small.startswith("the video is compressed strongly (0.0015 bits for each pixel)")
 
 
 def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ sees in a whole frame. The floor's markers are searched in whole frames only.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,6 +73,8 @@ class Detections:
     that one was seen in a whole frame, by its number."""
     samples: tuple[Gray, ...] = ()
     """Some frames, to judge the picture."""
+    bits_per_px: float = math.nan
+    """Size of the video's file, bits for each pixel of each frame."""
     floor_spread_px: float = 0.0
     """How far floor markers are from where they are in the median, px: root mean square over frames and markers."""
 
@@ -124,6 +127,7 @@ def detect(
         twice=tuple(search.twice),
         unexpected=search.unexpected,
         samples=tuple(search.samples),
+        bits_per_px=8 * path.stat().st_size / (len(times) * math.prod(info.size_px)),
     )
 
 
