@@ -1,11 +1,13 @@
-"""Make preset `calibrated` and the tables of figures/calibration.md again, from the study's recordings.
+"""Make the tables of figures/calibration.md again, from the study's recordings, and with --refit preset `calibrated`.
 
-    python docs/make_calibration.py DIR --work out/calibration [--item out/paper]
+    python docs/make_calibration.py DIR --work out/calibration [--refit] [--item out/paper]
 
-DIR is the folder of the recordings. The parts (fit, held-out sessions, comparison, classifiers) take minutes each and
-are kept in the work folder; a part that is there is not repeated. Then the fitted values are written into the preset,
-and the tables between `<!-- made: NAME -->` and `<!-- end -->` into figures/calibration.md. With --item, the same item
-of `vibroswarm reproduce` is made too, into that folder. Fits take 100 s of CPU each, of which there are four.
+DIR is the folder of the recordings. The parts (held-out sessions, classifiers; with --refit also the fit to all
+sessions and its comparison with them) take minutes and are kept in the work folder; a part that is there is not
+repeated. Tables are written between `<!-- made: NAME -->` and `<!-- end -->`: without --refit those of held-out
+sessions, which are of the fit of today; with it also the fitted values, into the preset, and the tables about it. With
+--item, the same item of `vibroswarm reproduce` is made too, into that folder. Fits take 30 s of CPU each, of which
+there are three or four.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -198,12 +200,13 @@ def fits_table() -> str:
     return table(["fit", "fields", "from which intervals between samples", "error"], rows)
 
 
-def pieces(found: dict[str, Values]) -> Iterator[tuple[str, str]]:
-    """The tables of the page by name."""
-    yield "figures", fields_table(found["fit"])
-    yield "folds", folds_table(found["folds"])
-    yield "compared", compared_table(found["compared"])
-    yield "told", told_table(found["told"])
+TABLES: Final[dict[str, Callable[[Values], str]]] = {
+    "folds": folds_table,
+    "told": told_table,
+    "fit": fields_table,
+    "compared": compared_table,
+}
+"""The tables of the page, by the part that they show."""
 
 
 def write_page(page: Path, named: Iterable[tuple[str, str]]) -> None:
@@ -221,20 +224,23 @@ def main() -> None:
     options = argparse.ArgumentParser(description="Make the calibration again.")
     options.add_argument("recordings", type=Path)
     options.add_argument("--work", type=Path, required=True)
+    options.add_argument("--refit", action="store_true")
     options.add_argument("--item", type=Path, default=None)
     given = options.parse_args()
     given.work.mkdir(parents=True, exist_ok=True)
     folder = given.recordings
-    found = {"fit": kept(given.work, "fit", lambda: fitted_on_all(folder))}
-    fields = found["fit"]["fields"]
-    Scenario.from_base({"preset": BASE}).with_values(fields)
-    found["folds"] = kept(given.work, "folds", lambda: held_out(folder))
-    found["compared"] = kept(given.work, "compared", lambda: compared(folder, fields))
+    found = {"folds": kept(given.work, "folds", lambda: held_out(folder))}
     found["told"] = kept(given.work, "told", lambda: told(folder, found["folds"]))
-    write_preset(fields)
-    write_page(FIGURES, pieces(found))
+    if given.refit:
+        found["fit"] = kept(given.work, "fit", lambda: fitted_on_all(folder))
+        fields = found["fit"]["fields"]
+        Scenario.from_base({"preset": BASE}).with_values(fields)
+        found["compared"] = kept(given.work, "compared", lambda: compared(folder, fields))
+        write_preset(fields)
+        print(f"wrote {PRESET}")
+    write_page(FIGURES, [(name, TABLES[name](part)) for name, part in found.items()])
     write_page(PAGE, [("fits", fits_table())])
-    print(f"wrote {PRESET}, {PAGE} and {FIGURES}")
+    print(f"wrote {PAGE} and {FIGURES}")
     if given.item is not None:
         command = [
             "reproduce",

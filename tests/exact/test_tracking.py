@@ -22,7 +22,7 @@ from vibroswarm.tracking.camera import (
     square_errors,
     square_of,
 )
-from vibroswarm.tracking.marker_detection import _Finder
+from vibroswarm.tracking.marker_detection import _Detector, _Finder
 from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
 from vibroswarm.tracking.pictures import draw_tracks
 from vibroswarm.tracking.stops import STOPS, clock_offset, stops_of
@@ -223,11 +223,11 @@ def test_a_marker_whose_edges_cannot_be_fitted_is_no_error() -> None:
     picture = cv2.imdecode(
         np.frombuffer(base64.b64decode(UNREFINED_PNG), dtype=np.uint8), cv2.IMREAD_GRAYSCALE
     )
-    finder = _Finder(cv2, usual_markers(5, 1.0, 1.0))
-    by_lines = finder._detector(5)
+    detector = _Detector(cv2, "4X4_50", threshold_px=5)
     with pytest.raises(cv2.error):
-        by_lines.detectMarkers(picture)
-    assert finder._markers_in(by_lines, picture).keys() <= set(range(5))
+        detector._by_lines.detectMarkers(picture)
+    assert detector.markers_in(picture).keys() <= set(range(50))
+    finder = _Finder(cv2, usual_markers(5, 1.0, 1.0))
     height, width = picture.shape
     for marker in range(5):
         finder.in_window(picture, ((0, 0), (width, height)), marker)

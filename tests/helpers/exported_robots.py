@@ -81,7 +81,7 @@ class SameMath:
 def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     """Write the C sources and the harness; return the definitions that it needs."""
     parts = parts_of(scenario)
-    sources = c_sources(parts)
+    sources = c_sources(parts, for_tests=True)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "vibroswarm.h").write_text(sources.header)
     (folder / "vibroswarm.c").write_text(sources.program)
@@ -91,7 +91,7 @@ def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     for name in ("robot_harness.c", "microbit.ld"):
         shutil.copy(HERE / name, folder)
     fields = " ".join(f"F({field})" for field in message_fields(scenario))
-    return [f"-DMESSAGE_FIELDS={fields}", *(["-DHAS_PLACES"] if parts.mixture is not None else [])]
+    return [f"-DMESSAGE_FIELDS={fields}"]
 
 
 def built(

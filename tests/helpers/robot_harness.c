@@ -206,6 +206,7 @@ static void do_event(void)
     case 6: /* tick of the next sample */
         robot.tick = (vs_int)next();
         break;
+#if VS_LOCALISES
     case 7: /* start as told with the simulation's errors: x, y, heading */
         for (int k = 0; k < 3; k++)
             v[k] = next();
@@ -218,13 +219,12 @@ static void do_event(void)
         break;
     case 9: /* a stop begins */
         vs_stopped(&robot);
-#ifdef HAS_PLACES
         for (int k = 0; k < 9; k++) {
             const double value = robot.estimate[k];
             write_bytes(&value, sizeof value);
         }
-#endif
         break;
+#endif
     case 10: /* acceleration: x, y, z */
         for (int k = 0; k < 3; k++)
             v[k] = next();

@@ -29,11 +29,16 @@ needs_emulator = pytest.mark.skipif(
     reason="arm-none-eabi-gcc or qemu-system-arm is not installed",
 )
 MIXTURE = ["--set", "localisation.method=mixture"]
+MOTORS: dict[str, Any] = {
+    "sensor.model": "acceleration",
+    "sensor.acceleration.motor_hz": [90.0, 140.0],
+}
 THREE_KINDS: dict[str, dict[str, Any]] = {
     "own sensor": {"sensor.model": "confusion"},
-    "motors": {"sensor.model": "acceleration", "sensor.acceleration.motor_hz": [90.0, 140.0]},
+    "`dirichlet`, two motors": MOTORS,
+    "`places`, two motors": MOTORS | {"strategy.name": "places"},
 }
-"""Robots that read three kinds of tile, with ``dirichlet``."""
+"""Robots that read three kinds of tile, with ``dirichlet`` where no other strategy is named."""
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +311,7 @@ def build_sketch(library: Path, folder: Path, around: str) -> None:
 
 
 @needs_gcc
-@pytest.mark.parametrize("name", ["soft", "own sensor", "motors"])
+@pytest.mark.parametrize("name", ["soft", "own sensor", "`dirichlet`, two motors"])
 def test_the_sketch_compiles_as_cpp(name: str, tmp_path: Path) -> None:
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
@@ -324,7 +329,7 @@ def test_the_sketch_compiles_as_cpp(name: str, tmp_path: Path) -> None:
     build_sketch(library, tmp_path, "sketch.cpp")
 
 
-LATE_SKETCH = """
+STARTED_SKETCH = """
 #include <stdint.h>
 #include <stdio.h>
 static uint32_t time_us;
@@ -335,6 +340,10 @@ int main()
     setup();
     for (int k = 0; k < 2000; k++)
         loop();
+"""
+LATE_SKETCH = (
+    STARTED_SKETCH
+    + """
     const long steps_before = robot.tick - robot.missed;
     time_us += 1010000; /* a driver of the sketch that takes 1.01 s */
     loop();
@@ -342,6 +351,7 @@ int main()
            (unsigned long)time_us / PERIOD_US);
 }
 """
+)
 
 
 @needs_gcc
@@ -355,6 +365,20 @@ def test_periods_that_a_sketch_misses_are_not_made_up_for(library: Path, tmp_pat
     assert tick == periods + 1  # the clock is that of the board: the first step is at time 0
     assert missed in (49, 50)  # by when in a period the driver began
     assert steps_after == 1
+
+
+@needs_gcc
+def test_a_robot_that_fails_its_own_test_does_not_start(library: Path, tmp_path: Path) -> None:
+    """Those that pass it do: the test above."""
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    copy = shutil.copytree(library, tmp_path / "copy")
+    header = copy / "src" / "vibroswarm_parameters.h"
+    header.write_text(header.read_text().replace("VS_WORLD_PRIOR_BETA 1", "VS_WORLD_PRIOR_BETA 2"))
+    (tmp_path / "failing.cpp").write_text(STARTED_SKETCH + 'printf("%ld\\n", (long)robot.tick); }')
+    build_sketch(copy, tmp_path, "failing.cpp")
+    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == 0
 
 
 PACKETS = """
@@ -477,7 +501,7 @@ def scenario_for(name: str) -> Any:
             "task.name": "majority",
             "strategy.name": "dirichlet",
         }
-        return preset("paper").with_values(THREE_KINDS[name] | floor)
+        return preset("paper").with_values(floor | THREE_KINDS[name])
     return preset("paper").with_values({"strategy.name": name})
 
 
@@ -487,6 +511,7 @@ def test_every_shipped_strategy_is_exportable_as_documented() -> None:
     for name, (precision, _, _) in table.items():
         header = c_sources(parts_of(scenario_for(name))).header
         assert f"#define VS_PRECISION {precision} " in header, name
+        assert ("vs_told_pose" in header) == (name in MAPPING), name
 
 
 def written(scenario: Any, folder: Path) -> Path:
@@ -511,7 +536,7 @@ MAPPING = ("places", "explore", "field", "fading")
 @pytest.mark.parametrize(
     "name",
     [
-        *(FEW := ("soft", "places", "explore", "field", "motors")),
+        *(FEW := ("soft", "places", "`dirichlet`, two motors", "`places`, two motors")),
         *(pytest.param(n, marks=pytest.mark.slow) for n in names() if n not in FEW),
     ],
 )
@@ -523,12 +548,12 @@ def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
     sources = written(scenario, tmp_path)
     memory = c_library.measured(sources)
     assert memory is not None
-    if name in FEW and name != "motors":
+    if name in documented():
         check_memory(name, memory)
     found = timing.timed(sources, scenario, memory.flags)
     assert found is not None
     assert timing.unfit(scenario, memory, found) == []
-    label = "`dirichlet`, two motors" if name == "motors" else f"`{name}`"
+    label = name if name in THREE_KINDS else f"`{name}`"
     row = re.search(rf"^\| {label} \|.*$", DOCUMENT.read_text(), re.MULTILINE)
     assert row is not None
     late_ms, load, waits_ms, is_fit = [cell.strip() for cell in row[0].split("|")[5:9]]
@@ -536,7 +561,7 @@ def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
     assert found.late_ms == pytest.approx(float(late_ms), rel=0.05, abs=0.06)  # compilers differ a little
     assert 100 * found.load == pytest.approx(float(load), rel=0.05, abs=0.1)
     assert timing.ms(found.waits) == pytest.approx(float(waits_ms), rel=0.05, abs=1)
-    assert (timing.ms(found.work) > 100) == (name in MAPPING)
+    assert (timing.ms(found.work) > 100) == (name in MAPPING or "places" in name)
 
 
 @needs_emulator
@@ -549,6 +574,17 @@ def test_what_does_not_fit_says_so(
     said = " ".join(capsys.readouterr().out.split())
     assert "NOT FIT for the study's robots: wheels may be set" in said
     assert "with a control period of 2 ms" in said
+
+
+@pytest.mark.usefixtures("unmeasured")
+@pytest.mark.parametrize("robot", ["kilobot", "e-puck", "paper"])
+def test_a_robot_with_another_processor_says_so(
+    robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "c", str(tmp_path / "x"), "--preset", robot, "--strategy", "soft"]) == 0
+    assert ("NOT FIT for a Kilobot: its ATmega328P has 8 bits" in capsys.readouterr().out) == (
+        robot == "kilobot"
+    )
 
 
 def test_a_strategy_that_was_typed_in_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -584,8 +620,8 @@ WARNED = [
 ]
 
 
-def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    command = ["gcc", *flags, "-x", "c", "-c", "-", "-o", "/dev/null"]
+def compiled(folder: Path, *flags: str, compiler: str = "gcc") -> subprocess.CompletedProcess[str]:
+    command = [compiler, *flags, "-x", "c", "-c", "-", "-I", ".", "-o", "/dev/null"]
     all_sources = "".join(f'#include "{path.name}"\n' for path in sorted(folder.glob("*.c")))
     return subprocess.run(command, cwd=folder, input=all_sources, capture_output=True, text=True, check=False)
 
@@ -596,10 +632,12 @@ def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
     sources = written(scenario_for(strategy), tmp_path)
     for precision in (1, 2, 3):
-        done = compiled(sources, *WARNED, f"-DVS_PRECISION={precision}")
-        assert done.returncode == 0, done.stderr
-    program = (sources / "vibroswarm.c").read_text(encoding="utf-8")
-    assert not re.search(r"(if|while) \(\([^()]*\)\) {", program), "doubled parentheses"
+        for compiler in filter(shutil.which, ("gcc", "clang")):
+            done = compiled(sources, *WARNED, f"-DVS_PRECISION={precision}", compiler=compiler)
+            assert done.returncode == 0, done.stderr
+    written_c = "".join(path.read_text(encoding="utf-8") for path in sources.glob("*.[ch]"))
+    assert not re.search(r"\(\([^()]*\)\)[;,{]?$", written_c, re.MULTILINE), "doubled parentheses"
+    assert not re.search(r"\(void\)\w", written_c), "a parameter that is not used"
 
 
 @needs_gcc
@@ -608,6 +646,7 @@ def test_what_only_reads_takes_a_constant_and_what_breaks_numbers_is_refused(lib
     for getter in ("vs_left_percent", "vs_right_percent", "vs_observed", "vs_time_s"):
         assert f"{getter}(const vs_Robot *r)" in header
     assert "vs_sample(vs_Robot *r" in header
+    assert "vs_receive(vs_Robot *r, vs_int sender, vs_int number, const vs_Message *message)" in header
     assert compiled(library / "src", *WARNED).returncode == 0
     fast = compiled(library / "src", "-std=c99", "-ffast-math")
     assert fast.returncode != 0

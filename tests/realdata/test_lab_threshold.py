@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from vibroswarm.documents.recording import threshold_document
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.recordings.assemble_recording import recording_of
@@ -44,6 +45,22 @@ def test_equal_error_is_near_what_the_simulations_used(real: Recording) -> None:
     assert equal.low < 1.33 < equal.high
     assert 1.30 < equal.value < 1.40
     assert equal.inner_samples.false_positive < 0.6 * equal.all_samples.false_positive
+
+
+def test_the_answer_says_at_what_price_the_threshold_in_use_decides(real: Recording) -> None:
+    """1.55 reads 44.6 % of this floor as vibrating, and would read less than half of one with 55 %, too."""
+    chosen = find_thresholds(real)[0]
+
+    def answer(value: float) -> tuple[str, ...]:
+        in_use = at_threshold(real, value)
+        return tuple(
+            threshold_document([chosen], edge_profile(labelled(real), value), chosen, in_use, 0.02).answer
+        )
+
+    assert len(answer(1.33)) == 2
+    assert "one with 50 % to 56 % vibrating tiles would be taken for below 50 %" in answer(1.55)[2]
+    errors = at_threshold(real, 1.55).all_samples
+    assert 0.55 * (1 - errors.false_negative) + 0.45 * errors.false_positive < 0.5
 
 
 def test_false_positives_sit_at_the_edges(real: Recording) -> None:

@@ -429,6 +429,21 @@ def test_several_values_are_computed_before_the_first_is_assigned(function: Any,
     assert [float(word) for word in done.stdout.split()] == [row.mean, other.mean]
 
 
+def counted(row: Any, at: Any, x: float) -> Any:
+    tally = row
+    if at.count < x:  # a whole number and another
+        tally.count = (at.count + 1) * 2
+    return at.count, (x + at.count) / 2.0
+
+
+def test_only_what_is_changed_takes_no_constant_and_conversions_are_written() -> None:
+    text = program().function(counted, [ROW, ROW, REAL]).text
+    assert "counted(vs_Row *row, const vs_Row *at, vs_real x)" in text
+    assert "if (((vs_real)at->count) < x) {" in text
+    assert "row->count = (at->count + 1) * 2;" in text
+    assert "{at->count, (x + ((vs_real)at->count)) / VS_R(2.0)}" in text
+
+
 def test_a_field_called_unused_is_a_field() -> None:
     """Structs without fields get one of this name in C, which is set to 0."""
     assert initial("PARAMS", struct_of_row("vs_Params", {"unused": float})) == [".unused = VS_PARAMS_UNUSED"]

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-from vibroswarm.calibrate.fit import FITS
+import pytest
+
+from vibroswarm.calibrate.fit import FITS, Fitted, Source, _Part, _part_of
 from vibroswarm.scenario.scenario import field_names
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -28,3 +32,26 @@ def test_every_field_is_one_of_a_scenario_and_is_fitted_once() -> None:
     assert [name for name in set(named) if named.count(name) > 1] == ["rays.angle_deg"]
     for name in named:
         assert name in known or (name.endswith(".") and any(own.startswith(name) for own in known)), name
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "figures", "words"),
+    [
+        (("network.name",), "none: counted", (), "the fit of stop gives sample.stop_ms"),
+        (
+            ("sample.stop_ms",),
+            "none: counted",
+            (Fitted("stop_ms", 1.0, 0.1, 0.8, 1.2),),
+            "the fit of stop has errors",
+        ),
+    ],
+)
+def test_a_fit_that_does_not_follow_its_row_of_the_table_fails(
+    fields: tuple[str, ...], error: str, figures: tuple[Fitted, ...], words: str
+) -> None:
+    def estimate(_: Any) -> _Part:
+        return _Part({"sample.stop_ms": 1000.0}, figures)
+
+    given = Source("stop", fields, "all", error, estimate)
+    with pytest.raises(AssertionError, match=words):
+        _part_of(given, SimpleNamespace(fields={}))  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.tracking import marker_detection
 from vibroswarm.tracking.marker_detection import detect
 from vibroswarm.tracking.markers import APRILTAG_0, DICTIONARIES, Markers, first_corner, read_markers
+from vibroswarm.tracking.picture_quality import faults_of
 from vibroswarm.tracking.track import track
 from vibroswarm.tracking.video_file import frames_of
 
@@ -60,27 +61,31 @@ def test_no_marker_is_missed_that_the_detector_alone_sees(
     alone = by_detector_alone(video, drawn.MARKERS)
     assert 0.3 < alone.mean() < 0.9
     assert not (alone & ~found_in(video, drawn.MARKERS)).any()
-    in_whole = marker_detection._Search._search_whole
+    in_whole = marker_detection._Search._search_for_robots
 
     def in_every_fifth(self: Any, k: int, *given: Any) -> None:
         if k % 5 == 0:
             in_whole(self, k, *given)
 
-    monkeypatch.setattr(marker_detection._Search, "_search_whole", in_every_fifth)
+    monkeypatch.setattr(marker_detection._Search, "_search_for_robots", in_every_fifth)
     assert (alone & ~found_in(video, drawn.MARKERS)).any()  # the control
 
 
-def test_of_two_markers_with_one_number_the_nearer_to_the_path_is_used(tmp_path: Path) -> None:
+@pytest.mark.parametrize("there", [range(5, 80), range(12)])
+def test_of_two_markers_with_one_number_the_nearer_to_the_path_is_used(tmp_path: Path, there: range) -> None:
+    """Also before the robot was seen alone: the path is then that of later frames."""
     frames = drawn.frames(80)
-    for frame in frames[5:]:  # a spare print, far from both robots
+    for k in there:  # a spare print, far from both robots
         spare = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 0, 30)
-        frame[40:82, 200:242] = 236
-        frame[46:76, 206:236] = spare[..., None]
+        frames[k][40:82, 200:242] = 236
+        frames[k][46:76, 206:236] = spare[..., None]
     drawn.write(tmp_path / "two.avi", frames)
     found = track(tmp_path / "two.avi", replace(drawn.MARKERS, floor_size_m=0.05))
     assert found.share_found() == 1.0
     assert found.jumps == 0
-    assert found.detections.twice == tuple((frame, 0) for frame in SEARCHED_WHOLE if frame >= 5)
+    seen_alone = there[0] > 0
+    expected = [k for k in there if k in SEARCHED_WHOLE or not seen_alone]
+    assert found.detections.twice == tuple((k, 0) for k in expected)
 
 
 @pytest.mark.parametrize("dictionary", DICTIONARIES)
@@ -93,7 +98,9 @@ def test_markers_of_every_dictionary_are_found(tmp_path: Path, dictionary: str) 
     assert len(of_opencv.bytesList) == DICTIONARIES[dictionary]
     picture = np.full((200, 200), 230, dtype=np.uint8)
     picture[60:140, 70:150] = cv2.aruco.generateImageMarker(of_opencv, 7, 80)
-    (four,) = marker_detection._Finder(cv2, markers).everywhere(picture)[7]
+    finder = marker_detection._Finder(cv2, replace(markers, robots={3: 0, 7: 1}))
+    (four,), (of_listed,) = finder.everywhere(picture)[7], finder.listed_in(picture)[7]
+    assert (four == of_listed).all()
     at = np.array([[70, 60], [149, 60], [149, 139], [70, 139]], dtype=float)
     assert np.abs(four - np.roll(at, first_corner(dictionary), axis=0)).max() < 1.0
 
@@ -142,6 +149,18 @@ def test_why_no_marker_is_seen_is_said(tmp_path: Path, change: Any, dictionary: 
     with pytest.raises(InputError, match=r"shows none of the robots' markers \[7, 8\]") as raised:
         track(tmp_path / "v.avi", markers)
     assert words in str(raised.value)
+
+
+def test_reflections_and_compression_are_told_as_causes() -> None:
+    frame = np.full((200, 300), 180, dtype=np.uint8)
+    lit = frame.copy()
+    lit[20:60, 30:70], lit[100:110, 10:20] = 255, 255  # the second is smaller than a marker
+    assert faults_of([frame, frame], 20.0, 0.2) == []
+    assert faults_of([lit, frame], 20.0) == []  # white in one frame only: it moves
+    (white,) = faults_of([lit, lit], 20.0)
+    assert white.startswith("a place is white throughout, as reflections are, 2.7% of the picture")
+    (small,) = faults_of([frame, frame], 20.0, 0.0015)
+    assert small.startswith("the video is compressed strongly (0.0015 bits for each pixel)")
 
 
 def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:

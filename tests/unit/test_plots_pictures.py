@@ -226,7 +226,9 @@ PICTURES: dict[str, Callable[[str], Picture]] = {
     "bars, log": lambda style: draw_error_bars(
         estimates([1000, 2000, 5000, 12_000], list("abcdefgh")), log=True, x_label=LONG[0], label=LONG[3], style=style
     ),
-    "bars, long names": lambda style: draw_error_bars(estimates(LONG, LONG), label=LONG[3], style=style),
+    "bars, long names": lambda style: draw_error_bars(
+        estimates(LONG, LONG), x_label=LONG[0], label=LONG[3], style=style
+    ),
     "bars, forty": lambda style: draw_error_bars(estimates(FORTY, ["a", "b", "c"]), style=style),
     "bars, one without width": lambda style: draw_error_bars(estimates([5], [""], 0.0), title="t", style=style),
     "incidence": lambda style: draw_incidence(curves(["soft"]), runs=1000, style=style),
@@ -330,6 +332,23 @@ def test_no_word_hides_another_or_is_cut(name, style):
     assert picture.numbers.height > 0
     if style == "column" and name in LARGEST:
         assert len(picture.svg()) < 1_600_000
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_name_on_the_front_stands_nearer_to_its_own_point_than_to_any_other(style):
+    """Eight points in a curve, whose last name had no room but beside the one before."""
+    k = np.arange(8)
+    frame = pl.DataFrame(
+        {"name": [f"strategy-{n}" for n in k], "time": 300 + 60 * k, "error": 0.3 * np.exp(-k / 3)}
+    )
+    figure = draw_front(frame, style=style).figure
+    boxes = {words: box for words, box in texts_of(figure) if words in frame["name"]}
+    assert len(boxes) == (0 if style == "column" else 8)  # a column has numbers, and the names below
+    at = figure.axes[0].transData.transform(frame.select("time", "error").to_numpy())
+    for n, name in enumerate(frame["name"]):
+        if box := boxes.get(name):
+            outside = np.maximum([box.x0, box.y0] - at, at - [box.x1, box.y1])
+            assert np.hypot(*np.maximum(outside, 0.0).T).argmin() == n
 
 
 def test_the_check_for_hidden_words_finds_them():

@@ -29,6 +29,9 @@ CAMERA = Camera(LENS, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.5, 1.4]), 0.2
 MARKERS = usual_markers(2, 1.0, 1.0, size_mm=60, height_mm=30)
 
 
+OF_DETECTIONS = ("floor_px", "twice", "unexpected", "samples", "floor_spread_px")
+
+
 def tracking_of(
     folder: Path,
     change: Callable[[np.ndarray[Any, Any]], None] = lambda corners: None,
@@ -54,7 +57,7 @@ def tracking_of(
     change(corners)
     floor = {marker: CAMERA.project(MARKERS.floor_corners(marker)) for marker in MARKERS.floor}
     seen = Detections(SIZE, time_s, corners, floor, 5)
-    seen = replace(seen, **{k: v for k, v in more.items() if k in ("floor_px", "twice", "unexpected")})
+    seen = replace(seen, **{k: v for k, v in more.items() if k in OF_DETECTIONS})
     tables, stops = [], []
     for robot in range(2):
         there = np.isfinite(corners[:, robot, 0, 0])
@@ -82,6 +85,10 @@ def hide(corners: np.ndarray[Any, Any]) -> None:
     corners[100:130, 1] = np.nan
 
 
+def stand(corners: np.ndarray[Any, Any]) -> None:
+    corners[:, 1] = corners[0, 1]
+
+
 def carry(corners: np.ndarray[Any, Any]) -> None:
     corners[150:, 0] += np.array([120.0, 0.0])
 
@@ -98,6 +105,10 @@ LARGER = replace(MARKERS, size_m=0.07)
 DROPPED = pl.DataFrame([(1, 3.0, 0.9, 0.9, 0.0)], schema=POSITIONS, orient="row")
 
 
+GLARE = np.full((480, 640), 200, dtype=np.uint8)
+GLARE[:, 200:320] = 255
+
+
 AT = CAMERA.project(corners_at(0.5, 0.5, 0.0, 0.06, 0.0))
 STILL, MOVING = ({17: [(0, AT), (75, AT + away_px)]} for away_px in (1.0, 90.0))
 
@@ -106,6 +117,12 @@ STILL, MOVING = ({17: [(0, AT), (75, AT + away_px)]} for away_px in (1.0, 90.0))
     ("kinds", "given", "words"),
     [
         (["gap"], {"change": hide}, "Robot 1 was not seen from 9.9 to 13.0 s"),
+        (
+            ["gap"],
+            {"change": hide, "samples": (GLARE, GLARE)},
+            "where the picture is white, as in a reflection",
+        ),
+        (["still"], {"change": stand}, "Robot 1 never moved in the 20 s in which it was seen"),
         (["carried"], {"change": carry}, "Robot 0 moved 2"),
         (["size", "small"], {"change": shrink}, "Robot 0's marker measures 36.0 mm"),
         (["size"], {"markers": LARGER}, "-14 % from the 70 mm"),
@@ -125,6 +142,14 @@ def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], gi
     assert list(dict.fromkeys(doubt.kind for doubt in found)) == kinds
     assert any(words in doubt.words for doubt in found) or not kinds, [doubt.words for doubt in found]
     assert all(doubt.kind in ADVICE and doubt.kind in TITLES for doubt in found)
+
+
+def test_dropped_positions_are_linked_to_a_camera_that_moves(tmp_path: Path) -> None:
+    given = {"dropped": DROPPED, "jumps": 1}
+    fixed, moving = (tracking_of(tmp_path, floor_spread_px=px, **given) for px in (0.2, 2.0))
+    dropped = "1 position dropped because a robot cannot move so fast"
+    assert f"{dropped}." in tracking_document(fixed).answer[0]
+    assert f"{dropped} (but the camera moves)." in tracking_document(moving).answer[0]
 
 
 def test_samples_and_stops_are_matched_once_each_and_the_others_are_named(tmp_path: Path) -> None:

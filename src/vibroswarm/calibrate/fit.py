@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
-from vibroswarm.calibrate.fit_camera import CameraFit, fit_camera
-from vibroswarm.calibrate.fit_drive import DriveFit, fit_drive, timed_drive_ms
-from vibroswarm.calibrate.fit_rays import RaysFit, fit_rays
+from vibroswarm.calibrate.fit_camera import fit_camera
+from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
+from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
-from vibroswarm.calibrate.fit_sensor import SPREADS, SensorFit, fit_sensor
+from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
 from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
@@ -46,62 +46,6 @@ DIGITS: Final = 5
 """Digits after the point of fitted values in the scenario."""
 INTERRUPTED_BELOW: Final = 0.02
 """If a smaller share of the avoidance times exceeds the sample interval, samples are taken to interrupt avoidance."""
-
-
-@dataclass(frozen=True)
-class Source(NotebookView):
-    """What one fit estimates, and from what."""
-
-    name: str
-    fields: tuple[str, ...]
-    """Fields of the scenario that it gives, by dotted name; a name that ends with a point is all of a section."""
-    intervals: str
-    """Samples, or intervals between two samples of a robot, that it uses."""
-    error: str
-    """How the errors of its estimates are found."""
-
-
-FITS: Final = (
-    Source(
-        "camera", ("camera.",), "all samples: where energies change", "bootstrap over robots in sessions",
-    ),
-    Source(
-        "driving",
-        (
-            "robot.speed_factor_shape", "robot.speed_factor_scale", "robot.speed_factor_location",
-            "robot.speed_factor_min", "robot.speed_factor_max", "robot.speed_factors", "robot.speed_redraw",
-            "robot.speed_wander", "robot.speed_run_spread", "robot.battery_life_s", "robot.misalignment_min",
-            "robot.misalignment_max", "robot.misalignments", "robot.misalignment_wander",
-            "robot.misalignment_drift", "robot.misalignment_run_spread",
-        ),
-        "undisturbed: the robot only drove", "bootstrap over robots in sessions",
-    ),
-    Source(
-        "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",
-        "bootstrap over robots in sessions",
-    ),
-    Source(
-        "vibration, in place of laws", ("sensor.acceleration.",), "all samples",
-        "bootstrap of samples within sessions",
-    ),
-    Source("interruption", ("sample.interrupts_avoidance",), "with avoidance", "none: yes or no"),
-    Source(
-        "rays", ("rays.angle_deg", "rays.forward_m", "rays.forward_each_m", "walk.turn_max_deg"),
-        "with a turn away from a wall, or at the end of a leg",
-        "bootstrap of the approaches of each robot, and of turns",
-    ),
-    Source("stop", ("sample.stop_ms",), "without avoidance or turn", "none: whole control periods"),
-    Source("losses", ("network.name", "network.loss.share"), "none: counted messages", "scatter of sessions"),
-    Source(
-        "avoidance",
-        (
-            "robot.turn_track_m", "walk.turn_gain_percent_per_deg", "walk.blind_after_turn_ms", "walk.leg_max_ms",
-            "robot.body_radius_m", "rays.disc_radius_m", "walk.avoidance_threshold_mm", "rays.angle_deg",
-        ),
-        "all, compared with 4,000 simulated runs", "posterior sample, checked with 40 more runs",
-    ),
-)  # fmt: skip
-"""The fits in their order, but for the camera's fields, which no simulation uses: the table of docs/calibration.md."""
 
 
 @dataclass(frozen=True)
@@ -177,40 +121,39 @@ def fit(
     Raises:
         InputError: too few robots or drives, or all samples lie on one kind of tile.
     """
-    camera = fit_camera(found)
-    found = found.corrected(camera.camera)
     # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
-    drive = fit_drive(found, base)
-    vibration = fit_vibration(found, base, folds=folds) if base.sensor.model == "acceleration" else None
-    parts = [
-        _of_drive(drive, base),
-        _of_sensor(fit_sensor(found)) if vibration is None else _of_vibration(vibration),
-        _Part({"sample.interrupts_avoidance": avoidance_beyond(found, base).value < INTERRUPTED_BELOW}),
-        _of_rays(fit_rays(found, base), base),
-        _of_stop(stop_of(found, base)),
-        _of_loss(fit_loss(found)),
-    ]
-    base, changed = _applied(base, parts)
-    # Avoidance is fitted last, by simulations with all other fields fitted.
-    fitted = base.with_values(changed)
-    # Mean speed of the scenario's robots at the start.
-    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
-    options = {} if candidates is None else {"candidates": candidates}
-    avoidance = fit_avoidance(found, fitted, speed_m_s, progress=progress, **options)
-    of_camera = _Part(camera.camera.fields(), _of_camera(camera))
-    of_avoidance = _Part(avoidance.fields(fitted, speed_m_s), _of_avoidance(avoidance))
-    changed |= of_avoidance.fields | of_camera.fields
+    work = _Work(found, base, {} if candidates is None else {"candidates": candidates}, folds, progress)
+    parts = [part for source in FITS if (part := _part_of(source, work)) is not None]
     return Fit(
-        scenario=base.with_values(changed),
-        changed=changed,
-        figures=tuple(figure for part in (of_camera, *parts, of_avoidance) for figure in part.figures),
-        predicted=avoidance.predicted,
-        motion_runs=avoidance.runs,
+        scenario=_fitted(base, work.fields),
+        changed=_without_missing(work.fields),
+        figures=tuple(figure for part in parts for figure in part.figures),
+        predicted=work.avoidance.predicted,
+        motion_runs=work.avoidance.runs,
         sessions=len(found.sessions),
-        camera=camera.camera,
-        vibration=vibration,
+        camera=work.camera,
+        vibration=work.vibration,
     )
+
+
+@dataclass
+class _Work:
+    """What the fits work on, and what later ones need of earlier ones."""
+
+    found: Dataset
+    """The sessions; with the places of robots corrected once the camera is fitted."""
+    base: Scenario
+    avoidance_options: dict[str, Any]
+    folds: bool
+    progress: Callable[[float], None] | None
+    fields: dict[str, Any] = field(default_factory=dict)
+    """Fields of the fits so far, by dotted name; None for what these robots do not have."""
+    camera: Camera = field(default_factory=Camera)
+    speed_m_s: float = math.nan
+    """Mean speed of the scenario's robots at the start."""
+    vibration: VibrationFit | None = None
+    avoidance: AvoidanceFit = field(init=False)
 
 
 class _Part(NamedTuple):
@@ -221,22 +164,60 @@ class _Part(NamedTuple):
     figures: Sequence[Fitted] = ()
 
 
-def _applied(base: Scenario, parts: Sequence[_Part]) -> tuple[Scenario, dict[str, Any]]:
-    """Return the base without what these robots do not have, and the fitted fields of all parts."""
-    changed = {name: value for part in parts for name, value in part.fields.items()}
-    # The base may have been fitted to other robots.
-    without = base.with_values({name: None for name, value in changed.items() if value is None})
-    return without, {name: value for name, value in changed.items() if value is not None}
+@dataclass(frozen=True)
+class Source(NotebookView):
+    """A fit: what it estimates, and from what."""
+
+    name: str
+    fields: tuple[str, ...]
+    """Fields of the scenario that it gives, by dotted name; a name that ends with a point is all of a section."""
+    intervals: str
+    """Samples, or intervals between two samples of a robot, that it uses."""
+    error: str
+    """How the errors of its estimates are found; "none: ..." if it has none."""
+    estimate: Callable[[_Work], _Part | None] = field(repr=False)
+    """Does the fit; None where another one is done in its place."""
 
 
-def _of_camera(found: CameraFit) -> Sequence[Fitted]:
-    """Return the estimates of the camera; an exact camera has no draws, and gives none."""
+def _part_of(source: Source, work: _Work) -> _Part | None:
+    """Return what a fit gives, and add its fields to those of the fits before it.
+
+    Raises:
+        AssertionError: it gives a field that its row in ``FITS`` does not name, or errors where that has none.
+    """
+    part = source.estimate(work)
+    if part is None:
+        return None
+    sections = tuple(name for name in source.fields if name.endswith("."))
+    others = [name for name in part.fields if name not in source.fields and not name.startswith(sections)]
+    assert not others, f"the fit of {source.name} gives {', '.join(others)}"
+    assert not (part.figures and source.error.startswith("none: ")), f"the fit of {source.name} has errors"
+    work.fields |= part.fields
+    return part
+
+
+def _without_missing(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def _fitted(base: Scenario, fields: Mapping[str, Any]) -> Scenario:
+    """Return the base with fitted fields, and without what these robots do not have: it may be of other robots."""
+    without = base.with_values({name: None for name, value in fields.items() if value is None})
+    return without.with_values(_without_missing(fields))
+
+
+def _of_camera(work: _Work) -> _Part:
+    """Fit the camera, and correct the places; an exact camera has no draws, and gives no estimates."""
+    found = fit_camera(work.found)
+    work.camera, work.found = found.camera, work.found.corrected(found.camera)
     values = {name: getattr(found.camera, name) for name in found.draws}
-    return _estimates("camera.", values, found.draws)
+    return _Part(found.camera.fields(), _estimates("camera.", values, found.draws))
 
 
-def _of_drive(found: DriveFit, base: Scenario) -> _Part:
-    fields = found.fields(base)
+def _of_drive(work: _Work) -> _Part:
+    found = fit_drive(work.found, work.base)
+    work.speed_m_s = found.distance_ratio * found.values["start_speed_m_s"]
+    fields = found.fields(work.base)
     # Where a law is fitted, values of individual robots in the base would be used instead of it.
     fields.setdefault("robot.speed_factors", None)
     if "robot.misalignment_min" in fields:
@@ -244,7 +225,10 @@ def _of_drive(found: DriveFit, base: Scenario) -> _Part:
     return _Part(fields, _estimates("", found.values, found.draws))
 
 
-def _of_sensor(found: SensorFit) -> _Part:
+def _of_sensor(work: _Work) -> _Part | None:
+    if work.base.sensor.model == "acceleration":
+        return None
+    found = fit_sensor(work.found)
     rounded = {name: round(value, DIGITS) for name, value in found.values.items()}
     # A spread field must be positive, and is absent without a spread.
     fields = {
@@ -254,23 +238,34 @@ def _of_sensor(found: SensorFit) -> _Part:
     return _Part(fields, _estimates("sensor.", found.values, found.draws))
 
 
-def _of_vibration(found: VibrationFit) -> _Part:
+def _of_vibration(work: _Work) -> _Part | None:
+    if work.base.sensor.model != "acceleration":
+        return None
+    found = work.vibration = fit_vibration(work.found, work.base, folds=work.folds)
     section = "sensor.acceleration."
     fields = {f"{section}{name}": round(value, DIGITS) for name, value in found.values.items()}
     return _Part(fields, _estimates(section, found.values, found.draws))
 
 
-def _of_rays(found: RaysFit, base: Scenario) -> _Part:
+def _of_interruption(work: _Work) -> _Part:
+    beyond = avoidance_beyond(work.found, work.base)
+    return _Part({"sample.interrupts_avoidance": beyond.value < INTERRUPTED_BELOW})
+
+
+def _of_rays(work: _Work) -> _Part:
+    found = fit_rays(work.found, work.base)
     # Without an own start of each robot's rays, ``fit_avoidance`` fits the rays.
-    fields = {"rays.forward_each_m": None} | found.fields(base)
+    fields = {"rays.forward_each_m": None} | found.fields(work.base)
     return _Part(fields, _estimates("", found.values, found.draws))
 
 
-def _of_stop(stop_ms: float | None) -> _Part:
+def _of_stop(work: _Work) -> _Part:
+    stop_ms = stop_of(work.found, work.base)
     return _Part({} if stop_ms is None else {"sample.stop_ms": stop_ms})
 
 
-def _of_loss(found: Fitted | None) -> _Part:
+def _of_loss(work: _Work) -> _Part:
+    found = fit_loss(work.found)
     if found is None:
         return _Part({})
     return _Part({"network.name": "loss", "network.loss.share": round(found.value, DIGITS)}, [found])
@@ -357,11 +352,15 @@ def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Fl
     return figures
 
 
-def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
-    """Return the posterior mean of each avoidance parameter, with its standard deviation and 95 % interval.
+def _of_avoidance(work: _Work) -> _Part:
+    """Fit avoidance by simulations with all other fields fitted; estimates are posterior means.
 
     The posterior is a weighted sample, so the quantiles are interpolated on the cumulative weights.
     """
+    fitted = _fitted(work.base, work.fields)
+    found = work.avoidance = fit_avoidance(
+        work.found, fitted, work.speed_m_s, progress=work.progress, **work.avoidance_options
+    )
     figures = []
     for name, draws in found.draws.items():
         mean = float(found.weights @ draws)
@@ -369,7 +368,58 @@ def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
         low, high = np.interp([0.025, 0.975], np.cumsum(found.weights[order]), draws[order])
         error = math.sqrt(float(found.weights @ (draws - mean) ** 2))
         figures.append(Fitted(name, mean, error, float(low), float(high)))
-    return figures
+    return _Part(found.fields(fitted, work.speed_m_s), figures)
+
+
+FITS: Final = (
+    Source(
+        "camera", ("camera.",), "all samples: where energies change", "bootstrap over robots in sessions",
+        _of_camera,
+    ),
+    Source(
+        "driving",
+        (
+            "robot.speed_factor_shape", "robot.speed_factor_scale", "robot.speed_factor_location",
+            "robot.speed_factor_min", "robot.speed_factor_max", "robot.speed_factors", "robot.speed_redraw",
+            "robot.speed_wander", "robot.speed_run_spread", "robot.battery_life_s", "robot.misalignment_min",
+            "robot.misalignment_max", "robot.misalignments", "robot.misalignment_wander",
+            "robot.misalignment_drift", "robot.misalignment_run_spread",
+        ),
+        "undisturbed: the robot only drove", "bootstrap over robots in sessions", _of_drive,
+    ),
+    Source(
+        "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",
+        "bootstrap over robots in sessions", _of_sensor,
+    ),
+    Source(
+        "vibration, in place of laws", ("sensor.acceleration.",), "all samples",
+        "bootstrap of samples within sessions", _of_vibration,
+    ),
+    Source(
+        "interruption", ("sample.interrupts_avoidance",), "with avoidance", "none: yes or no", _of_interruption
+    ),
+    Source(
+        "rays", ("rays.angle_deg", "rays.forward_m", "rays.forward_each_m", "walk.turn_max_deg"),
+        "with a turn away from a wall, or at the end of a leg",
+        "bootstrap of the approaches of each robot, and of turns", _of_rays,
+    ),
+    Source(
+        "stop", ("sample.stop_ms",), "without avoidance or turn", "none: whole control periods", _of_stop
+    ),
+    Source(
+        "losses", ("network.name", "network.loss.share"), "none: counted messages", "scatter of sessions",
+        _of_loss,
+    ),
+    Source(
+        "avoidance",
+        (
+            "robot.turn_track_m", "walk.turn_gain_percent_per_deg", "walk.blind_after_turn_ms", "walk.leg_max_ms",
+            "robot.body_radius_m", "rays.disc_radius_m", "walk.avoidance_threshold_mm", "rays.angle_deg",
+        ),
+        "all, compared with 4,000 simulated runs", "posterior sample, checked with 40 more runs", _of_avoidance,
+    ),
+)  # fmt: skip
+"""The fits in their order: the table of docs/calibration.md."""
 
 
 WALK_SETTINGS: Final = ("sample.sample_interval_ms", "sample.timer")

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import polars as pl
 
 from vibroswarm.export.c_library import COMPILER, SIZE_TOOL, Memory
-from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Timing, ms, unfit
+from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Timing, ms, other_robot, unfit
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Document, Table
 from vibroswarm.show.numbers import count
@@ -35,6 +35,9 @@ def export_document(
         answer.append(_timing_words(timing))
         reasons = unfit(scenario, memory, timing)
         answer += [f"NOT FIT for the study's robots: {reason}." for reason in reasons]
+    if other := other_robot(scenario):
+        answer.insert(0, f"NOT FIT for {other[0]}: {other[1]}. What follows is of the study's robots.")
+        reasons.append(other[1])
     return Document(
         title="Exported program",
         answer=tuple(answer),

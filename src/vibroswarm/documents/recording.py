@@ -325,6 +325,7 @@ def threshold_document(
             f"{vibrating} of those on vibrating tiles as still; at the {number(in_use.value, 3)} in use {still_in_use} "
             f"and {vibrating_in_use}.",
             chosen.decidable.says,
+            *_why_in_use_decides(chosen, in_use),
         ),
         warnings=(_SELF_JUDGED,) if unseen is not None and unseen.is_empty() else (),
         parts=(
@@ -339,6 +340,30 @@ def threshold_document(
             ),
             "edge_profile": profile,
         },
+    )
+
+
+def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]:
+    """Return why the threshold in use decides this floor where the chosen one does not, and at what price.
+
+    Robots take a floor for the wrong side if it lies between the boundary and the share of vibrating tiles at which the
+    share of ones is the boundary.
+    """
+    decides, errors = in_use.decidable, in_use.all_samples
+    right = (
+        1.0 - errors.false_positive - errors.false_negative
+    )  # slope of the share of ones over the fill ratio
+    if decides.verdict != "decidable" or chosen.decidable.verdict == "decidable" or right <= 0.0:
+        return ()
+    boundary = decides.boundary
+    balanced = (decides.tested - errors.false_positive) / right
+    if abs(balanced - boundary) < 0.005:
+        return ()
+    fewer, below = ("fewer", "below") if balanced > boundary else ("more", "above")
+    low, high = (percent(share, 0) for share in sorted((balanced, boundary)))
+    return (
+        f"The {number(in_use.value, 3)} in use decides this floor only because it reads {fewer} samples as vibrating "
+        f"on any floor: one with {low} to {high} vibrating tiles would be taken for {below} {percent(boundary, 0)}.",
     )
 
 

@@ -71,11 +71,13 @@ def tracking_document(
 def _answer(tracking: Tracking, doubts: Sequence[Doubt]) -> tuple[str, str]:
     """Return how much was found, and what is doubtful."""
     first_s, last_s = tracking.span_s
+    # If the camera moves, robots seem to jump.
+    but = " (but the camera moves)" if tracking.jumps and tracking.camera_moves() else ""
     found = (
         f"{percent(tracking.share_found())} of positions found: {count(len(tracking.markers.robots), 'robot')} in "
         f"{count(tracking.detections.time_s.size, 'frame')} ({last_s - first_s:.0f} s); "
         f"{count(tracking.gaps().height, 'gap')} of more than a second; {count(tracking.stops.height, 'stop')}; "
-        f"{count(tracking.jumps, 'position')} dropped because a robot cannot move so fast."
+        f"{count(tracking.jumps, 'position')} dropped because a robot cannot move so fast{but}."
     )
     counts = {kind: sum(doubt.kind == kind for doubt in doubts) for kind in TITLES}
     # Titles begin with a small letter within the sentence.

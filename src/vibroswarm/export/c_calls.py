@@ -25,6 +25,8 @@ from vibroswarm.export.c_types import (
     Value,
     address,
     as_real,
+    as_type,
+    bare,
     identifier,
     is_by_reference,
     joined,
@@ -80,10 +82,10 @@ class Calls(Expressions):
         if name not in MATH:
             self.refuse(node, f"math.{name}")
         values = self.arguments(node, MATH[name])
-        texts = ", ".join(as_real(value) for value in values)
         if name in ("degrees", "radians"):
             factor = 180.0 / math.pi if name == "degrees" else math.pi / 180.0
-            return Value(f"({texts} * {literal(factor).text})", REAL)
+            return Value(f"({as_real(values[0])} * {literal(factor).text})", REAL)
+        texts = ", ".join(bare(as_real(value)) for value in values)
         # The result is a whole number, as in Python. ``real`` is its text for uses as a floating-point number, without
         # conversion to an integer and back.
         if name in ("floor", "ceil"):
@@ -105,13 +107,13 @@ class Calls(Expressions):
             for value in values[1:]:
                 # Joined with INT, because truth values count as whole numbers.
                 kind = joined(joined(found.type, value.type), INT)
-                texts = (as_real(item) if kind == REAL else item.text for item in (found, value))
+                texts = (bare(as_type(item, kind)) for item in (found, value))
                 found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
             return found
         (value,) = self.arguments(node, 1)
         if name == "abs":
             kind = joined(value.type, INT)  # a truth value counts as a whole number
-            return Value(f"vs_abs{SUFFIX[kind]}({value.text})", kind)
+            return Value(f"vs_abs{SUFFIX[kind]}({bare(value.text)})", kind)
         if name == "bool" and value.type != BOOL:
             self.refuse(node, "bool() of a number")
         if name in ("bool", "float"):
@@ -123,7 +125,7 @@ class Calls(Expressions):
 
     def call_of_uniform(self, node: ast.Call) -> Value:
         """Translate the call of ``core.rng.uniform``, which the runtime has as ``vs_uniform``."""
-        texts = [value.text for value in self.arguments(node, 6)]
+        texts = [bare(value.text) for value in self.arguments(node, 6)]
         return Value(f"vs_uniform({', '.join(texts)})", REAL)
 
     def construct(self, node: ast.Call, struct: Struct) -> Value:
@@ -142,9 +144,11 @@ class Calls(Expressions):
         for name, value in zip(names, self.in_any_order(node, node.args), strict=True):
             if name in struct.omitted:  # the struct in C does not have this field, so its value is dropped
                 continue
-            text = value.text
             if isinstance(value.type, CArray):  # C copies no arrays
-                text = "{" + ", ".join(f"{text}[{i}]" for i in range(math.prod(value.type.shape))) + "}"
+                size = math.prod(value.type.shape)
+                text = "{" + ", ".join(f"{value.text}[{i}]" for i in range(size)) + "}"
+            else:
+                text = bare(as_type(value, struct.type_of(name)))
             texts.append(f".{identifier(name)} = {text}")
         return Value(f"({struct.name}){{{', '.join(texts)}}}", struct)
 
@@ -163,9 +167,11 @@ class Calls(Expressions):
         values = self.in_any_order(node, [given[name] for name in names])
         arguments_change = self.changes > before
         compiled = self.program.function(called, [value.type for value in values], self.source, node)
-        if compiled.changes:  # the function called may change a row, so this one may too
+        if any(compiled.changes):  # the function called may change a row, so this one may too
             self.changes += 1
-            self.writes = True
+            self.written.update(
+                value.root for value, is_changed in zip(values, compiled.changes, strict=True) if is_changed
+            )
         if any(is_by_reference(kind) for kind in compiled.parameters):
             self.calls_with_rows += 1
         texts = []
@@ -179,7 +185,7 @@ class Calls(Expressions):
                     place = Value(self.hold(value), kind, is_place=True)
                 texts.append(address(place))
             else:
-                texts.append(as_real(value) if kind == REAL else value.text)
+                texts.append(bare(as_type(value, kind)))
         return Value(f"{compiled.name}({', '.join(texts)})", compiled.returns)
 
     def hold(self, value: Value) -> str:
@@ -187,7 +193,7 @@ class Calls(Expressions):
         self.held += 1
         name = f"held_{self.held}"
         kind = value.type.name if isinstance(value.type, Struct | CTuple) else value.type
-        self.pending.append(f"const {kind} {name} = {value.text};")
+        self.pending.append(f"const {kind} {name} = {bare(value.text)};")
         return name
 
     held: int = 0

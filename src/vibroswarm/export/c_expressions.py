@@ -26,6 +26,8 @@ from vibroswarm.export.c_types import (
     Struct,
     Value,
     as_real,
+    as_type,
+    bare,
     field_of,
     identifier,
     is_by_reference,
@@ -69,8 +71,8 @@ class Expressions:
     """Number of calls translated so far that may change a row."""
     calls_with_rows: int = 0
     """Number of calls translated so far that are given a row or array which may change: they may read it."""
-    writes: bool = False
-    """Whether the function may change a row that it is given."""
+    written: set[str]
+    """Names of the parameters whose rows or arrays the function may change."""
 
     def refuse(self, node: ast.AST, why: str) -> Any:
         """Raise the error that refuses a construct, with its line; ``why`` says what is refused."""
@@ -176,8 +178,9 @@ class Expressions:
             if name in self.program_loops and name not in self.loops:
                 self.refuse(node, f"the variable '{name}' of a loop is read after it")
             if isinstance(kind, Struct) and name in self.parameters:
-                return Value(f"(*{identifier(name)})", kind, is_place=True)
-            return Value(identifier(name), kind, is_place=isinstance(kind, Struct))
+                return Value(f"(*{identifier(name)})", kind, is_place=True, root=name)
+            root = name if name in self.parameters else ""
+            return Value(identifier(name), kind, is_place=isinstance(kind, Struct), root=root)
         if name in self.program.globals:
             return self.program.globals[name]
         if name in self.source.space:
@@ -226,7 +229,7 @@ class Expressions:
             self.refuse(node, f"the field '{node.attr}', which {row.type.name} has not")
         # A short integer would be ``vs_int`` in expressions, like one in an array; no struct has such a field.
         number_kind = kind if isinstance(kind, Struct | CArray) or kind in (REAL, BOOL, LONG) else INT
-        return Value(field_of(row.text, node.attr), number_kind, is_place=True)
+        return Value(field_of(row.text, node.attr), number_kind, is_place=True, root=row.root)
 
     def on_subscript(self, node: ast.Subscript) -> Value:
         """Translate an element of an array, or a length such as ``a.shape[0]``, which is a constant.
@@ -253,12 +256,13 @@ class Expressions:
                 self.refuse(index, f"the index '{ast.unparse(index)}' is not a whole number")
             if value.constant is not None and not 0 <= value.constant < array.type.shape[k]:
                 self.refuse(index, f"the index {value.constant} of an array of {array.type.shape[k]}")
-            text += f"[{value.text}]"
+            text += f"[{bare(value.text)}]"
         is_stored, is_read = array.type.element == STORED, isinstance(node.ctx, ast.Load)
         if is_stored and is_read:
             text = f"VS_LOAD({text})"
         # ``is_place`` matters only for an element that is a row, which is passed by address and never converted.
-        return Value(text, array.type.number, is_place=True, is_stored=is_stored and not is_read)
+        is_target = is_stored and not is_read
+        return Value(text, array.type.number, is_place=True, is_stored=is_target, root=array.root)
 
     def on_unaryop(self, node: ast.UnaryOp) -> Value:
         """Translate ``-x`` or ``not x``; refuse any other operator of one operand."""
@@ -319,15 +323,15 @@ class Expressions:
         if kind is ast.Div:
             return Value(f"({as_real(left)} / {as_real(right)})", REAL)
         if kind is ast.Pow and both == REAL:
-            return Value(f"vs_pow({as_real(left)}, {as_real(right)})", REAL)
+            return Value(f"vs_pow({bare(as_real(left))}, {bare(as_real(right))})", REAL)
         # The operators of C for remainder and whole division round towards 0; the runtime's functions round down, as
         # Python.
         if kind is ast.Mod and both == REAL:
-            return Value(f"vs_mod({as_real(left)}, {as_real(right)})", REAL)
+            return Value(f"vs_mod({bare(as_real(left))}, {bare(as_real(right))})", REAL)
         if kind is ast.Mod:
-            return Value(f"vs_mod{SUFFIX[both]}({left.text}, {right.text})", both)
+            return Value(f"vs_mod{SUFFIX[both]}({bare(left.text)}, {bare(right.text)})", both)
         if kind is ast.FloorDiv and both in INTEGERS:
-            return Value(f"vs_floordiv{SUFFIX[both]}({left.text}, {right.text})", both)
+            return Value(f"vs_floordiv{SUFFIX[both]}({bare(left.text)}, {bare(right.text)})", both)
         self.refuse(node, f"the operator {kind.__name__} on such numbers")
         raise AssertionError
 
@@ -373,12 +377,8 @@ class Expressions:
             )
             text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
             return literal(bool(eval(text, {})))  # noqa: S307 - numbers and operators
-        # Products are compared in 64 bits, where 32 bits might overflow.
         pairs = zip(values, node.ops, values[1:], strict=False)
-        parts = [
-            f"({left.wide or left.text} {COMPARE[type(op)]} {right.wide or right.text})"
-            for left, op, right in pairs
-        ]
+        parts = [compared(left, COMPARE[type(op)], right) for left, op, right in pairs]
         return Value(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
 
     def on_ifexp(self, node: ast.IfExp) -> Value:
@@ -392,6 +392,12 @@ class Expressions:
         if len(self.pending) > waiting:
             self.refuse(node, "a row that a function returns, in a choice")
         kind = joined(first.type, second.type)
-        if kind == REAL:
-            return Value(f"({test.text} ? {as_real(first)} : {as_real(second)})", REAL)
-        return Value(f"({test.text} ? {first.text} : {second.text})", kind)
+        return Value(f"({test.text} ? {as_type(first, kind)} : {as_type(second, kind)})", kind)
+
+
+def compared(left: Value, operator: str, right: Value) -> str:
+    """Return a comparison of two numbers: as floating-point numbers if one of them is."""
+    if joined(left.type, right.type) == REAL:
+        return f"({as_real(left)} {operator} {as_real(right)})"
+    # Products are compared in 64 bits, where 32 bits might overflow.
+    return f"({left.wide or left.text} {operator} {right.wide or right.text})"

@@ -27,7 +27,8 @@ from vibroswarm.export.c_types import (
     CTuple,
     Struct,
     Value,
-    as_real,
+    as_type,
+    bare,
     c_name,
     declaration,
     identifier,
@@ -52,8 +53,8 @@ class Compiled:
     """Its first line, without the body."""
     text: str
     """The whole function."""
-    changes: bool
-    """Whether it may change a row or array that it is given."""
+    changes: tuple[bool, ...]
+    """For each parameter in Python, whether the function may change the row or array that it is."""
     takes: tuple[bool, ...]
     """For each parameter in Python, whether it is one in C: a function that is not public has those that it uses."""
 
@@ -169,6 +170,7 @@ class Function(Calls):
         self.types = dict(zip(names, given, strict=True))
         self.returns: Any = None
         self.loops, self.pending = [], []
+        self.written = set()
 
     def translated(self, *, is_public: bool) -> Compiled:
         """Return the function in C; parameters that it does not use are left out unless it is public.
@@ -180,8 +182,8 @@ class Function(Calls):
         while True:
             before = dict(self.types), self.returns
             # The text starts anew; depth is the indentation of the body's lines. The counters ``changes`` and
-            # ``calls_with_rows`` are not reset, as only their increase within an expression matters, nor is ``writes``,
-            # which stays true once it is.
+            # ``calls_with_rows`` are not reset, as only their increase within an expression matters, nor is
+            # ``written``, which only grows.
             self.aliases, self.depth, self.held = {}, 1, 0
             self.lines: list[str] = []
             for statement in body:
@@ -194,7 +196,7 @@ class Function(Calls):
         used = [re.search(rf"(?<![.>\w]){identifier(name)}\b", body_text) is not None for name in names]
         takes = tuple(is_public or is_used for is_used in used)
         texts = [
-            parameter(kind, identifier(name), writes=self.writes)
+            parameter(kind, identifier(name), writes=name in self.written)
             for name, kind, is_taken in zip(names, self.given, takes, strict=True)
             if is_taken
         ]
@@ -213,7 +215,8 @@ class Function(Calls):
         ]
         place = f"/* {self.source.file}, line {self.source.before + self.source.tree.lineno} */"
         text = "\n".join([place, f"{head}", "{", *local, *unused, *self.lines, "}"])
-        return Compiled(self.name, self.given, returns, head, text, self.writes, takes)
+        changes = tuple(name in self.written for name in names)
+        return Compiled(self.name, self.given, returns, head, text, changes, takes)
 
     @property
     def parameters_in_order(self) -> list[str]:
@@ -288,13 +291,14 @@ class Function(Calls):
             if kind is None:
                 self.refuse(node, "another number of values than an earlier return")
             self.program.tuples[kind.name] = kind
-            text = f"({kind.name}){{{', '.join(value.text for value in values)}}}"
+            texts = [bare(as_type(*pair)) for pair in zip(values, kind.items, strict=True)]
+            text = f"({kind.name}){{{', '.join(texts)}}}"
         else:
             value = self.expression(node.value)
             kind = joined(self.returns, value.type)
             if kind is None or is_by_reference(kind):
                 self.refuse(node, f"returns '{ast.unparse(node.value)[:60]}'")
-            text = as_real(value) if kind == REAL else value.text
+            text = bare(as_type(value, kind))
         self.returns = kind
         self.write(f"return {text};")
 
@@ -305,7 +309,7 @@ class Function(Calls):
             for statement in node.body if test.constant else node.orelse:
                 self.statement(statement)
             return
-        self.write(f"if {in_parentheses(test.text)} {{")
+        self.write(f"if ({bare(test.text)}) {{")
         self.block(node.body)
         if node.orelse:
             self.write("} else {")
@@ -319,7 +323,7 @@ class Function(Calls):
         test = self.truth(node.test)
         if self.pending:  # statements before the loop would be run only once
             self.refuse(node, "a row that a function returns, in the condition of a loop")
-        self.write(f"while {in_parentheses(test.text)} {{")
+        self.write(f"while ({bare(test.text)}) {{")
         self.block_of_loop(node.body)
         self.write("}")
 
@@ -379,7 +383,7 @@ class Function(Calls):
         step = values[2].constant if len(values) == 3 else 1
         if step is None or step <= 0:
             self.refuse(node, f"the step of '{ast.unparse(call)[:60]}'")
-        start = values[0].text if len(values) > 1 else "0"
+        start = bare(values[0].text) if len(values) > 1 else "0"
         stop = values[1] if len(values) > 1 else values[0]
         # Anything but a constant is held, because the body may change what it depends on.
         end = stop.text if stop.constant is not None else self.hold(Value(stop.text, INT))
@@ -535,15 +539,15 @@ class Function(Calls):
         place = self.expression(target)
         if self.changes > before:
             self.refuse(node, f"a call that may change a row, in the index of '{ast.unparse(target)[:60]}'")
-        self.writes = True
+        self.written.add(place.root)
         if joined(place.type, value.type) is None:
             self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
         if place.type in INTEGERS and value.type == REAL:
             self.refuse(node, f"'{ast.unparse(target)[:60]}', a whole number, is given a fraction")
-        text = as_real(value) if place.type == REAL else value.text
+        text = as_type(value, place.type)
         if (place.type, value.type) == (INT, LONG):  # the row holds 32 bits, in Python too
             text = f"((vs_int){text})"
-        self.write(f"{place.text} = {f'VS_STORE({text})' if place.is_stored else text};")
+        self.write(f"{place.text} = {f'VS_STORE({bare(text)})' if place.is_stored else bare(text)};")
 
     def assign_name(self, name: str, value: Value, node: ast.AST) -> None:
         """Write the assignment of a value to a variable, whose type may widen by it.
@@ -567,17 +571,7 @@ class Function(Calls):
         if kind is None or (name in self.parameters and kind != self.types[name]):
             self.refuse(node, f"'{name}' is given values of several kinds")
         self.types[name] = kind
-        self.write(f"{identifier(name)} = {as_real(value) if kind == REAL else value.text};")
-
-
-def in_parentheses(text: str) -> str:
-    """Return an expression in parentheses, but not in two pairs, of which compilers warn."""
-    depth = 0
-    for place, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0:  # the first parenthesis is closed here, or there is none
-            return text if text[0] == "(" and place == len(text) - 1 else f"({text})"
-    return f"({text})"
+        self.write(f"{identifier(name)} = {bare(as_type(value, kind))};")
 
 
 def contains(kind: Any, part: Any) -> bool:

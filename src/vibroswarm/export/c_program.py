@@ -67,11 +67,12 @@ LOG_COLUMNS: Final = (
 )  # fmt: skip
 """Columns of the log of an exported robot: those of the format ``camera`` of ``recordings``."""
 GROUPS: Final = {
-    robot_program.PROMPT[0]: "In each control period, also from vs_poll",
-    robot_program.PATIENT[0]: "These may take many control periods, and call vs_poll meanwhile",
-    robot_program.PARTS[0]: "Parts of vs_work and vs_start, for tests: robots do not need them",
+    "In each control period, also from vs_poll": robot_program.PROMPT,
+    "These may take many control periods, and call vs_poll meanwhile": robot_program.PATIENT,
 }
-"""Headings of the groups of functions, by the first function of each."""
+"""Functions that can be called from outside, by the heading of their group."""
+TESTED: Final = {"Parts of vs_work and vs_start": robot_program.PARTS}
+"""Those that tests call, too."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +83,11 @@ class CSources:
     program: str
 
 
-def c_sources(parts: RobotParts) -> CSources:
+def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
     """Return the C sources of a scenario's robots: the header and the program.
 
+    Args:
+        for_tests: whether ``robot_program.PARTS`` can be called from outside, too.
     Raises:
         InputError: a construct cannot be translated; file and line are named.
     """
@@ -94,10 +97,12 @@ def c_sources(parts: RobotParts) -> CSources:
     # there is no LOCALISER.
     constants = {name: structs[row] for name, row in ROWS.items() if row in structs}
     # Constant rows and numbers that the translated functions read as global names.
-    globals = {name: Value(f"(vs_{name.lower()})", kind, is_place=True) for name, kind in constants.items()}
+    globals = {name: Value(f"vs_{name.lower()}", kind, is_place=True) for name, kind in constants.items()}
     globals["RMS_THRESHOLD"] = Value("VS_RMS_THRESHOLD", REAL)
     # A constant and not a macro, so that the code for blind robots is left out if it is 0.
     globals["SENSING_BLIND_MS"] = literal(parts.blind_ms)
+    groups = groups_of(parts, for_tests=for_tests)
+    names = [name for group in groups.values() for name in group]
     program = Program(
         struct_of={kind.source: kind for kind in structs.values() if kind.source is not None},
         row_names={"Message": structs["Message"]},
@@ -106,18 +111,18 @@ def c_sources(parts: RobotParts) -> CSources:
         template=robot_program.__name__,
         instead=parts.hooks,
         enums={name: value for names in ENUMS.values() for name, value in names.items()},
-        public=robot_program.API,
+        public=names,
     )
-    api = []  # functions of the API in C; translating one also translates the functions that it calls
-    for name in robot_program.API:
+    api = {}  # functions of the API in C, by name; translating one also translates the functions that it calls
+    for name in names:
         function = getattr(robot_program, name)
         given = [
             type_of_argument(item, robot, structs) for item in inspect.signature(function).parameters.values()
         ]
         # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
         program.polls = name not in robot_program.PROMPT
-        api.append(program.function(function, given))
-    public = {item.name for item in api}
+        api[name] = program.function(function, given)
+    public = {item.name for item in api.values()}
     compiled = program.called_from(public)
     texts = [text_of(item.text, item.name in public) for item in compiled]
     tables = [
@@ -127,13 +132,14 @@ def c_sources(parts: RobotParts) -> CSources:
     ]
     tuples = [typedef(kind) for kind in program.tuples.values()]
     types = [typedef(kind) for kind in structs.values()]
-    heads = [f"{item.head};" for item in api]  # prototypes; all other functions are static
     return CSources(
         header=HEADER.format(
             made=made_by(parts),
             types="\n\n".join(types),
-            heads=documented(heads),
+            # Prototypes; all other functions are static.
+            heads=documented(groups, {name: f"{item.head};" for name, item in api.items()}),
             inbox=robot_memory.INBOX,
+            localises=int(parts.mixture is not None),
             radio=radio_macros(structs),
             enums="\n".join(enum_of(about, names) for about, names in ENUMS.items()),
             precision=precision,
@@ -251,8 +257,9 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "wave": structs.get("Wave"),
         "estimate": CArray(REAL, (parts.estimates,)),
     }
-    # ``move_ray_m`` is not among these, although only localisation uses it, because ``start`` sets it in every robot.
-    of_localisation = ("place", "estimate", "move_start_s", "move_turned_deg", "move_after_drive")
+    of_localisation = (
+        "place", "estimate", "move_start_s", "move_turned_deg", "move_ray_m", "move_after_drive",
+    )  # fmt: skip
     omitted = (
         *(of_localisation if parts.mixture is None else ()),
         *(("wave",) if parts.wave is None else ()),
@@ -274,7 +281,7 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
 
 
 def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[str, Struct]) -> Any:
-    """Return the type in C of an argument of a function in ``robot_program.API``, by its annotation."""
+    """Return the type in C of an argument of a function of the API, by its annotation."""
     if item.name == "seed":
         return LONG
     return {"int": INT, "float": REAL, "bool": BOOL, "Robot": robot, "Message": structs["Message"]}[
@@ -298,7 +305,9 @@ def radio_macros(structs: Mapping[str, Struct]) -> str:
     macros = {
         "VS_PACKET_VERSION": str(PACKET_VERSION),
         "VS_PACKET_BYTES": " + ".join(["(10", *(kinds[kind][1] for _, kind in fields)]) + ")",
-        "VS_MESSAGE_FIELDS": " ".join(f"{kinds[kind][0]}({identifier(name)})" for name, kind in fields),
+        # Without fields, the macro says that the message is not used.
+        "VS_MESSAGE_FIELDS": " ".join(f"{kinds[kind][0]}({identifier(name)})" for name, kind in fields)
+        or "(void)message;",
         "VS_LOG_HEADER": f'"{",".join(LOG_COLUMNS)}\\n"',
         "VS_LOG_BYTES": "200",
         "VS_LOG_PLACE(k)": "r->estimate[k]" if "Mixture" in structs else "VS_NAN",
@@ -334,19 +343,26 @@ def checks_of(parts: RobotParts) -> list[str]:
     ]
 
 
-def documented(heads: list[str]) -> str:
+def groups_of(parts: RobotParts, *, for_tests: bool) -> dict[str, list[str]]:
+    """Return the functions of a robot that can be called from outside, by the heading of their group."""
+    omitted = robot_program.OF_PLACES if parts.mixture is None else ()
+    groups = GROUPS | (TESTED if for_tests else {})
+    return {heading: [name for name in names if name not in omitted] for heading, names in groups.items()}
+
+
+def documented(groups: Mapping[str, list[str]], heads: Mapping[str, str]) -> str:
     """Return the prototypes of the API in its groups, each below the first paragraph of its docstring as a comment.
 
     Args:
-        heads: prototypes, in the order of ``robot_program.API``.
+        groups: names of functions by the heading of their group. heads: prototypes by name.
     """
     lines = []
-    for name, head in zip(robot_program.API, heads, strict=True):
-        if name in GROUPS:
-            lines.append(f"/* ---- {GROUPS[name]} ---- */")
-        text = inspect.getdoc(getattr(robot_program, name)) or ""
-        words = " ".join(line.strip() for line in text.split("\n\n")[0].splitlines())
-        lines.append(f"/* {words.replace('``', '')} */\n{head}")
+    for heading, names in groups.items():
+        lines.append(f"/* ---- {heading} ---- */")
+        for name in names:
+            text = inspect.getdoc(getattr(robot_program, name)) or ""
+            words = " ".join(line.strip() for line in text.split("\n\n")[0].splitlines())
+            lines.append(f"/* {words.replace('``', '')} */\n{heads[name]}")
     return "\n\n".join(lines)
 
 
@@ -364,6 +380,7 @@ extern "C" {{
 #endif
 
 #define VS_INBOX {inbox}
+#define VS_LOCALISES {localises} /* whether a robot estimates its place, and so is told where it starts */
 
 {enums}
 

@@ -244,6 +244,8 @@ class Value:
     """For a whole number that might overflow 32 bits: its text as a floating-point number; else empty."""
     wide: str = ""
     """For a whole number that might overflow 32 bits: its text as a number of 64 bits; else empty."""
+    root: str = ""
+    """For a row or array: the parameter that it is, or is part of; empty if there is none."""
 
 
 def literal(number: Number) -> Value:
@@ -282,6 +284,23 @@ def field_of(text: str, name: str) -> str:
     if text == f"(*{inner})" and inner.isidentifier():
         return f"{inner}->{identifier(name)}"
     return f"{text}.{identifier(name)}"
+
+
+def bare(text: str) -> str:
+    """Return an expression without a pair of parentheses around all of it."""
+    if not text.startswith("("):
+        return text
+    depth = 0
+    for place, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0:  # the first parenthesis is closed here
+            return text[1:-1] if place == len(text) - 1 else text
+    return text
+
+
+def as_type(value: Value, kind: Any) -> str:
+    """Return the text of a value where one of a type is needed that holds it: whole numbers become floating-point."""
+    return as_real(value) if kind == REAL else value.text
 
 
 def as_real(value: Value) -> str:

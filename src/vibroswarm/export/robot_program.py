@@ -125,9 +125,9 @@ PROMPT: Final = (
 PATIENT: Final = ("start", "told_pose", "work")
 """Functions that may take many control periods, and poll meanwhile."""
 PARTS: Final = ("moved", "stopped", "hear", "take_sample", "timer", "told_simulated")
-"""Parts of ``work`` and ``start``, for tests."""
-API: Final = (*PROMPT, *PATIENT, *PARTS)
-"""Functions that can be called from outside."""
+"""Parts of ``work`` and ``start``, which only tests call from outside."""
+OF_PLACES: Final = ("told_pose", "moved", "stopped", "told_simulated")
+"""Those of all these that only robots have that estimate their places."""
 
 
 def start(r: Robot, seed: int, run: int, number: int) -> None:
@@ -144,21 +144,20 @@ def start(r: Robot, seed: int, run: int, number: int) -> None:
     roll(r)
     r.sense = begin_sense()
     r.decision, r.belief, r.decided_s = -1, math.nan, math.nan
-    r.move_ray_m = math.nan
+    if HAS_PLACES:
+        r.move_ray_m = math.nan
     begin(r.state, r.arrays, begin_draws(seed, run, number), PARAMS, r.world)
 
 
 def told_pose(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
     """Tell the robot where it starts: place, m, and heading, rad, anticlockwise from x.
 
-    It is called after ``start``, which sets the address of random numbers. A robot that does not estimate its place
-    ignores it.
+    It is called after ``start``, which sets the address of random numbers.
     """
-    if HAS_PLACES:
-        # State of localisation's own random numbers: a whole number from 1 to 2^32 - 1. min() is needed in single
-        # precision, where the product may be rounded up.
-        word = 1 + math.floor(uniform(r.seed, r.run, r.number, LOCALISATION, FIRST, ALONE) * 4294967295.0)
-        begin_places(r.place, LOCALISER, min(word, 4294967295), x_m, y_m, heading_rad)
+    # State of localisation's own random numbers: a whole number from 1 to 2^32 - 1. min() is needed in single
+    # precision, where the product may be rounded up.
+    word = 1 + math.floor(uniform(r.seed, r.run, r.number, LOCALISATION, FIRST, ALONE) * 4294967295.0)
+    begin_places(r.place, LOCALISER, min(word, 4294967295), x_m, y_m, heading_rad)
 
 
 def told_error(r: Robot, peer: int, spread: float) -> float:
@@ -172,13 +171,12 @@ def told_error(r: Robot, peer: int, spread: float) -> float:
 
 def told_simulated(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
     """Tell the robot its true start (place, m, and heading, rad) plus the errors that the simulation draws for it."""
-    if HAS_PLACES:
-        told_pose(
-            r,
-            x_m + told_error(r, OF_TOLD_X, LOCALISER.start_spread_m),
-            y_m + told_error(r, OF_TOLD_Y, LOCALISER.start_spread_m),
-            heading_rad + told_error(r, OF_TOLD_HEADING, LOCALISER.start_heading_spread_rad),
-        )
+    told_pose(
+        r,
+        x_m + told_error(r, OF_TOLD_X, LOCALISER.start_spread_m),
+        y_m + told_error(r, OF_TOLD_Y, LOCALISER.start_spread_m),
+        heading_rad + told_error(r, OF_TOLD_HEADING, LOCALISER.start_heading_spread_rad),
+    )
 
 
 def roll(r: Robot) -> None:
@@ -313,9 +311,9 @@ def work(r: Robot) -> bool:
         return False
     job = r.queue[r.first_job]
     r.work_tick = job.tick
-    if job.kind == MOVE:
+    if HAS_PLACES and job.kind == MOVE:
         moved(r, job.number, job.duration_s, job.turned_rad, job.ray_m, job.after_drive, job.at_obstacle)
-    elif job.kind == STAND:
+    elif HAS_PLACES and job.kind == STAND:
         stopped(r)
     elif job.kind == LISTEN:
         read_inbox(r, job.number)
@@ -552,26 +550,24 @@ def moved(
     after_drive: bool,
     at_obstacle: bool,
 ) -> None:
-    """Tell localisation of a move that has ended; without effect in a robot that does not estimate its place.
+    """Tell localisation of a move that has ended.
 
     Args:
         kind: DRIVE, TURN, AVOID or STOP. turned_rad: angle turned in the move, by the gyro. ray_m: shortest ray when
             the move began as an avoidance; nan if it did not. after_drive: whether the move before was a drive of two
             ticks or more. at_obstacle: whether an avoidance follows.
     """
-    if HAS_PLACES:
-        if kind == DRIVE:
-            add_drive(r.place, LOCALISER, duration_s, turned_rad, r.sampled_s, at_obstacle)
-        elif kind != STOP:
-            if not math.isnan(ray_m):
-                add_obstacle(r.place, LOCALISER, ray_m, after_drive)
-            add_turn(r.place, LOCALISER, duration_s, turned_rad)
+    if kind == DRIVE:
+        add_drive(r.place, LOCALISER, duration_s, turned_rad, r.sampled_s, at_obstacle)
+    elif kind != STOP:
+        if not math.isnan(ray_m):
+            add_obstacle(r.place, LOCALISER, ray_m, after_drive)
+        add_turn(r.place, LOCALISER, duration_s, turned_rad)
 
 
 def stopped(r: Robot) -> None:
     """Tell localisation that a stop for a sample has begun; it writes ``r.estimate``."""
-    if HAS_PLACES:
-        add_sample(r.place, LOCALISER, r.estimate)
+    add_sample(r.place, LOCALISER, r.estimate)
 
 
 # ``hear_bit``, ``no_belief`` and ``timer_of_state`` take the place of hooks, and ``belief_of_posterior`` that of

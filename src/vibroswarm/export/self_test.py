@@ -43,7 +43,8 @@ def inspected(parts: RobotParts) -> Any:
     program, world = plain_program(parts), parts.world
     robot = program.Robot()
     program.start(robot, 1, 0, 0)
-    program.told_pose(robot, 0.5 * world.width_m, 0.5 * world.height_m, 0.0)
+    if parts.mixture is not None:
+        program.told_pose(robot, 0.5 * world.width_m, 0.5 * world.height_m, 0.0)
     while robot.samples < SAMPLES and robot.tick < MOST_TICKS:
         turns = robot.walk.mode in (TURN, AVOID)
         gyro_deg = max(min(robot.walk.error_deg, 2.0), -2.0) if turns else 0.0

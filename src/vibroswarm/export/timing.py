@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from vibroswarm.export.c_library import ASSETS, COMPILER, SECONDS, Memory, compile_with
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 
 EMULATOR: Final = "qemu-system-arm"
 """The emulator by which instructions are counted."""
@@ -61,9 +61,27 @@ class Timing:
         return ms(self.work_per_s) / 1000.0
 
 
+OTHER_ROBOTS: Final = {
+    "kilobot": (
+        "a Kilobot",
+        "its ATmega328P has 8 bits, a double of 4 bytes and 2 KiB of RAM, and the program is for 32 bits",
+    ),
+}
+"""Robots of presets on whose processor no program runs: what they are called, and why."""
+
+
 def ms(instructions: float) -> float:
     """Return the time that instructions take, ms."""
     return 1000.0 * CYCLES * instructions / CLOCK_HZ
+
+
+def other_robot(scenario: Scenario) -> tuple[str, str] | None:
+    """Return the entry of ``OTHER_ROBOTS`` whose body a scenario's robots have; None if there is none."""
+    for name, robot in OTHER_ROBOTS.items():
+        bodies = [(one.body_radius_m, one.drive_track_m) for one in (scenario.robot, preset(name).robot)]
+        if bodies[0] == bodies[1]:
+            return robot
+    return None
 
 
 def unfit(scenario: Scenario, memory: Memory, timing: Timing | None) -> list[str]:

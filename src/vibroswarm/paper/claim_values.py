@@ -40,8 +40,6 @@ from vibroswarm.paper.claims import MEASURED
 Row = dict[str, Any]
 """Row of the table ``claims.MEASURED``, by column."""
 
-REAL_EXPERIMENTS: Final = 15
-"""Number of experiments behind each published mean."""
 FEW: Final = 10
 """If fewer runs than this differ from the most common value, a standard error is meaningless, and left out."""
 FEW_FAR: Final = 30

@@ -54,7 +54,7 @@ def draw_error_bars(
     Args:
         frame: one row per mark with the columns ``x`` (number or text) and ``estimate, low, high`` (null: no value),
             for several series ``series`` (text), and if known ``runs``.
-        x_label: of a numeric x, with its unit.
+        x_label: of x, with its unit; above the names of rows.
         label: of the estimate, with its unit.
         interval: what low and high are, for the caption, such as "95 % Wilson interval".
         log: whether a numeric x is drawn logarithmically.
@@ -88,7 +88,9 @@ def draw_error_bars(
             title=title,
         )
     else:
-        figure = _rows(sizes, frame, series, label=label, percent=percent, spans=spans, title=title)
+        figure = _rows(
+            sizes, frame, series, labels=(x_label, label), percent=percent, spans=spans, title=title
+        )
     missing = frame["estimate"].null_count()
     runs = run_counts(frame)
     caption = f"{label}{f' by {x_label}' if x_label else ''}: estimate and {interval}" + (
@@ -313,22 +315,23 @@ def _rows(
     style: Style,
     frame: pl.DataFrame,
     series: Sequence[str],
-    label: str,
+    labels: tuple[str, str],
     percent: bool,
     spans: bool,
     title: str,
 ) -> Any:
     """Draw the figure with one row for each name in ``x``.
 
-    ``frame`` and ``series`` are as ``checked_estimates`` returns them; the other arguments are those of
-    ``draw_error_bars``.
+    ``frame`` and ``series`` are as ``checked_estimates`` returns them; ``labels`` are ``x_label`` and ``label`` of
+    ``draw_error_bars``, as are the other arguments.
     """
     names = frame["x"].unique(maintain_order=True).to_list()
     row_of = {name: row for row, name in enumerate(names)}
     named = list(series) if len(series) > 1 else []
     looks = looks_of(series)
     of_rows = row_looks(names) if not named else {}
-    rows = rows_of(style, names, label, series=len(series), title=title)
+    rows = rows_of(style, names, labels[1], series=len(series), title=title)
+    rows.heading(labels[0], of_names=True)
     axes = rows.axes
     for values in frame.to_dicts():
         index = series.index(values["series"])

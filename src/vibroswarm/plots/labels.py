@@ -7,9 +7,11 @@ other points as possible.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
@@ -178,6 +180,8 @@ WIDEST_LABEL: Final = 0.34
 """Greatest width of a label, relative to the axes."""
 HIDES: Final = 30
 """Cost of hiding another label; the cost of hiding a point is 1."""
+CLEARLY: Final = 2.0
+"""A label is clearly its point's if all other points are this many times as far away."""
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top of a rectangle, in points."""
 
@@ -192,6 +196,9 @@ def label_points(
     always: bool,
 ) -> bool:
     """Write each label beside its point, inside the axes and where it hides the fewest points and earlier labels.
+
+    A label that is nearly as close to another point as to its own costs as much as one that hides a point: it might be
+    read as that point's name.
 
     Args:
         labels: (x, y, text) of each label, x and y being those of its point.
@@ -220,7 +227,7 @@ def label_points(
         x, y = axes.transData.transform((at_x, at_y)) * to_pt
         # letters are about 0.75 of the font size high
         spots = _spots(x, y, wide=width_pt(plain(text), size), high=size * 0.75, gap=gap)
-        costs = [_cost(spot, placed, marks, inside, gap) for spot in spots]
+        costs = [_cost(spot, placed, marks, (x, y), inside, gap) for spot in spots]
         # the index of the cheapest place; of places of equal cost, the first is preferred
         best = min(range(len(spots)), key=lambda spot: (costs[spot], spot))
         if not always and costs[best] >= 1:  # it would hide a point, or another label
@@ -246,8 +253,9 @@ def _spots(x: float, y: float, wide: float, high: float, gap: float) -> list[Box
     """
     spots = []
     for reach in (1.0, 1.8, 2.8, 4.0):  # distance in units of gap
-        # right: 1 right of the point, -1 left of it, 0 centred; up: likewise above, below, centred
-        for right, up in ((1, 1), (-1, -1), (1, -1), (-1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        # right: 1 right of the point, -1 left of it, 0 centred; up: likewise above, below, centred. Steps of a front
+        # lead right from a point and upwards, so places there come last.
+        for right, up in ((1, 1), (-1, -1), (-1, 0), (1, -1), (0, -1), (-1, 1), (0, 1), (1, 0)):
             left = x + right * gap * reach - wide * (1 - right) / 2
             bottom = y + up * gap * reach - high * (1 - up) / 2
             spots.append((left, bottom, left + wide, bottom + high))
@@ -258,18 +266,22 @@ def _cost(
     spot: Box,
     placed: list[Box],
     marks: NDArray[Any],
+    own: tuple[float, float],
     inside: Box,
     gap: float,
 ) -> float:
     """Return the cost of a place for a label: 100 for leaving the axes, ``HIDES`` per hidden label, 1 per hidden point.
+
+    It costs 1, too, if there are points to which the label is less than ``CLEARLY`` times as far as to its own.
 
     A label may extend above the axes by ``gap``, where there are no tick labels.
 
     All lengths are in points (1/72 inch); boxes are (left, bottom, right, top).
 
     Args:
-        spot: the place. placed: places of the labels so far. marks: the points, (points, 2). inside: box of the axes.
-        gap: distance of a label from its own point. A point closer to the label than 0.6 of this counts as hidden.
+        spot: the place. placed: places of the labels so far. marks: the points, (points, 2). own: the label's point.
+        inside: box of the axes. gap: distance of a label from its own point. A point closer to the label than 0.6 of
+            this counts as hidden.
     """
     left, bottom, right, top = spot
     out = left < inside[0] or bottom < inside[1] or right > inside[2] or top > inside[3] + gap
@@ -277,9 +289,11 @@ def _cost(
         left < other[2] + 1 and other[0] < right + 1 and bottom < other[3] + 1 and other[1] < top + 1
         for other in placed
     )
-    reach = gap * 0.6
-    hidden = (
-        (marks[:, 0] > left - reach) & (marks[:, 0] < right + reach)
-        & (marks[:, 1] > bottom - reach) & (marks[:, 1] < top + reach)
-    )  # fmt: skip
-    return 100 * out + HIDES * covered + float(hidden.sum())
+    outside = np.maximum(
+        [left, bottom] - marks, marks - [right, top]
+    )  # (points, 2); negative: within the label
+    away = np.hypot(*np.maximum(outside, 0.0).T)
+    own_away = math.hypot(max(left - own[0], own[0] - right, 0.0), max(bottom - own[1], own[1] - top, 0.0))
+    hidden = (outside < gap * 0.6).all(axis=1)
+    unclear = ((away < CLEARLY * own_away) & ~(marks == own).all(axis=1)).any()
+    return 100 * out + HIDES * covered + float(hidden.sum()) + float(unclear)

@@ -409,12 +409,13 @@ class Rows(NamedTuple):
             annotation_clip=False,
         )  # fmt: skip
 
-    def heading(self, text: str) -> None:
-        """Write a heading above the texts of ``note``, right of the axes, in up to two lines."""
+    def heading(self, text: str, *, of_names: bool = False) -> None:
+        """Write a heading in up to two lines: above the texts of ``note``, right of the axes, or the rows' names."""
         room_pt = self.figure.get_figwidth() * 72 * 0.22
+        gap_pt = self.font_pt * (-0.5 if of_names else 0.5)
         self.axes.annotate(
-            fitted(text, self.font_pt, room_pt, 2), (1, 1), xycoords="axes fraction",
-            xytext=(self.font_pt * 0.5, 1), textcoords="offset points", va="bottom", ha="left",
+            fitted(text, self.font_pt, room_pt, 2), (0 if of_names else 1, 1), xycoords="axes fraction",
+            xytext=(gap_pt, 1), textcoords="offset points", va="bottom", ha="right" if of_names else "left",
             fontsize=self.font_pt, color=FAINT, annotation_clip=False,
         )  # fmt: skip
 

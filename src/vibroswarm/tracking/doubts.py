@@ -4,6 +4,7 @@
 |---|---|
 | gap | a robot was not seen for more than a second |
 | jump | a position too far from those before and after it, which was dropped |
+| still | a robot never moved, while others did |
 | carried | a robot seen all the time moved faster than it can drive: by hand, or the marker is another robot's |
 | twice | one marker was seen at two places of a frame |
 | unexpected | a marker was seen that is in no list: it moves, or it never does and is likely no marker |
@@ -28,8 +29,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.camera import outwards, square_errors
-from vibroswarm.tracking.picture_quality import SMALL_PX
+from vibroswarm.tracking.picture_quality import SMALL_PX, white_places
 from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
 
@@ -37,10 +39,13 @@ Floats = NDArray[np.float64]
 
 FLOOR_PX: Final = 1.0
 """A floor marker with a larger error of its corners (root mean square, px) is not where the file has it."""
+STILL_S: Final = 10.0
+"""A robot stands still if it does for all the time that it was seen, and that is longer than this."""
 SIZE_SHARE: Final = 0.05
 """A marker is of another size if it differs from the stated size by more than this share."""
 TITLES: Final = {
     "gap": "Robots that were lost",
+    "still": "Robots that never moved",
     "carried": "Robots that moved too fast",
     "jump": "Positions that were dropped",
     "twice": "Markers seen twice",
@@ -57,12 +62,14 @@ TITLES: Final = {
 ADVICE: Final = {
     "gap": "Nothing is filled in there. Look what hides the marker: a hand, a cable, glare, a dark corner, the edge of "
     "the picture. If it is read badly everywhere, print it larger or on matt paper.",
+    "still": "If the robot was on, something else is read as its marker: look at the frame. If it was off, leave it "
+    "out of the file of markers.",
     "carried": "If the robot was moved by hand, leave this stretch out. If not, two robots carry the same marker or "
     "one was read for another: give each its own, far apart in the dictionary.",
-    "jump": "Dropped, nothing to do, if there are few. If there are many, another object carries this marker, or "
-    "the pattern is misread: choose another marker.",
-    "twice": "The one nearer to where the robot was before is used, neither if it was not seen before. Remove the "
-    "second one from the picture: a spare print, a mirror, a screen.",
+    "jump": "Dropped, nothing to do, if there are few. If there are many, the camera moves (a warning says so), "
+    "another object carries this marker, or the pattern is misread: choose another marker.",
+    "twice": "The one nearer to the robot's path is used, neither if it was never seen alone. Remove the second one "
+    "from the picture: a spare print, a mirror, a screen.",
     "unexpected": "If it is a marker, add it to the file. If not, something in the picture is misread as one, and "
     "might be misread as a robot's: cover it, or print markers of a dictionary with more squares (6X6_250).",
     "floor": "Measure its place again (centre, mm, from the lower left corner of the arena, y upwards), and look "
@@ -110,8 +117,8 @@ def doubts_of(
         lone_stops: the stops that no sample matches, ``stops.STOPS``; None without a log.
     """
     found = [
-        *_gaps(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_unexpected(tracking),
-        *_floor(tracking), *_sizes(tracking), *_frames(tracking), *_floor_never_seen(tracking),
+        *_gaps(tracking), *_still(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking),
+        *_unexpected(tracking), *_floor(tracking), *_sizes(tracking), *_frames(tracking), *_floor_never_seen(tracking),
     ]  # fmt: skip
     if samples is not None and lone_stops is not None:
         found += _unmatched(tracking, samples, lone_stops)
@@ -122,7 +129,7 @@ def doubts_of(
 def _gaps(tracking: Tracking) -> list[Doubt]:
     """Return a doubt for each gap in which a robot was not seen."""
     first_s, last_s = tracking.span_s
-    found = []
+    found, white = [], _white_around(tracking)
     for robot, start_s, end_s in tracking.gaps().iter_rows():
         # A gap at the beginning of the video has no frame with the robot before it; one at the end, none after it.
         # The gap of a robot that was never seen is the whole video, and has neither.
@@ -130,10 +137,52 @@ def _gaps(tracking: Tracking) -> list[Doubt]:
         shots += [((start_s + end_s) / 2, "in between")]
         shots += [(end_s, "seen again")] if end_s < last_s else []
         words = f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s ({end_s - start_s:.1f} s)."
+        ends = [place_px(tracking, robot, at_s) for at_s in (start_s, end_s)]
+        if any(end is not None and is_in(white, end[0]) for end in ends):
+            words += " It was lost or found again where the picture is white, as in a reflection."
         found.append(
             Doubt("gap", words, robot=robot, time_s=start_s, shots=tuple(shots), weight=end_s - start_s)
         )
     return found
+
+
+def is_in(area: NDArray[np.bool_], at_px: Floats) -> bool:
+    """Return whether a place, (2,), px, is in an area of the picture, (height, width)."""
+    column, row = np.clip(at_px.astype(int), 0, np.array(area.shape[::-1]) - 1)
+    return bool(area[row, column])
+
+
+def _white_around(tracking: Tracking) -> NDArray[np.bool_]:
+    """Return whether each pixel, (height, width), is at most a marker's edge from a place that is white throughout."""
+    seen = tracking.detections
+    found = np.zeros(seen.size_px[::-1], dtype=np.uint8)
+    edge_px = float(np.nanmedian(seen.edge_px()))
+    for place in white_places(seen.samples, edge_px) if seen.samples else []:
+        found |= place
+    around = np.ones((2 * round(edge_px) + 1,) * 2, dtype=np.uint8)
+    return np.asarray(opencv().dilate(found, around) > 0)
+
+
+def _still(tracking: Tracking) -> list[Doubt]:
+    """Return a doubt for each robot that stayed within half a marker, if another robot did not."""
+    least_m = tracking.markers.size_m / 2
+    rows = tracking.positions.group_by("robot", maintain_order=True).agg(
+        span_s=pl.col("time_s").max() - pl.col("time_s").min(),
+        time_s=pl.col("time_s").first(),
+        width_m=pl.col("x_m").max() - pl.col("x_m").min(),
+        height_m=pl.col("y_m").max() - pl.col("y_m").min(),
+    )
+    rows = rows.with_columns(moves=pl.max_horizontal("width_m", "height_m") > least_m)
+    if not rows["moves"].any():
+        return []
+    stood = rows.filter(~pl.col("moves") & (pl.col("span_s") > STILL_S))
+    return [
+        Doubt(
+            "still", f"Robot {robot} never moved in the {span_s:.0f} s in which it was seen.",
+            robot=robot, time_s=time_s, shots=((time_s, "it stands"),), weight=span_s,
+        )
+        for robot, span_s, time_s in stood.select("robot", "span_s", "time_s").iter_rows()
+    ]  # fmt: skip
 
 
 def _moved(tracking: Tracking) -> list[Doubt]:

@@ -7,6 +7,7 @@ sees in a whole frame. The floor's markers are searched in whole frames only.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,9 @@ three widths. This one width finds 99.7 % of the markers that the three find, in
 nothing, the three are tried."""
 ENLARGED_PX: Final = 30.0
 """A window that does not show a marker with a smaller edge is searched once more, enlarged twice."""
+LEAST_ROUND: Final = 0.5
+"""Least circumference of a marker in its window, as a share of the window's longer side; that of a robot that stands is
+1.2 to 1.5. Looking into smaller figures, such as noise, would take most of the time."""
 FLOOR_FRAMES: Final = 40
 """Most whole frames over which the corners of a floor marker are averaged (median)."""
 
@@ -45,6 +49,8 @@ SAMPLES: Final = 8
 
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Left and top, right and bottom (exclusive), px."""
+Seen = dict[int, list[Floats]]
+"""The corners, (4, 2), px, of each place at which each marker is seen, by its number."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ class Detections:
     floor_px: dict[int, Floats]
     """The median of the corners, (4, 2), of each floor marker that was seen, by its number."""
     whole_frames: int
-    """Number of frames that were searched whole."""
+    """Number of frames that were searched whole for all markers of the dictionary."""
     twice: tuple[tuple[int, int], ...] = ()
     """Frame and marker each time that a marker was seen at two places of a frame."""
     unexpected: Mapping[int, Sequence[tuple[int, Floats]]] = field(default_factory=dict)
@@ -67,6 +73,8 @@ class Detections:
     that one was seen in a whole frame, by its number."""
     samples: tuple[Gray, ...] = ()
     """Some frames, to judge the picture."""
+    bits_per_px: float = math.nan
+    """Size of the video's file, bits for each pixel of each frame."""
     floor_spread_px: float = 0.0
     """How far floor markers are from where they are in the median, px: root mean square over frames and markers."""
 
@@ -87,8 +95,8 @@ def detect(
 ) -> Detections:
     """Find the markers of robots and floor in a video.
 
-    If a robot's marker is seen at two places of a frame, the one nearer to where it was seen last is used; neither is
-    if it was not seen before.
+    If a robot's marker is seen at two places of a frame, the one nearer to where it was seen last is used. Before it
+    was seen at a single place, the one nearer to where it is seen next is used: this is decided backwards from there.
 
     Args:
         partial: whether a video that ends early is accepted.
@@ -106,6 +114,7 @@ def detect(
         times.append(time_s)
         if progress is not None:
             progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
+    search.decide_backwards(found)
     floor_px = {marker: np.median(corners, axis=0) for marker, corners in search.floor.items() if corners}
     away_px = [(np.array(search.floor[marker]) - median).mean(axis=1) for marker, median in floor_px.items()]
     return Detections(
@@ -118,6 +127,7 @@ def detect(
         twice=tuple(search.twice),
         unexpected=search.unexpected,
         samples=tuple(search.samples),
+        bits_per_px=8 * path.stat().st_size / (len(times) * math.prod(info.size_px)),
     )
 
 
@@ -132,6 +142,8 @@ class _Search:
         self._last: list[Floats | None] = [None] * len(self._robots)
         self._just_seen = np.zeros(len(self._robots), dtype=np.bool_)
         self._moved = np.zeros((len(self._robots), 2))
+        # Frames in which each robot's marker was seen at several places before it was seen at a single one.
+        self._unclear: list[list[tuple[int, Sequence[Floats]]]] = [[] for _ in self._robots]
         self.floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
         """Corners of each floor marker in the whole frames in which it was seen."""
         self.unexpected: dict[int, list[tuple[int, Floats]]] = {}
@@ -150,29 +162,54 @@ class _Search:
                 here[i] = self._nearest(i, self._finder.in_window(picture, window, marker), twice)
         is_known = all(len(corners) >= FLOOR_LEAST for corners in self.floor.values())
         floor_is_due = k % FLOOR_EVERY == 0 and not is_known
-        if k % WHOLE_EVERY == 0 or floor_is_due or np.isnan(here).any():
-            self._search_whole(k, picture, here, twice)
+        if k % WHOLE_EVERY == 0 or floor_is_due:
+            self._search_for_all(k, picture, here, twice)
+        elif np.isnan(here).any():
+            self._search_for_robots(k, self._finder.listed_in(grey(picture)), here, twice)
         self.twice += [(k, marker) for marker in sorted(twice)]
         self._remember(here)
         return here
 
-    def _search_whole(self, k: int, picture: Picture, here: Floats, twice: set[int]) -> None:
-        """Search the whole of frame ``k``; write what was not yet found in windows into ``here``."""
+    def _search_for_all(self, k: int, picture: Picture, here: Floats, twice: set[int]) -> None:
+        """Search the whole of frame ``k`` for all markers of the dictionary, on robots, on the floor or neither."""
         self.whole_frames += 1
         image = grey(picture)
         if k % WHOLE_EVERY == 0 and len(self.samples) < SAMPLES:
             self.samples.append(image)
-        for marker, places in self._finder.everywhere(image).items():
+        seen = self._finder.everywhere(image)
+        self._search_for_robots(k, seen, here, twice)
+        for marker, places in seen.items():
             if marker in self._robots:
-                i = self._robots.index(marker)
-                best = self._nearest(i, places, twice)
-                here[i] = best if np.isnan(here[i]).any() else here[i]
-            elif len(places) > 1:
+                continue
+            if len(places) > 1:
                 twice.add(marker)
             elif marker not in self.floor:
                 self.unexpected.setdefault(marker, []).append((k, places[0]))
             elif k % FLOOR_EVERY == 0 and len(self.floor[marker]) < FLOOR_FRAMES:
                 self.floor[marker].append(places[0])
+
+    def _search_for_robots(self, k: int, seen: Seen, here: Floats, twice: set[int]) -> None:
+        """Write what was seen of the robots' markers in the whole of frame ``k``, and not in windows, into ``here``."""
+        for i, marker in enumerate(self._robots):
+            places = seen.get(marker, [])
+            best = self._nearest(i, places, twice)
+            here[i] = best if np.isnan(here[i]).any() else here[i]
+            if len(places) > 1 and self._last[i] is None:
+                self._unclear[i].append((k, places))
+
+    def decide_backwards(self, found: Sequence[Floats]) -> None:
+        """Decide where markers were that were seen at several places before they were seen at a single one.
+
+        Args:
+            found: of each frame, what ``corners_in`` returned; is changed.
+        """
+        for i, unclear in enumerate(self._unclear):
+            clear = [here[i] for here in found if not np.isnan(here[i]).any()]
+            if not clear:
+                continue
+            later = clear[0]
+            for k, places in reversed(unclear):
+                later = found[k][i] = _nearest_to(later, places)
 
     def _nearest(self, i: int, places: Sequence[Floats], twice: set[int]) -> Floats:
         """Return the corners of robot ``i``'s marker, (4, 2): of several the nearest to where it was seen last.
@@ -184,7 +221,7 @@ class _Search:
             twice.add(self._robots[i])
         if not places or (len(places) > 1 and last is None):
             return np.full((4, 2), np.nan)
-        return min(places, key=lambda four: 0.0 if last is None else np.hypot(*(four - last).mean(axis=0)))
+        return places[0] if last is None else _nearest_to(last, places)
 
     def _remember(self, here: Floats) -> None:
         """Remember where the robots' markers are, and how they moved since the last frame."""
@@ -198,7 +235,67 @@ class _Search:
 
 
 class _Finder:
-    """OpenCV's detector, with one threshold width in windows (three if that finds nothing), and three in whole frames.
+    """Looks for markers in whole frames and in windows.
+
+    The four detectors are of the whole dictionary and of the markers that are listed, whose number is what most of the
+    time depends on; those for windows leave small figures out.
+    """
+
+    def __init__(self, cv2: Any, markers: Markers) -> None:
+        self._cv2, self._markers = cv2, markers
+        listed = [*markers.robots, *markers.floor]
+        self._all, self._listed = (
+            _Detector(cv2, markers.dictionary),
+            _Detector(cv2, markers.dictionary, listed),
+        )
+        self._careful = _Detector(cv2, markers.dictionary, listed, least_round=LEAST_ROUND)
+        self._quick: dict[int, _Detector] = {}  # detectors with a single threshold width, by this width
+
+    def everywhere(self, image: Gray) -> Seen:
+        """Return where each marker of the dictionary is seen in the picture."""
+        return self._all.markers_in(image)
+
+    def listed_in(self, image: Gray) -> Seen:
+        """Return where each marker of robots and floor is seen in the picture."""
+        return self._listed.markers_in(image)
+
+    def in_window(self, picture: Picture, window: Window, marker: int) -> list[Floats]:
+        """Look for a marker in a window of a picture.
+
+        Returns: its corners, (4, 2), px of the whole picture, at each place where it is seen there: with one threshold
+            width; else with three, in the window as it is or, if the marker is small, enlarged.
+        """
+        (left, top), (right, bottom) = window
+        cut = grey(np.ascontiguousarray(picture[top:bottom, left:right]))
+        # An estimate: a window is as wide as the marker's edge and two margins. It is wider if the marker is turned or
+        # moves, and narrower if the picture's border cuts it.
+        edge_px = min(right - left, bottom - top) / (1.0 + 2.0 * MARGIN)
+        places = self._quick_for(edge_px).markers_in(cut).get(marker, [])
+        if len(places) != 1 and edge_px >= ENLARGED_PX:
+            places = self._careful.markers_in(cut).get(marker, [])
+        elif not places:
+            large = self._cv2.resize(cut, None, fx=2, fy=2, interpolation=self._cv2.INTER_CUBIC)
+            # The centre of a pixel has whole coordinates, so pixel 0 becomes the pixels 0 and 1, with centre 0.5.
+            places = [(four - 0.5) / 2.0 for four in self._careful.markers_in(large).get(marker, [])]
+        return [four + np.array([left, top]) for four in places]
+
+    def _quick_for(self, edge_px: float) -> _Detector:
+        """Return the detector with the single threshold width for markers with such an edge."""
+        # ``| 1``: OpenCV needs an odd width. The minimum is for edges below 10 px, whose share is only 1 or 3 px.
+        threshold_px = max(int(THRESHOLD_SHARE * edge_px) | 1, 5)
+        if threshold_px not in self._quick:
+            self._quick[threshold_px] = _Detector(
+                self._cv2,
+                self._markers.dictionary,
+                [*self._markers.robots, *self._markers.floor],
+                threshold_px=threshold_px,
+                least_round=LEAST_ROUND,
+            )
+        return self._quick[threshold_px]
+
+
+class _Detector:
+    """OpenCV's detector of the markers of a dictionary, or of some of them.
 
     OpenCV can find corners in two ways: as the point where lines fitted to two edges of a marker meet, or by refining
     each corner by itself. Lines are used: with edges of 24 px, they give corners that are five times as exact, since
@@ -206,77 +303,57 @@ class _Finder:
     too few pixels for a line, OpenCV raises an error; then each corner is refined by itself.
     """
 
-    def __init__(self, cv2: Any, markers: Markers) -> None:
-        self._cv2, self._markers = cv2, markers
-        self._first_corner = first_corner(markers.dictionary)
-        self._all = self._detector()  # with all three threshold widths
-        self._by_corner = self._detector(lines=False)
-        self._one: dict[int, Any] = {}  # detectors with a single threshold width, by this width
-
-    def _detector(self, threshold_px: int | None = None, *, lines: bool = True) -> Any:
-        """Return a detector of OpenCV.
+    def __init__(
+        self,
+        cv2: Any,
+        dictionary: str,
+        listed: Sequence[int] | None = None,
+        *,
+        threshold_px: int | None = None,
+        least_round: float | None = None,
+    ) -> None:
+        """Prepare a detector.
 
         Args:
+            listed: numbers of the markers that are looked for; None: all of the dictionary.
             threshold_px: width over which the adaptive threshold averages; None: OpenCV's three widths.
-            lines: whether corners are the intersections of lines; if not, each is refined by itself.
+            least_round: least circumference of a marker, as a share of the image's longer side; None: OpenCV's.
         """
-        aruco = self._cv2.aruco
-        parameters = aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = (
-            aruco.CORNER_REFINE_CONTOUR if lines else aruco.CORNER_REFINE_SUBPIX
-        )
+        self._cv2, self._first_corner = cv2, first_corner(dictionary)
+        whole = dictionary_of(dictionary)
+        self._ids = range(len(whole.bytesList)) if listed is None else listed
+        chosen = np.ascontiguousarray(whole.bytesList[list(self._ids)])
+        of_these = cv2.aruco.Dictionary(chosen, whole.markerSize, whole.maxCorrectionBits)
+        parameters = cv2.aruco.DetectorParameters()
+        if threshold_px is not None:
+            parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = threshold_px
+        if least_round is not None:
+            parameters.minMarkerPerimeterRate = least_round
         # Only for corners that are refined by themselves: the window is 4 px, or a quarter of one of the small squares
         # of a marker (a module) if that is less.
         parameters.cornerRefinementWinSize = 4
         parameters.relativeCornerRefinmentWinSize = 0.25
-        if threshold_px is not None:
-            parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = threshold_px
-        return self._cv2.aruco.ArucoDetector(dictionary_of(self._markers.dictionary), parameters)
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+        self._by_lines = cv2.aruco.ArucoDetector(of_these, parameters)
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        self._by_corner = cv2.aruco.ArucoDetector(of_these, parameters)
 
-    def everywhere(self, image: Gray) -> dict[int, list[Floats]]:
-        """Return the corners, (4, 2), px, of each place at which each marker is seen in the picture."""
-        return self._markers_in(self._all, image)
-
-    def in_window(self, picture: Picture, window: Window, marker: int) -> list[Floats]:
-        """Look for a marker in a window of a picture.
-
-        Returns: its corners, (4, 2), px of the whole picture, at each place where it is seen there: with one threshold
-            width, else with three, else with the window enlarged.
-        """
-        (left, top), (right, bottom) = window
-        cut = grey(np.ascontiguousarray(picture[top:bottom, left:right]))
-        # An estimate: a window is as wide as the marker's edge and two margins. It is wider if the marker is turned or
-        # moves, and narrower if the picture's border cuts it.
-        edge_px = min(right - left, bottom - top) / (1.0 + 2.0 * MARGIN)
-        # ``| 1``: OpenCV needs an odd width. The minimum is for edges below 10 px, whose share is only 1 or 3 px.
-        threshold_px = max(int(THRESHOLD_SHARE * edge_px) | 1, 5)
-        if threshold_px not in self._one:
-            self._one[threshold_px] = self._detector(threshold_px)
-        # One width is tried first, since it is fast; all three are tried if it does not show the marker exactly once.
-        places: list[Floats] = []
-        for detector in (self._one[threshold_px], self._all):
-            places = self._markers_in(detector, cut).get(marker, [])
-            if len(places) == 1:
-                break
-        if not places and edge_px < ENLARGED_PX:
-            large = self._cv2.resize(cut, None, fx=2, fy=2, interpolation=self._cv2.INTER_CUBIC)
-            # The centre of a pixel has whole coordinates, so pixel 0 becomes the pixels 0 and 1, with centre 0.5.
-            places = [(four - 0.5) / 2.0 for four in self._markers_in(self._all, large).get(marker, [])]
-        return [four + np.array([left, top]) for four in places]
-
-    def _markers_in(self, detector: Any, image: Gray) -> dict[int, list[Floats]]:
-        """Return the corners, (4, 2), px, of each place at which each marker is seen in an image."""
+    def markers_in(self, image: Gray) -> Seen:
+        """Return the corners of each marker at each place at which it is seen in an image."""
         try:
-            corners, ids, _ = detector.detectMarkers(image)
+            corners, places, _ = self._by_lines.detectMarkers(image)
         except self._cv2.error:  # an edge has too few pixels for a line
-            corners, ids, _ = self._by_corner.detectMarkers(image)
-        found: dict[int, list[Floats]] = {}
-        for number, four in zip(
-            [] if ids is None else np.asarray(ids).ravel().tolist(), corners, strict=True
-        ):
+            corners, places, _ = self._by_corner.detectMarkers(image)
+        found: Seen = {}
+        for place, four in zip([] if places is None else np.asarray(places).ravel(), corners, strict=True):
             in_order = np.roll(np.asarray(four, dtype=np.float64).reshape(4, 2), -self._first_corner, axis=0)
-            found.setdefault(number, []).append(in_order)
+            found.setdefault(self._ids[int(place)], []).append(in_order)
         return found
+
+
+def _nearest_to(at: Floats, places: Sequence[Floats]) -> Floats:
+    """Return the place whose middle is nearest to that of ``at``; all are corners, (4, 2), px."""
+    return min(places, key=lambda four: float(np.hypot(*(four - at).mean(axis=0))))
 
 
 def _window(corners: Floats, moved: Floats, size_px: tuple[int, int]) -> Window | None:

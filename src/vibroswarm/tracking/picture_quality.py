@@ -1,11 +1,13 @@
-"""Judge frames of a video: are they dark or blurred, are their markers too small, or of another dictionary?"""
+"""Judge frames of a video: dark, blurred, with reflections, are their markers too small, or of another dictionary?"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
@@ -15,6 +17,10 @@ DARK: Final = 60.0
 """A picture is dark if nine tenths of its pixels are below this grey level of 255."""
 BLURRED_PX: Final = 3.0
 """A picture is blurred if its edges are wider than this: so wide are the small squares of a marker of 20 px."""
+WHITE: Final = 250
+"""Least grey level of a pixel that is white, as in a reflection."""
+LEAST_BITS: Final = 0.005
+"""A file with fewer bits for each pixel of each frame is compressed strongly: phones write 0.1 to 0.5."""
 AROUND_PX: Final = 25
 """Width of the windows in which contrast and steepest slope are compared."""
 SMALL_PX: Final = 20.0
@@ -52,8 +58,25 @@ def _edges_of(frame: Gray) -> float:
     return float(np.median(contrast[highest] / np.maximum(steepest[highest], 1.0)))
 
 
-def faults_of(frames: Sequence[Gray]) -> list[str]:
-    """Return what is wrong with a picture as a whole: that it is dark, that it is blurred, with what to do."""
+def white_places(frames: Sequence[Gray], edge_px: float) -> list[NDArray[np.bool_]]:
+    """Return where a picture is white throughout, (height, width) of each place: all frames, and an area of a marker.
+
+    Args:
+        frames: of one camera that does not move. edge_px: edge of a marker.
+    """
+    white = np.min(frames, axis=0) >= WHITE
+    _, labels, figures, _ = opencv().connectedComponentsWithStats(white.astype(np.uint8))
+    areas = figures[:, opencv().CC_STAT_AREA]
+    return [labels == k for k in range(1, len(areas)) if areas[k] >= edge_px**2]
+
+
+def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: float = math.nan) -> list[str]:
+    """Return what is wrong with a picture as a whole, with what to do: dark, blurred, reflections, compressed.
+
+    Args:
+        edge_px: edge of a marker, px; nan: reflections are not judged.
+        bits_per_px: size of the file, bits for each pixel of each frame; nan: not judged.
+    """
     light, width_px = light_of(frames), edges_px(frames)
     found = []
     if light < DARK:
@@ -63,6 +86,17 @@ def faults_of(frames: Sequence[Gray]) -> list[str]:
     if width_px > BLURRED_PX:
         found.append(
             f"the picture is blurred (its edges are {width_px:.1f} px wide, sharp ones 2): focus, and clean the lens"
+        )
+    if not math.isnan(edge_px) and (white := white_places(frames, edge_px)):
+        places = "a place is" if len(white) == 1 else f"{len(white)} places are"
+        found.append(
+            f"{places} white throughout, as reflections are, {np.mean(white, axis=(1, 2)).sum():.1%} of the picture: "
+            "markers are not seen there; move the lamps, expose for less, or print markers on matt paper"
+        )
+    if bits_per_px < LEAST_BITS:
+        found.append(
+            f"the video is compressed strongly ({bits_per_px:.4f} bits for each pixel): track the camera's own file, "
+            "not one that a messenger or an editor has made smaller"
         )
     return found
 

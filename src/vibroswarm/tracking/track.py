@@ -78,6 +78,10 @@ class Tracking:
         frames, robots = self.detections.corners_px.shape[:2]
         return float(self.positions.height / (frames * robots))
 
+    def camera_moves(self) -> bool:
+        """Return whether the floor's markers move in the picture."""
+        return self.detections.floor_spread_px > MOVED_PX
+
     def warnings(self) -> list[str]:
         """Return sentences on what a user should know of this video, such as markers that are too small."""
         found = []
@@ -89,7 +93,9 @@ class Tracking:
                 f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
         if self.detections.samples and self.share_found() < FEW:
-            found += [f"{fault[0].upper()}{fault[1:]}." for fault in faults_of(self.detections.samples)]
+            seen = self.detections
+            faults = faults_of(seen.samples, float(np.nanmedian(seen.edge_px())), seen.bits_per_px)
+            found += [f"{fault[0].upper()}{fault[1:]}." for fault in faults]
         never = [
             name
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)
@@ -104,7 +110,7 @@ class Tracking:
                 f"Frames are uneven: {100 * share:.1f} % of the steps differ from the usual one "
                 f"({1000 * shortest_s:.0f} to {1000 * longest_s:.0f} ms); the file's own times are used."
             )
-        if self.detections.floor_spread_px > MOVED_PX:
+        if self.camera_moves():
             found.append(
                 f"The floor's markers move in the picture (by {self.detections.floor_spread_px:.1f} px): the camera "
                 "moves or vibrates, and positions are off by as much; fix it to something that does not vibrate."

@@ -50,15 +50,19 @@ static int radio_receive(uint8_t *packet)
 /* STUB: write a line of the log, to a file or to the station; once before, VS_LOG_HEADER. */
 static void log_line(const char *line) { (void)line; }
 
-/* STUB: say that this robot's program does not compute what it should, such as by a lamp. */
+/* STUB: show that this robot's program does not compute what it should, such as by a lamp. The robot then stands. */
 static void refuse() { set_wheels(0.0f, 0.0f); }
 
 void setup()
 {
-    if (!vs_self_test(&robot)) /* all bytes of robot are zero after it */
+    if (!vs_self_test(&robot)) { /* all bytes of robot are zero after it */
         refuse();
+        return; /* runs stays false: loop does nothing */
+    }
     vs_start(&robot, SEED, 0, ROBOT_NUMBER);
-    vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad; without effect if it does not localise */
+#if VS_LOCALISES
+    vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad */
+#endif
     next_period_us = last_reading_us = micros();
     runs = true;
 }
@@ -107,6 +111,8 @@ void vs_poll()
 
 void loop()
 {
+    if (!runs)
+        return;
     const vs_int samples = robot.samples;
     vs_poll();
     if (vs_work(&robot) && robot.sends) {

@@ -1,6 +1,4 @@
 /* What a robot sends and logs: packets of bytes for messages, and lines that 'vibroswarm lab import' reads. */
-#include <string.h>
-
 #include "vibroswarm.h"
 #include "vibroswarm_parameters.h"
 
@@ -20,28 +18,6 @@ static uint64_t get(const uint8_t **from, int bytes)
     return bits;
 }
 
-/* The bits of a number, whatever the order of bytes in memory. */
-#if VS_PRECISION >= 2
-typedef uint64_t Bits;
-#else
-typedef uint32_t Bits;
-#endif
-
-static inline Bits bits_of(vs_real number)
-{
-    Bits bits;
-    memcpy(&bits, &number, sizeof bits);
-    return bits;
-}
-
-static inline vs_real number_of(uint64_t found)
-{
-    const Bits bits = (Bits)found;
-    vs_real number;
-    memcpy(&number, &bits, sizeof number);
-    return number;
-}
-
 vs_int vs_pack(const vs_Message *message, vs_int sender, vs_int number, uint8_t *packet)
 {
     uint8_t *to = put(packet, VS_PACKET_VERSION, 1);
@@ -50,12 +26,11 @@ vs_int vs_pack(const vs_Message *message, vs_int sender, vs_int number, uint8_t 
     to = put(to, (uint32_t)number, 4);
 #define VS_WHOLE(name) to = put(to, (uint32_t)message->name, 4);
 #define VS_TRUTH(name) to = put(to, message->name, 1);
-#define VS_NUMBER(name) to = put(to, bits_of(message->name), (int)sizeof(vs_real));
+#define VS_NUMBER(name) to = put(to, vs_bits(message->name), (int)sizeof(vs_real));
     VS_MESSAGE_FIELDS
 #undef VS_WHOLE
 #undef VS_TRUTH
 #undef VS_NUMBER
-    (void)message;
     return (vs_int)(to - packet);
 }
 
@@ -68,12 +43,11 @@ bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int
     *number = (vs_int)(uint32_t)get(&from, 4);
 #define VS_WHOLE(name) message->name = (vs_int)(uint32_t)get(&from, 4);
 #define VS_TRUTH(name) message->name = get(&from, 1) != 0;
-#define VS_NUMBER(name) message->name = number_of(get(&from, (int)sizeof(vs_real)));
+#define VS_NUMBER(name) message->name = vs_of_bits(get(&from, (int)sizeof(vs_real)));
     VS_MESSAGE_FIELDS
 #undef VS_WHOLE
 #undef VS_TRUTH
 #undef VS_NUMBER
-    (void)message;
     return true;
 }
 

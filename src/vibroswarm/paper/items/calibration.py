@@ -92,7 +92,7 @@ def _draw_states(states: pl.DataFrame, *, style: str) -> Drawn:
 
 SESSIONS: Final = 3
 """Number of recorded sessions, and number of simulated sessions in a set."""
-THEIR_SETS: Final = 1
+THEIR_SETS: Final[int] = published("calibration.sets_of_sessions")
 """Sets of three sessions behind each similarity that the paper prints."""
 NAMES: Final = {
     "avoidance": "state_times",

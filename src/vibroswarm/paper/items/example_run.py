@@ -11,7 +11,7 @@ import polars as pl
 
 from vibroswarm.paper.cells import options_of
 from vibroswarm.paper.claim_values import frame, mean
-from vibroswarm.paper.columns import STRATEGIES
+from vibroswarm.paper.columns import STRATEGIES, published
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_run
 from vibroswarm.result import Result
@@ -19,9 +19,9 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
 
-ROBOTS: Final = 7
+ROBOTS: Final[int] = published("simulation.example_run.robots")
 """Robots of the example run, and of the swarms of all cells."""
-FILL: Final = 0.48
+FILL: Final[float] = published("simulation.example_run.fill_ratio")
 """Fill ratio of the floors."""
 TILE: Final = 1 / 25
 """Share of the floor that one tile covers."""

@@ -33,7 +33,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.paper.cells import Cell
-from vibroswarm.paper.claim_values import REAL_EXPERIMENTS, Row, exact, frame, row
+from vibroswarm.paper.claim_values import Row, exact, frame, row
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
 from vibroswarm.paper.item import (
     CLAIMS,
@@ -51,6 +51,7 @@ from vibroswarm.paper.items.experiment_times import (
     AS_TEXT,
     FITTED,
     LOSSES,
+    REAL_EXPERIMENTS,
     columns_of,
     error_of_difference,
     in_standard_errors,
@@ -62,9 +63,9 @@ from vibroswarm.paper.items.experiment_times import (
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
-POOL: Final = 16
+POOL: Final[int] = published("experiments.pool_of_robots")
 """Robots from which the robots of each real experiment were taken."""
-WHOLE: Final = 8
+WHOLE: Final[int] = published("experiments.whole_pool_takes_part_up_to")
 """With up to this number of robots, all robots of the pool took part, in turn."""
 POOL_RUNS: Final = 300
 """Runs with speeds drawn once per robot."""

@@ -23,7 +23,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.paper.claim_values import REAL_EXPERIMENTS
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
 from vibroswarm.paper.item import Cells, Drawn, Settings, Work
 from vibroswarm.paper.real_data import real_floor
@@ -32,11 +31,13 @@ from vibroswarm.show.document import Column
 
 COLUMNS: Final = ("paper", "calibrated")
 """Presets in which the experiments are simulated."""
-T_END_S: Final = 1000.0
+REAL_EXPERIMENTS: Final[int] = published("experiments.per_swarm_size")
+"""Number of experiments behind each published mean."""
+T_END_S: Final[float] = published("experiments.t_end_s")
 """End of a run; the published experiments ended when all robots had decided."""
 THRESHOLDS: Final = (1.33, 1.40, 1.55)
 """Thresholds of the recordings; which one the experiments had is unknown."""
-TEXTS: Final = 1.55
+TEXTS: Final[float] = published("experiments.rms_threshold_in_text")
 """Threshold of Algorithm 2, which is for real experiments."""
 GATES: Final = ("total", "own")
 """O_c counts the observations of all robots, as in the simulations, or a robot's own, as in the real robots. A robot's

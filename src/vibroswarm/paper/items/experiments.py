@@ -17,7 +17,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.paper.cell_tables import PROPER_FORM, WALK_FORM
-from vibroswarm.paper.claim_values import REAL_EXPERIMENTS, Row, exact, frame, mean
+from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, needs_column
 from vibroswarm.paper.items.experiment_times import (
@@ -26,6 +26,7 @@ from vibroswarm.paper.items.experiment_times import (
     FITTED,
     KEYS,
     LOSSES,
+    REAL_EXPERIMENTS,
     SETTINGS,
     SHOWN_FITS,
     SHOWN_LOSSES,

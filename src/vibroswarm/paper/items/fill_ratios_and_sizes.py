@@ -20,9 +20,9 @@ from vibroswarm.paper.claim_values import Row, mean, share_saved
 from vibroswarm.paper.columns import STRATEGIES, fills, published, sizes
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work, cells_and_claims
 
-NEAR: Final = ((0.48, 0.44), (0.52, 0.56))
-"""Pairs of fill ratios on the same side of one half: the one nearer to one half (harder), and the farther one."""
-HARDEST: Final = NEAR[0][0]
+SIDES: Final = (sorted(f for f in fills() if f < 0.5)[::-1], sorted(f for f in fills() if f > 0.5))
+"""The fill ratios on each side of one half, the one nearest to one half, which is the hardest, first."""
+HARDEST: Final[float] = published("simulation.claim_speed_up_soft_vs_none.fill_ratio")
 """Fill ratio for which the paper prints decision times in its text."""
 
 
@@ -65,7 +65,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     """
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     for strategy in STRATEGIES:
-        for near, far in NEAR:
+        for near, far in SIDES:
             pair = (column, near, strategy), (column, far, strategy)
             for value_name, name in (
                 ("time-near-half-less-far", time),
@@ -82,7 +82,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
         ):
             yield work.change(value_name, column, f"fill ratio {fill}", name, soft, other)
     printed = published("simulation.claim_speed_up_soft_vs_none")
-    for near, far in NEAR:
+    for near, far in SIDES:
         none, _, soft = ((column, near, strategy) for strategy in STRATEGIES)
         yield share_saved(
             "share-of-time-saved-less-printed", column, f"fill ratio {near}", work.values(soft, time),

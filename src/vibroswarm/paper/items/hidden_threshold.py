@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.league.entries import entries_of, frozen_settings, main_entries
 from vibroswarm.paper.claim_values import Row, frame, mean
+from vibroswarm.paper.columns import published
 from vibroswarm.paper.item import (
     CLAIMS,
     Cells,
@@ -65,7 +66,7 @@ VARIANTS: Final = {"none": THRESHOLDS, "soft": THRESHOLDS, TUNED: TUNED_THRESHOL
 """No feedback and two kinds of soft feedback, and the thresholds of each."""
 FIGURES: Final = ("decision_time_s", "wrong_share", "undecided_share")
 """Figures of a run that are compared."""
-PUBLISHED: Final = 0.95
+PUBLISHED: Final[float] = published("simulation.credible_threshold")
 """p_c of the paper."""
 Array = NDArray[np.float64]
 

@@ -51,8 +51,6 @@ ELSEWHERE: Final = "optimised-cost"
 RUNS_AN_ITERATION: Final = 20
 """The search gets one iteration for this many runs per cell of the reproduction, so 1000 runs, or more, give the
 paper's 50 iterations."""
-SETTLED_AT: Final = 40
-"""Iteration of the paper's 50 at which its parameters have settled, according to the text."""
 LEAST_SHARE: Final = 0.5
 """A search with a smaller share than this of the paper's iterations gives no verdict on its final score."""
 
@@ -158,8 +156,9 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     too_short = None if last >= least else f"the search took fewer than {least} iterations"
     ratio = _ratio(truth.believed, truth.winner.score)
     yield of_interval("believed-score-over-fresh", COLUMN, "this search", ratio, cannot=too_short)
-    # The iteration nearest to SETTLED_AT; in a shorter search, nearest to the same share of its length.
-    settled = min(mean_points, key=lambda number: abs(number - SETTLED_AT * last / published_iterations))
+    # The iteration at which the paper's parameters settle; in a shorter search, that of the same share of its length.
+    settles_at = published("parameters.pso.stabilises_at_iteration") * last / published_iterations
+    settled = min(mean_points, key=lambda number: abs(number - settles_at))
     shortened = (  # why a search with fewer iterations than the paper's cannot answer the question, or None
         None
         if last >= published_iterations
