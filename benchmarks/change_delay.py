@@ -1,11 +1,12 @@
 """Delay of the new answer after a floor is inverted, for strategies at an equal probability of leaving the right side.
 
-    python benchmarks/change_delay.py [RUNS_TO_TUNE [RUNS_TO_TEST]]
+    python benchmarks/change_delay.py [RUNS_TO_TUNE [RUNS_TO_TEST [STRATEGIES]]]
 
 Five robots, 10 x 10 tiles, inverted at 1200 s of 2400. A swarm has left the right side if at any time from 600 to
-1200 s its answer (on which all robots agreed last) is not the right one. Settings are chosen on one seed: of those that
-leave in at most 5 % of the runs, the one with the least mean delay. They are then simulated on another seed.
-docs/figures/change.md has the numbers and what they mean.
+1200 s its answer (on which all robots agreed last) is not the right one. Settings are tuned on one seed: for each
+combination of ``GRIDS`` and p_c the memory or threshold with which 5 % of the runs leave, by interpolation between
+those of the grid; of these the combination with the least mean delay. It is then measured on another seed, and printed
+as the table of docs/figures/change.md, which says what the numbers mean.
 """
 
 from __future__ import annotations
@@ -13,35 +14,45 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Iterator
 from itertools import product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm import Result, Scenario, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import swarm_answers
-from vibroswarm.analysis.intervals import mean_interval, wilson
+from vibroswarm.analysis.intervals import Interval, mean_interval, wilson
 
 TUNING_SEED, TEST_SEED, CHANGE_S, END_S, FROM_S = 41, 42, 1200.0, 2400.0, 600.0
-MOST: Final = 0.05
-P_C: Final = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
-MEMORIES: Final = (20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0, 125.0, 150.0, 200.0, 300.0)
-GRIDS: Final[dict[str, dict[str, tuple[Any, ...]]]] = {
-    "none": {"forget.memory": (0.0,)},
-    "forget": {"forget.memory": MEMORIES},
-    "reset": {
-        "reset.threshold": (5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0),
-        "reset.least": (0.05, 0.08, 0.12, 0.18),
-    },
-    "fading": {
-        "fading.memory_s": (60.0, 100.0, 150.0, 220.0, 300.0, 450.0),
-        "fading.trust_limit": (1000.0,),
-        "fading.broken_prior": (0.0,),
-    },
+FILLS: Final = (0.4, 0.3)
+LEAVE: Final = 0.05
+P_C: Final = (0.52, 0.6, 0.7, 0.8, 0.9, 0.95)
+
+
+class Grid(NamedTuple):
+    """What is tuned of a strategy."""
+
+    strategy: str
+    tuned: str
+    """Field of the strategy by which the share of runs that leave is set: larger values for fewer."""
+    values: tuple[float, ...]
+    others: dict[str, tuple[float, ...]]
+    """Values of other fields; all combinations are tried."""
+
+
+SURE = {"trust_limit": (1000.0,), "broken_prior": (0.0,)}
+"""A floor that changes contradicts all senders at once."""
+GRIDS: Final = {
+    "none": Grid("forget", "memory", (0.0,), {}),
+    "forget": Grid("forget", "memory", (15.0, 25.0, 40.0, 65.0, 90.0, 120.0, 160.0, 220.0), {}),
+    "reset": Grid("reset", "threshold", (3.0, 4.5, 6.0, 8.0, 10.5, 14.0), {"least": (0.05, 0.12, 0.18)}),
+    "fading": Grid("fading", "memory_s", (20.0, 35.0, 60.0, 100.0, 150.0, 220.0), SURE),
 }
-"""Parameters of each entry; ``none`` is ``forget`` that forgets nothing, so that it may revise its answer."""
+"""By the name of the entry; ``none`` is ``forget`` that forgets nothing, so that it may revise its answer."""
+
+Settings = dict[str, Any]
 
 
 def base(fill: float) -> Scenario:
@@ -51,13 +62,9 @@ def base(fill: float) -> Scenario:
     })  # fmt: skip
 
 
-def settings_of(name: str) -> list[dict[str, Any]]:
-    strategy = "forget" if name == "none" else name
-    grid = GRIDS[name]
-    return [
-        {"strategy.name": strategy, **{f"strategy.{k}": v for k, v in zip(grid, values, strict=True)}}
-        for values in product(*grid.values())
-    ]
+def settings(grid: Grid, values: dict[str, float], p_c: float) -> Settings:
+    of_strategy = {f"strategy.{grid.strategy}.{name}": value for name, value in values.items()}
+    return {"strategy.name": grid.strategy, **of_strategy, "decision.credible_threshold": p_c}
 
 
 def forward(values: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -76,15 +83,14 @@ class Beliefs(NamedTuple):
 
 
 def beliefs_of(result: Result) -> list[Beliefs]:
-    table = result.inference.join(result.motion, on=["run", "robot", "sample"], maintain_order="left")
-    may_decide = pl.col("messages_received") + pl.col("sample") > result.scenario.decision.min_observations
-    columns = table.select(
-        "run", "time_s", "robot", below=pl.when(may_decide).then("belief_below").fill_null(math.nan)
+    columns = result.inference.join(result.motion, on=["run", "robot", "sample"], maintain_order="left")
+    counted = (columns["messages_received"] + columns["sample"]).to_numpy()
+    below = np.where(
+        counted > result.scenario.decision.min_observations, columns["belief_below"].to_numpy(), math.nan
     )
-    return [
-        Beliefs(*(run[name].to_numpy() for name in Beliefs._fields))
-        for _, run in columns.group_by("run", maintain_order=True)
-    ]
+    first = np.flatnonzero(np.diff(columns["run"].to_numpy(), prepend=-1))[1:]
+    arrays = columns["time_s"].to_numpy(), columns["robot"].to_numpy(), below
+    return [Beliefs(*run) for run in zip(*(np.split(array, first) for array in arrays), strict=True)]
 
 
 def at_threshold(
@@ -108,29 +114,59 @@ def at_threshold(
 
 
 def judged(time_s: NDArray[np.float64], answer: NDArray[np.int64]) -> tuple[bool, float]:
-    """Whether a swarm left side 0 from 600 s to the change, and how long after that it answered 1."""
+    """Whether a swarm left side 0 from 600 s to the change, and how long after that it answered 1.
+
+    The delay is nan if it answers 1 at the change already.
+    """
     first = max(int(np.searchsorted(time_s, FROM_S, side="right")) - 1, 0)
     last = int(np.searchsorted(time_s, CHANGE_S))
     new = np.flatnonzero((answer == 1) & (time_s >= CHANGE_S))
-    at_change = answer[max(last - 1, 0)]
-    delay_s = 0.0 if at_change == 1 else float(time_s[new[0]]) - CHANGE_S if new.size else END_S - CHANGE_S
-    return bool((answer[first:last] != 0).any()), delay_s
+    delay_s = float(time_s[new[0]]) - CHANGE_S if new.size else END_S - CHANGE_S
+    has_left = bool((answer[first:last] != 0).any())
+    return has_left, math.nan if answer[max(last - 1, 0)] == 1 else delay_s
 
 
-def tuned(name: str, moved: Result, fill: float) -> dict[str, Any]:
-    """The settings with the least mean delay among those that leave in at most 5 % of the runs."""
-    best: tuple[float, dict[str, Any]] | None = None
-    safest: tuple[float, dict[str, Any]] = (2.0, {})
-    for values in settings_of(name):
-        result = replay(moved, base(fill).with_values(values))
-        runs, robots = beliefs_of(result), result.scenario.swarm.robots
-        for p_c in P_C:
-            left, delay = at_threshold(runs, p_c, robots)
-            found = {**values, "decision.credible_threshold": p_c}
-            safest = min(safest, (float(left.mean()), found), key=lambda one: one[0])
-            if left.mean() <= MOST and (best is None or delay.mean() < best[0]):
-                best = (float(delay.mean()), found)
-    return safest[1] if best is None else best[1]
+class Curve(NamedTuple):
+    """Share of runs that leave, and mean delay, over the values of the tuned field, (values,) each."""
+
+    others: dict[str, float]
+    p_c: float
+    left: NDArray[np.float64]
+    delay_s: NDArray[np.float64]
+
+
+def curves(grid: Grid, moved: Result, fill: float) -> Iterator[Curve]:
+    """Yield the curve of each combination of the other fields and p_c."""
+    for others in product(*grid.others.values()):
+        fixed = dict(zip(grid.others, others, strict=True))
+        found = []
+        for value in grid.values:
+            scenario = base(fill).with_values(settings(grid, {grid.tuned: value, **fixed}, 0.95))
+            runs = beliefs_of(replay(moved, scenario))
+            found.append([at_threshold(runs, p_c, scenario.swarm.robots) for p_c in P_C])
+        for k, p_c in enumerate(P_C):
+            left = np.array([of_value[k][0].mean() for of_value in found])
+            delay_s = np.array([np.nanmean(of_value[k][1]) for of_value in found])
+            yield Curve(fixed, p_c, left, delay_s)
+
+
+def tuned(grid: Grid, moved: Result, fill: float) -> Settings:
+    """The setting with the least mean delay among those with which a share ``LEAVE`` leaves, by interpolation.
+
+    Above the value at which the shares first are that small, they may rise again: then robots are late at 600 s.
+    """
+    candidates = []
+    for curve in curves(grid, moved, fill):
+        few = np.flatnonzero(curve.left <= LEAVE)
+        if few.size:
+            at, before = int(few[0]), max(int(few[0]) - 1, 0)
+            part = (curve.left[before] - LEAVE) / (curve.left[before] - curve.left[at]) if at else 0.0
+            delay_s = float(curve.delay_s[before] * (1.0 - part) + curve.delay_s[at] * part)
+            low, high = grid.values[before], grid.values[at]
+            value = low * (high / low) ** part if low else high
+            candidates.append((delay_s, round(value, 3), curve.others, curve.p_c))
+    _, value, others, p_c = min(candidates, key=lambda one: one[0])
+    return settings(grid, {grid.tuned: value, **others}, p_c)
 
 
 def tested(moved: Result, scenario: Scenario) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
@@ -147,42 +183,50 @@ def tested(moved: Result, scenario: Scenario) -> tuple[NDArray[np.bool_], NDArra
     return np.array(left), np.array(delay)
 
 
+def setting_words(chosen: Settings) -> str:
+    return ", ".join(f"{k.rsplit('.', 1)[1]} {v}" for k, v in chosen.items() if k != "strategy.name")
+
+
+def words(found: Interval, scale: float = 1.0, digits: int = 0, sign: str = "") -> str:
+    estimate, low, high = (scale * value for value in found[:3])
+    return f"{estimate:{sign}.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
 def main() -> None:
-    to_tune, to_test = [int(one) for one in sys.argv[1:3]] + [200, 400][len(sys.argv[1:3]) :]
+    to_tune, to_test = [int(one) for one in sys.argv[1:3]] + [300, 600][len(sys.argv[1:3]) :]
     names = sys.argv[3].split(",") if len(sys.argv) > 3 else list(GRIDS)
-    rows, by_run = [], list[dict[str, Any]]()
-    for fill in (0.4, 0.3):
-        began = time.monotonic()
-        moved = {
-            seed: simulate(base(fill), seed, runs, energies=False, moves=True)
+    chosen: dict[float, dict[str, Settings]] = {fill: {} for fill in FILLS}
+    print(
+        "| floor | strategy | setting | left, % | delay, s | minus `forget`, s |\n|---|---|---|---|---|---|"
+    )
+    for fill in FILLS:
+        began = time.process_time()
+        moved = [
+            simulate(base(fill), seed, runs, energies=False, moves=True)
             for seed, runs in ((TUNING_SEED, to_tune), (TEST_SEED, to_test))
-        }
-        delays = {}
+        ]
         for name in names:
-            values = tuned(name, moved[TUNING_SEED], fill)
-            left, delays[name] = tested(moved[TEST_SEED], base(fill).with_values(values))
-            mean, share = mean_interval(delays[name], 0.95), wilson(int(left.sum()), left.size, 0.95)
-            row = {
-                "fill": fill, "strategy": name, **{k.split(".", 1)[1]: v for k, v in values.items()},
-                "left": share.estimate, "left_low": share.low, "left_high": share.high,
-                "delay_s": mean.estimate, "delay_low_s": mean.low, "delay_high_s": mean.high,
-            }  # fmt: skip
-            print({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()}, flush=True)
-            rows.append(row)
-            by_run += [
-                {"fill": fill, "strategy": name, "run": run, "left": has_left, "delay_s": delay_s}
-                for run, (has_left, delay_s) in enumerate(
-                    zip(left.tolist(), delays[name].tolist(), strict=True)
+            chosen[fill][name] = tuned(GRIDS[name], moved[0], fill)
+        tries = [(f".{fill * 10:.0f} to .{10 - fill * 10:.0f}", chosen[fill])]
+        if fill != FILLS[0]:
+            tries.append((f"{tries[0][0]}, as chosen at .{FILLS[0] * 10:.0f}", chosen[FILLS[0]]))
+        for floor, choice in tries:
+            measured = {name: tested(moved[1], base(fill).with_values(choice[name])) for name in names}
+            for name, (left, delay_s) in measured.items():
+                gain = ""
+                if name != "forget" and "forget" in measured:
+                    gain = words(mean_interval(delay_s - measured["forget"][1]), sign="+")
+                share = words(wilson(int(left.sum()), left.size), 100.0, 1)
+                cells = (
+                    floor,
+                    f"`{name}`",
+                    setting_words(choice[name]),
+                    share,
+                    words(mean_interval(delay_s)),
+                    gain,
                 )
-            ]
-        for name in delays.keys() - {"forget"} if "forget" in delays else ():
-            gain = mean_interval(delays[name] - delays["forget"], 0.95)
-            print(
-                f"{fill} {name} - forget: {gain.estimate:.0f} s [{gain.low:.0f}, {gain.high:.0f}]", flush=True
-            )
-        print(f"{time.monotonic() - began:.0f} s", flush=True)
-    pl.DataFrame(rows, infer_schema_length=None).write_csv("change_delay.csv")
-    pl.DataFrame(by_run).write_parquet("change_delay.parquet")
+                print("|", " | ".join(cells), "|", flush=True)
+        print(f"{time.process_time() - began:.0f} CPU s", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
