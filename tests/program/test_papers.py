@@ -93,3 +93,13 @@ def test_robots_hear_their_neighbours_in_the_graph(layout: int, degree: int, hea
         assert (
             np.abs(received.astype(int) - expected.astype(int)).max() <= heard
         )  # those still to be read at the end
+
+
+@pytest.mark.slow
+def test_kilobots_with_a_stronger_prior_are_later_and_wrong_less_often(tmp_path: Path) -> None:
+    values = {"sample_interval_ms": "[60000.0]", "positive_feedback": "[true]", "prior": "[1, 50]"}
+    found = summary(tmp_path, "ebert-2020/study.toml", 1, **values)
+    weak, strong = found["robots_wrong"].to_list()
+    assert strong < weak - 0.05
+    soon, late = found["decision_time_s"].to_list()
+    assert late > 2.0 * soon
