@@ -280,9 +280,10 @@ def shake(
                 1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
             )
             phase = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, sample, 8 + source)
-            add_sine(
-                out, amplitude, shaking.lateral, cosine, sine, 2.0 * math.pi * frequency_hz / rate_hz, phase
-            )
+            add_sine(out, amplitude, 2.0 * math.pi * frequency_hz / rate_hz, phase)
+    for i in range(out.shape[1]):  # horizontally in the robot's direction
+        across = shaking.lateral * out[0, i]
+        out[0, i], out[1, i] = cosine * across, sine * across
     if shaking.noise_m_s2 > 0.0:
         # The address of a sample's noise is one number; readings follow from it by a cheaper generator.
         word = np.uint64(uniform(seed, run, robot, VIBRATION, sample, 3) * 2.0**52)
@@ -314,19 +315,15 @@ def near_square(near: Values, k: int, tile: int, source: int, place: Place) -> f
 
 
 @inner
-def add_sine(
-    out: Values, amplitude: float, lateral: float, cosine: float, sine: float, step: float, phase: float
-) -> None:
-    """Add a sinusoid: upwards, and by a share and a quarter of a turn later across, in the robot's direction.
+def add_sine(out: Values, amplitude: float, step: float, phase: float) -> None:
+    """Add a sinusoid to the third row, and the same a quarter of a turn later to the first.
 
     The cosine and sine of the phase are turned by ``step`` (rad) from reading to reading.
     """
     real, imaginary = amplitude * math.cos(phase), amplitude * math.sin(phase)
     turn_real, turn_imaginary = math.cos(step), math.sin(step)
-    along, across = lateral * cosine, lateral * sine
     for i in range(out.shape[1]):
-        out[0, i] += along * imaginary
-        out[1, i] += across * imaginary
+        out[0, i] += imaginary
         out[2, i] += real
         real, imaginary = (
             turn_real * real - turn_imaginary * imaginary,
