@@ -35,6 +35,14 @@ def test_reasons(column: str, floor: str, reason: str | None) -> None:
     assert (found is None) if reason is None else (found is not None and reason in found)
 
 
+@pytest.mark.parametrize("column", ["paper", "calibrated"])
+def test_the_physics_asks_on_tiles_as_large_as_those_that_it_was_fitted_on(column: str) -> None:
+    for floor in ("random:0.48", "random:0.52"):
+        assert cannot_ask(scenario_of(column, {"floor.source": floor}, control="physics")) is None
+    small = cannot_ask(scenario_of(column, {"floor.source": "stripe:0.46"}, control="physics"))
+    assert small == "the physics of vibration was fitted on tiles of 200 mm; these have 100 mm"
+
+
 def test_an_edge_that_reaches_nowhere_leaves_the_side_to_decide() -> None:
     values = {"floor.source": "alternating:0.48", "sensor.edge_reach_m": 0.0}
     assert cannot_ask(scenario_of("calibrated", values)) is None

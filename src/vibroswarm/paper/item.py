@@ -280,18 +280,20 @@ def _edges(scenario: Scenario) -> str | None:
 
     If edges have no reach (None or 0), the size of tiles does not matter, and the result is None.
     """
-    reach_m = scenario.sensor.edge_reach_m
-    if not reach_m:
+    reach_m, is_physics = scenario.sensor.edge_reach_m, scenario.sensor.model == "acceleration"
+    if not reach_m and not is_physics:
         return None
     # The floors of all seeds and runs have tiles of the same size, so any seed and run will do.
     side_m = _side_m(scenario.floor_for(seed=0, run=0))
     fitted_m = _fitted_m()
     if side_m >= fitted_m * (1.0 - 1e-9):  # 1e-9 allows for rounding errors
         return None
-    return (
-        f"edges reach {1000 * reach_m:.0f} mm and were fitted on tiles of {1000 * fitted_m:.0f} mm; these have "
-        f"{1000 * side_m:.0f} mm"
+    what = (
+        "the physics of vibration was"
+        if is_physics
+        else f"edges reach {1000 * (reach_m or 0.0):.0f} mm and were"
     )
+    return f"{what} fitted on tiles of {1000 * fitted_m:.0f} mm; these have {1000 * side_m:.0f} mm"
 
 
 @cache

@@ -22,6 +22,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
+from vibroswarm.paper.columns import CONTROLS
 from vibroswarm.paper.item import (
     CLAIMS,
     Cells,
@@ -318,7 +319,9 @@ class _MissingItems:
         report_progress(0.0)
         place = self.folder / ITEMS / item.name
         # ``Work.cannot`` judges the cells without the negative control, whose effect must show in the verdicts.
-        plain = item.cells(replace(self.settings, control=None)) if self.settings.control else None
+        plain = (
+            item.cells(replace(self.settings, control=None)) if self.settings.control in CONTROLS else None
+        )
         tables = item.compute(
             Work(
                 settings=self.settings,
