@@ -22,6 +22,7 @@ from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_vibration import FIELDS, _Simulator, facts_of, relative_misfit
+from vibroswarm.calibrate.vibration_facts import fact_samples, facts
 from vibroswarm.paper.columns import scenario_of
 from vibroswarm.paper.item import Settings
 from vibroswarm.paper.reproduce import all_items, reproduce
@@ -61,8 +62,8 @@ HOLDS_S = (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0)
 
 def hold(lab: Path) -> None:
     """Print the correlations of scatter over the time for which motors keep their amplitude, and the misfit."""
-    found = dataset_of([read_result(lab)])
-    found = found.corrected(fit_camera(found).camera)
+    seen = dataset_of([read_result(lab)])
+    found = seen.corrected(fit_camera(seen).camera)
     rows = np.arange(found.samples.height)
     print(
         "| `motor_hold_s` | misfit | correlation of successive samples | of two robots within 5 s |\n|---|---|---|---|"
@@ -72,17 +73,21 @@ def hold(lab: Path) -> None:
             {"sensor.model": "acceleration", "sensor.acceleration.motor_hold_s": hold_s}
         )
         values = {name: getattr(base.sensor.params, name) for name in FIELDS}
-        facts = {fact.name: fact for fact in facts_of(found, base, values)}
+        by_name = {fact.name: fact for fact in facts_of(found, base, values)}
         simulator = _Simulator(found, base)
         misfit = relative_misfit(simulator.simulated(values, rows), simulator.recorded(rows))
         pairs = ("successive samples of a robot", "two robots within 5 s")
         own = [
-            [facts[f"{kind}: correlation of {words}"] for kind in ("vibrating", "still")] for words in pairs
+            [by_name[f"{kind}: correlation of {words}"] for kind in ("vibrating", "still")] for words in pairs
         ]
         cells = [", ".join(f"{fact.simulated:.2f} +- {fact.spread:.2f}" for fact in of) for of in own]
         print(f"| {hold_s:g} s | {100 * misfit:.1f} % | {cells[0]} | {cells[1]} |")
     cells = [", ".join(f"{fact.recorded:.2f}" for fact in of) for of in own]
     print(f"| recorded | | {cells[0]} | {cells[1]} |")
+    for words, places in (("as the camera saw them", seen), ("corrected", found)):
+        recorded = facts(fact_samples(places), places.samples["energy"].to_numpy(), 1.33)
+        beside = [f"{name}: {value:.2f}" for name, value in recorded.items() if "within 5 mm" in name]
+        print(f"places {words}: {'; '.join(beside)}")
 
 
 def laws(runs: int, seed: int) -> None:
