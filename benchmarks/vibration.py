@@ -23,6 +23,7 @@ from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_vibration import FIELDS, _Simulator, facts_of, relative_misfit
 from vibroswarm.calibrate.vibration_facts import fact_samples, facts
+from vibroswarm.paper.claims import CANNOT
 from vibroswarm.paper.columns import scenario_of
 from vibroswarm.paper.item import Settings
 from vibroswarm.paper.reproduce import all_items, reproduce
@@ -42,6 +43,13 @@ CASES: tuple[tuple[str, str, float, dict[str, Any]], ...] = (
         {"strategy.places.variance_factor": 2.0, "localisation.method": "mixture"},
     ),
     ("paper", "places", 1.33, {}),
+    # Robots that are told the error rates of the physics at least 2 cm from another kind.
+    (
+        "calibrated",
+        "places",
+        1.33,
+        {"decision.assumed_false_positive": 0.035, "decision.assumed_false_negative": 0.103},
+    ),
 )
 """Presets, strategies, theta_E and further fields."""
 FILLS = (0.48, 0.52)
@@ -175,7 +183,7 @@ def claims(runs: int, seed: int, out: Path) -> None:
 def measured(decided: Any) -> str:
     """Return a verdict with the range of what was measured."""
     values = decided.cells["estimate"].drop_nulls()
-    if values.is_empty():
+    if values.is_empty() or decided.verdict == CANNOT:
         return str(decided.verdict)
     return f"{decided.verdict}: {values.min():.3g} to {values.max():.3g}"
 
