@@ -85,24 +85,16 @@ def search_of(file: Path | None, options: SearchOptions) -> Search:
 
     ``--cost`` replaces all objectives by a single one. The new objective keeps two settings of the search's first
     objective: its statistic, and whether the score is that of the worst case or the mean over cases (``over``).
-
-    Raises:
-        InputError: the file has a number of runs of each cell, as grids have.
     """
     from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
-    from vibroswarm.study.spec import Study
 
     if options.method is not None:
         options = replace(options, method=chosen("method", options.method))
     # `Search.read` gets these options, since it checks how they fit the other entries of the file.
     replaced: dict[str, Any] = {"method": options.method, "cost": options.cost, "budget": options.budget}
     search = Search() if file is None else Search.read(file, **replaced)
-    if search.study.runs != Study().runs:
-        raise InputError(
-            "is for grids (--method grid); a search has a budget of runs, search.budget", field="runs"
-        )
     # The options change the default search too.
     given: dict[str, Any] = {"budget": options.budget, "fresh": options.fresh, "method": options.method}
     changes = {name: value for name, value in given.items() if value is not None}
@@ -144,7 +136,12 @@ def _search(search: Search, execution: Execution, output: Drawn) -> None:
     from vibroswarm.optimize.loop import check_libraries, run_search
     from vibroswarm.optimize.search_files import made_by, write_search
     from vibroswarm.optimize.steps import SearchFolder
+    from vibroswarm.study.spec import Study
 
+    if search.study.runs != Study().runs:
+        raise InputError(
+            "is for grids (--method grid); a search has a budget of runs, search.budget", field="runs"
+        )
     check_libraries(search)  # now, since `--force` removes the folder
     # Making a `SearchFolder` writes nothing, but refuses a folder that holds anything but this search.
     claim(output, lambda folder: SearchFolder(folder, search, mixed=execution.mixed))

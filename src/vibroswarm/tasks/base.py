@@ -71,7 +71,7 @@ class Task(Plugin):
             presumed: the answer that is right at time 0 on every floor, and for which undecided robots stand; None: it
                 has none. Another first answer is a false change (``analysis.answers_over_time``).
             scored: optional, a function like ``truth`` that returns the number against which the estimates of robots
-            are scored that decide as well; without it that is the fill ratio.
+                are scored that decide as well; without it that is the fill ratio.
     """
 
     truth: Callable[[Floor, Asked, Any], Any]
