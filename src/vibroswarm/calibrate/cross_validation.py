@@ -71,7 +71,7 @@ class Fold(NotebookView):
     session: int
     """Number of the held-out session."""
     fit: Fit
-    """The fit to the other sessions."""
+    """The fit to the other sessions, without errors of its estimates."""
     scores: tuple[Score, ...]
     """Comparison of each feature, in the order of ``FEATURES``."""
     readings: tuple[Reading, ...]
@@ -162,7 +162,13 @@ def folds(
 
         rest = found.only([number for number in sessions if number != session])
         results.append(
-            _fold(found, rest, session, fit(rest, base, candidates=candidates, progress=report), other)
+            _fold(
+                found,
+                rest,
+                session,
+                fit(rest, base, candidates=candidates, errors=False, progress=report),
+                other,
+            )
         )
     return results
 

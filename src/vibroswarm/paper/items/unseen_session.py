@@ -105,7 +105,7 @@ def compute(work: Work) -> Tables:
     control: dict[int, Predicted] = {}
     for done, session in enumerate(found.sessions):
         rest = found.only([number for number in found.sessions if number != session])
-        fitted = fit(rest, base, candidates=CANDIDATES)
+        fitted = fit(rest, base, candidates=CANDIDATES, errors=False)
         predicted[session] = predict(fitted, found, theirs, session, settings.seed, {})
         control[session] = predict(fitted, found, theirs, session, settings.seed, CONTROL)
         work.progress((done + 1) / len(found.sessions))
