@@ -293,14 +293,25 @@ def test_a_statistic_that_the_first_session_lacks_is_printed() -> None:
     }
 
 
-def test_a_fit_changes_the_fields_of_the_table_of_fits_and_no_other(found: Dataset) -> None:
-    fitted = fit_module.fit(found, BASE, candidates=200)
+@pytest.fixture(scope="module")
+def fitted(found: Dataset) -> fit_module.Fit:
+    return fit_module.fit(found, BASE, candidates=200)
+
+
+def test_a_fit_changes_the_fields_of_the_table_of_fits_and_no_other(fitted: fit_module.Fit) -> None:
     named = [name for source in FITS for name in source.fields]
     for name in fitted.changed:
         assert any(name == own or (own.endswith(".") and name.startswith(own)) for own in named), name
     for source in FITS:  # robots of this dataset have all but a physics of vibration, and a camera
         given = [name for name in fitted.changed if name in source.fields]
         assert bool(given) == (source.name not in ("camera", "vibration, in place of laws")), source.name
+
+
+def test_a_fit_without_errors_is_the_same_fit(found: Dataset, fitted: fit_module.Fit) -> None:
+    quick = fit_module.fit(found, BASE, candidates=200, errors=False)
+    assert (quick.changed, quick.scenario, quick.camera) == (fitted.changed, fitted.scenario, fitted.camera)
+    own = {"network.loss.share", *PRIOR}
+    assert {figure.name for figure in quick.figures} <= own < {figure.name for figure in fitted.figures} | own
 
 
 def test_progress_of_avoidance_ends_at_1(monkeypatch: pytest.MonkeyPatch) -> None:

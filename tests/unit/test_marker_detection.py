@@ -158,7 +158,7 @@ def test_reflections_and_compression_are_told_as_causes() -> None:
     assert faults_of([frame, frame], 20.0, 0.2) == []
     assert faults_of([lit, frame], 20.0) == []  # white in one frame only: it moves
     (white,) = faults_of([lit, lit], 20.0)
-    assert white.startswith("a place is white throughout, as reflections are, 2.7% of the picture")
+    assert white.startswith("a place is white throughout, as reflections are, 2.7 % of the picture")
     (small,) = faults_of([frame, frame], 20.0, 0.0015)
     assert small.startswith("the video is compressed strongly (0.0015 bits for each pixel)")
 

@@ -10,7 +10,7 @@ simulated sessions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
@@ -71,7 +71,7 @@ class Fold(NotebookView):
     session: int
     """Number of the held-out session."""
     fit: Fit
-    """The fit to the other sessions."""
+    """The fit to the other sessions, without errors of its estimates."""
     scores: tuple[Score, ...]
     """Comparison of each feature, in the order of ``FEATURES``."""
     readings: tuple[Reading, ...]
@@ -124,6 +124,19 @@ def on_floor(base: Scenario, floor: Floor) -> Scenario:
     )
 
 
+def simulated_by(fitted: Fit, floor: Floor, seed: int, sessions: int, values: Mapping[str, Any]) -> Dataset:
+    """Simulate sessions with a fitted scenario on a floor, and return them with the samples where its camera sees them.
+
+    Positions of real sessions are those that their camera saw. Only the samples are moved, not the other tables.
+
+    Args:
+        seed, sessions: of the simulations, and their number. values: fields of the scenario that are changed.
+    """
+    scenario = on_floor(fitted.scenario, floor).with_values(values)
+    dataset = dataset_of([simulate(scenario, seed, sessions)])
+    return replace(dataset, samples=dataset.seen_by(fitted.camera))
+
+
 def folds(
     found: Dataset,
     base: Scenario,
@@ -150,7 +163,7 @@ def folds(
     if len(sessions) < 2:
         raise InputError("needs at least two sessions", field="--folds")
     results = []
-    for k, session in enumerate(sessions):
+    for k, (session, rest) in enumerate(found.held_out()):
 
         def report(share: float, done: int = k) -> None:
             """Report progress over all sessions, from the share of this fit that is done.
@@ -160,9 +173,14 @@ def folds(
             if progress is not None:
                 progress((done + share) / len(sessions))
 
-        rest = found.only([number for number in sessions if number != session])
         results.append(
-            _fold(found, rest, session, fit(rest, base, candidates=candidates, progress=report), other)
+            _fold(
+                found,
+                rest,
+                session,
+                fit(rest, base, candidates=candidates, errors=False, progress=report),
+                other,
+            )
         )
     return results
 
@@ -175,14 +193,10 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
         session: number of the held-out session. fitted: fit to ``rest``.
         other: sessions of another simulator; None: there is no other simulator.
     """
-    scenario = on_floor(fitted.scenario, found.floors[session])
     # Each fold has a seed of its own, so that its simulations are independent of those of the other folds.
-    dataset = dataset_of([simulate(scenario, _SEED + session, SIMULATED)])
-    # The positions of real sessions are those that their camera saw, so simulated samples are compared as it would see
-    # them. Only the samples are replaced, because the comparisons below use no other table.
-    simulated = replace(dataset, samples=dataset.seen_by(fitted.camera))
+    simulated = simulated_by(fitted, found.floors[session], _SEED + session, SIMULATED, {})
     held_out = found.only([session]).samples
-    threshold = scenario.sensor.rms_threshold
+    threshold = fitted.scenario.sensor.rms_threshold
     scores = tuple(_score(feature, held_out, simulated, rest, other) for feature in FEATURES)
     by_session = [readings_of(samples, threshold) for samples in simulated.by_session]
     accuracy_simulator = np.nan if other is None else _recognised(held_out, other.by_session)

@@ -5,7 +5,7 @@ An edge is a border between a vibrating and a still tile. Each run of each recor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +69,11 @@ class Dataset(NotebookView):
             return self
         # ``results`` still has the sessions that ``only`` removed, so they are removed again.
         return dataset_of([corrected(result, camera) for result in self.results]).only(self.sessions)
+
+    def held_out(self) -> Iterator[tuple[int, Dataset]]:
+        """Yield the number of each session, and the other sessions."""
+        for session in self.sessions:
+            yield session, self.only([other for other in self.sessions if other != session])
 
     def seen_by(self, camera: Camera) -> pl.DataFrame:
         """Return ``samples`` as a camera would see them: all columns that depend on the position are recomputed.

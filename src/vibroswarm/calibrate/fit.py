@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
+from vibroswarm.calibrate.fit_avoidance import CANDIDATES, AvoidanceFit, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.calibrate.fit_rays import fit_rays
@@ -107,6 +107,7 @@ def fit(
     *,
     candidates: int | None = None,
     folds: bool = False,
+    errors: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
     """Fit a scenario to the sessions of a dataset.
@@ -117,13 +118,18 @@ def fit(
             robots and of variations are reset where the fit gives none.
         candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
         folds: whether the physics of vibration is also fitted to all sessions but one in turn, and judged on that one.
+        errors: whether bootstraps find the errors of estimates; if not, the fit is the same some seconds sooner, and
+            lists only the estimates that have errors without them.
         progress: called with the share of the avoidance simulations that is done, 0 to 1.
     Raises:
         InputError: too few robots or drives, or all samples lie on one kind of tile.
     """
     # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
-    work = _Work(found, base, {} if candidates is None else {"candidates": candidates}, folds, progress)
+    work = _Work(
+        found, base, candidates=CANDIDATES if candidates is None else candidates, folds=folds,
+        of_errors={} if errors else {"draws": 0}, progress=progress,
+    )  # fmt: skip
     parts = [part for source in FITS if (part := _part_of(source, work)) is not None]
     return Fit(
         scenario=_fitted(base, work.fields),
@@ -144,8 +150,10 @@ class _Work:
     found: Dataset
     """The sessions; with the places of robots corrected once the camera is fitted."""
     base: Scenario
-    avoidance_options: dict[str, Any]
+    candidates: int
     folds: bool
+    of_errors: dict[str, int]
+    """Number of bootstrap draws, if it is not the default of each fit."""
     progress: Callable[[float], None] | None
     fields: dict[str, Any] = field(default_factory=dict)
     """Fields of the fits so far, by dotted name; None for what these robots do not have."""
@@ -208,14 +216,14 @@ def _fitted(base: Scenario, fields: Mapping[str, Any]) -> Scenario:
 
 def _of_camera(work: _Work) -> _Part:
     """Fit the camera, and correct the places; an exact camera has no draws, and gives no estimates."""
-    found = fit_camera(work.found)
+    found = fit_camera(work.found, **work.of_errors)
     work.camera, work.found = found.camera, work.found.corrected(found.camera)
     values = {name: getattr(found.camera, name) for name in found.draws}
     return _Part(found.camera.fields(), _estimates("camera.", values, found.draws))
 
 
 def _of_drive(work: _Work) -> _Part:
-    found = fit_drive(work.found, work.base)
+    found = fit_drive(work.found, work.base, **work.of_errors)
     work.speed_m_s = found.distance_ratio * found.values["start_speed_m_s"]
     fields = found.fields(work.base)
     # Where a law is fitted, values of individual robots in the base would be used instead of it.
@@ -228,7 +236,7 @@ def _of_drive(work: _Work) -> _Part:
 def _of_sensor(work: _Work) -> _Part | None:
     if work.base.sensor.model == "acceleration":
         return None
-    found = fit_sensor(work.found)
+    found = fit_sensor(work.found, **work.of_errors)
     rounded = {name: round(value, DIGITS) for name, value in found.values.items()}
     # A spread field must be positive, and is absent without a spread.
     fields = {
@@ -253,7 +261,7 @@ def _of_interruption(work: _Work) -> _Part:
 
 
 def _of_rays(work: _Work) -> _Part:
-    found = fit_rays(work.found, work.base)
+    found = fit_rays(work.found, work.base, **work.of_errors)
     # Without an own start of each robot's rays, ``fit_avoidance`` fits the rays.
     fields = {"rays.forward_each_m": None} | found.fields(work.base)
     return _Part(fields, _estimates("", found.values, found.draws))
@@ -343,9 +351,13 @@ def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Fl
 
     Args:
         section: begins their names: of the scenario if they are its fields, else empty.
+    Returns:
+        Those that have draws.
     """
     figures = []
     for name, value in values.items():
+        if not draws[name].size:
+            continue
         low, high = np.quantile(draws[name], [0.025, 0.975])
         error = float(draws[name].std(ddof=1))
         figures.append(Fitted(f"{section}{name}", value, error, float(low), float(high)))
@@ -359,7 +371,7 @@ def _of_avoidance(work: _Work) -> _Part:
     """
     fitted = _fitted(work.base, work.fields)
     found = work.avoidance = fit_avoidance(
-        work.found, fitted, work.speed_m_s, progress=work.progress, **work.avoidance_options
+        work.found, fitted, work.speed_m_s, candidates=work.candidates, progress=work.progress
     )
     figures = []
     for name, draws in found.draws.items():

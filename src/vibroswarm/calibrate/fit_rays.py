@@ -109,7 +109,7 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
             _fit(distance[rows], incidence[rows], robot[rows], base)
             for rows in (_resampled(robot, draw) for draw in range(draws))
         ]
-        forward_draws_m = np.array([fit[1] for fit in fits])  # (draws, robots)
+        forward_draws_m = np.array([fit[1] for fit in fits]).reshape(draws, robots)
         forward = tuple(float(of_robot_m) for of_robot_m in forward_m)
         values |= {"ray_deg": ray_deg, "forward_m": float(forward_m.mean())}
         bootstrap |= {
@@ -128,7 +128,7 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
         bootstrap["turn_max_deg"] = np.array(
             [
                 _largest_turn_deg(turned[(of_draw * turned.size).astype(int)])
-                for of_draw in u.reshape(draws, -1)
+                for of_draw in u.reshape(draws, turned.size)
             ]
         )
     return RaysFit(values, bootstrap, forward)

@@ -72,6 +72,8 @@ def nearest_tiles(
                 left, bottom = corners_m[j, 0], corners_m[j, 1]
                 dx = max(max(left - x_m[i], x_m[i] - left - size_m[0]), 0.0)
                 dy = max(max(bottom - y_m[i], y_m[i] - bottom - size_m[1]), 0.0)
+                if dx >= nearest_m or dy >= nearest_m:  # no nearer: roots take most of the time
+                    continue
                 away_m = math.hypot(dx, dy)
                 if away_m < nearest_m:
                     nearest_m, found = away_m, j

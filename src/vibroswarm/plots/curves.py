@@ -25,7 +25,6 @@ from vibroswarm.plots.layout import (
     fitted,
     legend_below,
     log_x,
-    name_axes,
     new_figure,
     number,
     of_runs,
@@ -278,7 +277,8 @@ def draw_belief(
     parts = [thinned(frame.filter(pl.col("series") == name).sort("time_s")) for name in series]
     for axes, part, name in zip(panels, parts, series, strict=True):
         _panel(axes, sizes, part, pairs, thresholds, boundary)
-        name_axes(axes, sizes, "", label, share_of_height=0.8 / len(series))
+        axes.set_ylabel(label)
+        axes.margins(0.03)
         if name:
             # The title begins at the axis, so that it has less than the width of the picture: 60 of 72 points per inch.
             room_pt = sizes.width_in * 60

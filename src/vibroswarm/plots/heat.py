@@ -15,9 +15,7 @@ from vibroswarm.plots.layout import (
     axes_size_pt,
     colour_bar,
     few_ticks,
-    fitted,
     fitted_names,
-    name_upright,
     new_figure,
     number,
     of_runs,
@@ -160,12 +158,11 @@ def _draw_heat(
         rasterized=grid.size > VECTORS_UP_TO,
     )  # fmt: skip
     # The names of y, and the bar, take from the width that those of x have, and these from the height of the labels.
-    bars = [colour_bar(figure, axes, style, mesh)] if known.any() else []
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    if known.any():
+        colour_bar(figure, axes, style, mesh).ax.set_ylabel(labels[2])
     _name_ticks(axes.yaxis, style, ys, axes_size_pt(figure, axes)[1], upright=True)
-    room_pt = axes_size_pt(figure, axes)[0]
-    _name_ticks(axes.xaxis, style, xs, room_pt, upright=False)
-    axes.set_xlabel(fitted(labels[0], style.font_pt, room_pt, lines=2))
-    name_upright(figure, style, [*((bar.ax, labels[2]) for bar in bars), (axes, labels[1])])
+    _name_ticks(axes.xaxis, style, xs, axes_size_pt(figure, axes)[0], upright=False)
     _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits)
     _outline(axes, style, chosen)
     return figure
@@ -433,11 +430,11 @@ def _draw_density(
         linewidth=0,
         rasterized=density.size > VECTORS_UP_TO,
     )
-    axes.set(xlim=(0, width_m), ylim=(0, height_m), aspect="equal", xlabel="x (m)")
+    axes.set(xlim=(0, width_m), ylim=(0, height_m), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     # an arrow at the end of the colour bar: values lie beyond; the factor allows for rounding errors
     extended = "max" if density.max() > top * (1 + 1e-12) else "neither"
     bar = colour_bar(figure, axes, style, mesh, extend=extended)
-    name_upright(figure, style, [(bar.ax, "samples per area (even: 1)"), (axes, "y (m)")])
+    bar.ax.set_ylabel("samples per area (even: 1)")
     if top > 1:  # mark the density of uniform sampling on the scale
         bar.ax.axhline(1, color=ON_LIGHT, linewidth=style.line_pt)
         bar.ax.axhline(1, color=ON_DARK, linewidth=style.line_pt, linestyle=(0, (2, 2)))

@@ -158,8 +158,8 @@ TALLEST_ROW = 2.5
 """Greatest height of a row relative to its preferred height; a slide with few rows has empty space around them."""
 LABEL_SHARE = 0.36
 """Greatest share of the width for the names of rows."""
-X_LABEL_SHARE = 0.62
-"""Share of the width for the label of x in a picture with rows."""
+LEAST_ROOM_EM = 5.0
+"""A label always has room for this length, in units of its font size: "y (m)" beside very low axes."""
 TICK_GAP_EM = 0.7
 """Least space between the labels of two ticks, in units of the font size."""
 MOST_TICKS: Final = 60
@@ -180,8 +180,8 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
     figure = Figure(figsize=(style.width_in, height), layout="constrained")
     FigureCanvasAgg(figure)  # remembers the sizes of texts from one layout to the next
     if title:
-        room = style.width_in * 72 * 0.95
-        figure.suptitle(fitted(title, style.font_pt * 1.1, room, lines=3), fontsize=style.font_pt * 1.1)
+        size = style.font_pt * 1.1
+        figure.suptitle(fitted(title, size, style.width_in * 72 - size, lines=3), fontsize=size)
     return figure
 
 
@@ -189,29 +189,37 @@ def plain_axes(style: Style, x_label: str, y_label: str, *, title: str = "") -> 
     """Make a figure with numeric axes and their labels."""
     figure = new_figure(style, title=title)
     axes = figure.add_subplot()
-    name_axes(axes, style, x_label, y_label, share_of_height=0.68)  # the axes' own, about
+    axes.set(xlabel=x_label, ylabel=y_label)
+    axes.margins(0.03)
     axes.grid(True)
     return figure, axes
-
-
-def name_axes(axes: Axes, style: Style, x_label: str, y_label: str, *, share_of_height: float = 0.8) -> None:
-    """Set the labels of the axes, each broken into at most two lines, and the margins around the data.
-
-    ``share_of_height`` is the share of the figure's height that the label of y may take.
-    """
-    figure: Any = axes.figure
-    width = style.width_in * 72 * 0.78  # room for the label of x: the rest is left of the axis
-    height = float(figure.get_figheight()) * 72 * share_of_height
-    axes.set_xlabel(fitted(x_label, style.font_pt, width, lines=2))
-    axes.set_ylabel(fitted(y_label, style.font_pt, height, lines=2))
-    axes.margins(0.03)
 
 
 def lay_out(figure: Figure) -> None:
     """Give the axes of a figure their places, as drawing it does, but without drawing it.
 
+    A label of x that would leave the figure, and one of y that is longer than its axis, is broken into two lines, and
+    shortened if these are too long.
+
     What is read of the figure afterwards must follow from the places of its axes, such as the labels of ticks do.
     """
+    _place_axes(figure)
+    broken, to_pt = False, 72 / figure.dpi
+    for axes in figure.axes:
+        box = axes.get_window_extent()
+        middle = (box.x0 + box.x1) / 2  # of a label of x
+        across = 2 * min(middle, figure.bbox.width - middle)
+        for label, room in ((axes.xaxis.label, across), (axes.yaxis.label, box.height)):
+            size, lines = float(label.get_fontsize()), label.get_text().split("\n")
+            room_pt = max(room * to_pt, LEAST_ROOM_EM * size)
+            if any(width_pt(line, size) > room_pt for line in lines):
+                label.set_text(fitted(label.get_text(), size, room_pt, lines=2))
+                broken = True
+    if broken:
+        _place_axes(figure)
+
+
+def _place_axes(figure: Figure) -> None:
     engine: Any = figure.get_layout_engine()
     engine.execute(figure)
     renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
@@ -233,12 +241,6 @@ def colour_bar(figure: Figure, axes: Axes, style: Style, mesh: Any, **how: Any) 
     bar = figure.colorbar(mesh, ax=axes, pad=0.02, aspect=25 * tall, **how)
     bar.outline.set_linewidth(style.line_pt * 0.5)
     return bar
-
-
-def name_upright(figure: Figure, style: Style, labels: Sequence[tuple[Axes, str]]) -> None:
-    """Set labels of upright axes, broken to fit their heights in the layout so far."""
-    for axes, label in labels:
-        axes.set_ylabel(fitted(label, style.font_pt, axes_size_pt(figure, axes)[1], 2))
 
 
 def few_ticks(axis: Any, style: Style) -> None:
@@ -304,8 +306,7 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
     power = axes.xaxis.get_major_formatter().get_offset()
     if power:  # at the end of the axis it could overlap the label of the axis
         axes.xaxis.get_offset_text().set_visible(False)
-        room = style.width_in * 72 * X_LABEL_SHARE
-        axes.set_xlabel(fitted(f"{axes.get_xlabel()}, {power}", style.font_pt, room, 2))
+        axes.set_xlabel(f"{axes.get_xlabel()}, {power}")
 
 
 def hatched(style: Style, hatch: str) -> str:
@@ -464,7 +465,7 @@ def rows_of(
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.grid(True, axis="x")
-    axes.set_xlabel(fitted(x_label, style.font_pt, style.width_in * 72 * X_LABEL_SHARE, 2))
+    axes.set_xlabel(x_label)
     # If rows have several series, lines between the rows show which series belong together.
     for row in range(1, len(names) if series > 1 else 0):
         axes.axhline(row - 0.5, color=LINE, linewidth=style.line_pt * 0.6)

@@ -22,6 +22,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.io import check_suffix
+from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ def drawn(draw: Callable[P, Picture]) -> Callable[P, Picture]:
         style = style_named(str(kwargs.get("style", "column")))
         with settings(style):
             picture = draw(*args, **kwargs)
+            lay_out(picture.figure)  # breaks labels that are longer than their axes
         # The first letter becomes a capital only if the first word has lower-case letters alone: a symbol or a name,
         # such as "theta_E", stays as it is.
         caption = re.sub(r"^[a-z](?=[a-z]*[ ,.])", lambda first: first[0].upper(), picture.caption)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.show.numbers import percent
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
 from vibroswarm.tracking.video_file import Gray
@@ -89,8 +90,9 @@ def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: fl
         )
     if not math.isnan(edge_px) and (white := white_places(frames, edge_px)):
         places = "a place is" if len(white) == 1 else f"{len(white)} places are"
+        share = percent(float(np.mean(white, axis=(1, 2)).sum()))
         found.append(
-            f"{places} white throughout, as reflections are, {np.mean(white, axis=(1, 2)).sum():.1%} of the picture: "
+            f"{places} white throughout, as reflections are, {share} of the picture: "
             "markers are not seen there; move the lamps, expose for less, or print markers on matt paper"
         )
     if bits_per_px < LEAST_BITS:

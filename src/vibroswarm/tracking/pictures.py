@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import legend_below, name_axes, new_figure, plain_axes, rows_of
+from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, Style, look, style_named
 from vibroswarm.tracking.track import GAP_S
@@ -62,7 +62,7 @@ def draw_tracks(
     tall_in = min(max(to_scale_in, 0.4 * wide_in), 1.6 * wide_in)
     figure = new_figure(sizes, height_in=tall_in + 1.0)
     axes: Any = figure.add_subplot()
-    name_axes(axes, sizes, "x (m)", "y (m)")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
     handles, parts = [], []
     for robot in robots:
         all_of_robot = positions.filter(pl.col("robot") == robot)
@@ -256,7 +256,7 @@ def draw_lens(
     tall = 0.82 * sizes.width_in * height / width
     figure = new_figure(sizes, height_in=min(tall, 1.2 * sizes.width_in) + 0.9)
     axes: Any = figure.add_subplot()
-    name_axes(axes, sizes, "across the picture (px)", "down the picture (px)")
+    axes.set(xlabel="across the picture (px)", ylabel="down the picture (px)")
     # The area of a circle (points^2) grows with the error of the marker, up to an error of 2 mm.
     dots = axes.scatter(
         robots_px[:, 0], robots_px[:, 1], s=8.0 + 60.0 * np.minimum(robot_errors_mm, 2.0), marker="o",

@@ -15,14 +15,13 @@ three have the same five robots and one floor, so nothing follows for other robo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.calibrate.cross_validation import on_floor
+from vibroswarm.calibrate.cross_validation import simulated_by
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions
 from vibroswarm.calibrate.fit import Fit, fit
@@ -32,7 +31,6 @@ from vibroswarm.paper.columns import EMPIRICAL, scenario_of
 from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work
 from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
 from vibroswarm.show.document import Column
-from vibroswarm.simulation import simulate
 
 COLUMN: Final = "calibrated"
 """The preset whose fit is tested."""
@@ -65,9 +63,7 @@ def predict(
         session: number of the held-out session. seed: of the simulations.
         values: fields of the fitted scenario that are changed, by dotted name.
     """
-    scenario = on_floor(fitted.scenario, found.floors[session]).with_values(values)
-    dataset = dataset_of([simulate(scenario, seed, SIMULATED)])
-    simulated = replace(dataset, samples=dataset.seen_by(fitted.camera)).by_session
+    simulated = simulated_by(fitted, found.floors[session], seed, SIMULATED, values).by_session
     held_out = found.only([session]).samples
     real, ours_by, theirs_by = (Sessions(tuple(one)) for one in ([held_out], simulated, theirs.by_session))
     similarity = {}
@@ -103,9 +99,8 @@ def compute(work: Work) -> Tables:
     base = scenario_of("paper", real_floor(), parameter_set=EMPIRICAL)
     predicted: dict[int, Predicted] = {}
     control: dict[int, Predicted] = {}
-    for done, session in enumerate(found.sessions):
-        rest = found.only([number for number in found.sessions if number != session])
-        fitted = fit(rest, base, candidates=CANDIDATES)
+    for done, (session, rest) in enumerate(found.held_out()):
+        fitted = fit(rest, base, candidates=CANDIDATES, errors=False)
         predicted[session] = predict(fitted, found, theirs, session, settings.seed, {})
         control[session] = predict(fitted, found, theirs, session, settings.seed, CONTROL)
         work.progress((done + 1) / len(found.sessions))
