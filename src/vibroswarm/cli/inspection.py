@@ -226,7 +226,7 @@ def _asked(damage: Damage) -> dict[str, Any]:
     from vibroswarm.errors import check_choice, share_from
     from vibroswarm.inspection.damage import SHAPES
     from vibroswarm.inspection.patches import SIZES_M
-    from vibroswarm.inspection.scan import Question
+    from vibroswarm.inspection.stopping import Question
 
     question = Question(
         least_m=damage.least_cm / 100.0,

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
@@ -17,6 +18,7 @@ from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.pod import INTACT
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import Scan
+from vibroswarm.inspection.stopping import BLOCKS, LOOKS
 from vibroswarm.plots.certainty import draw_certainty
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
@@ -94,8 +96,9 @@ _POD: Final = (
     "the curve may end below 1 (by AIC). Other places are not covered."
 )
 _UNTESTED: Final = (
-    "Holm's correction; at most 5 % of right laws are refused. The law of damage cannot be tested where there is none: "
-    "it is that of the reference."
+    "Holm's correction; at most 5 % of right laws are refused. Places are tested by whether the robots agree on where "
+    "it vibrates (power: share of robots with useless places that are found); where nothing vibrates they cannot be "
+    "tested. The law of damage cannot be tested where there is none: it is that of the reference."
 )
 _RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told risk", share=True)}
 
@@ -131,25 +134,40 @@ def _looks(scan: Scan) -> str:
 
 def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
     told, question = found.stopping, found.question
-    when = "not by the end" if told.cleared_s is None else f"from {number(told.cleared_s, 0)} s on"
-    robots = "not by the end" if told.robots_s is None else f"from {number(told.robots_s, 0)} s on"
     contrasts = listed(f"{c:g}" for c in question.contrasts)
-    missed, worst = told.missed, told.worst
     heard = f"all but {percent(question.loss, 0)} of" if question.loss else "all of"
-    rule = "at the worst place" if question.strict else "on average over places"
+    places = listed(
+        f"{places:,} of {_size(sides)} cm" for sides, places in zip(told.sides_m, told.places, strict=True)
+    )
+    if question.strict:
+        rule = f"the largest L of all places ({places})"
+    else:
+        rule = f"the mean of L over places, all with the same weight ({places}), of the worst size"
+    missed = f"{_limits(told.missed)} ({_limits(told.worst)} at the worst of {BLOCKS**2} blocks of places)"
+    robots = (
+        "" if told.missed_by_robots is None else f", if the robots decide {_limits(told.missed_by_robots)}"
+    )
     return (
         Text(
-            f"Risk of damage of at least {_cm(question.least_m)} cm, {rule}, of the worst size and contrast "
-            f"({contrasts}), prior {percent(question.prior)}: tolerated {when}, if a centre that has all samples "
-            f"decides; if the robots do, each by its samples and {heard} the others', {robots}."
+            f"Told risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {percent(question.prior)}, and Lambda "
+            f"{rule} and contrast ({contrasts}). A centre that has all samples tolerates it {_when(told.cleared_s)}; "
+            f"the last of the robots, each by its samples and {heard} the others', {_when(told.robots_s)}."
         ),
         Text(
-            f"Of {missed.n:,} drawn squares of {_cm(question.least_m)} cm with contrast {min(question.contrasts):g}, "
-            f"{percent(missed.estimate)} [{100 * missed.low:.1f}, {100 * missed.high:.1f}] would be cleared all the "
-            f"same at the end; at the worst of 25 blocks of places {percent(worst.estimate)} (upper limit "
-            f"{percent(worst.high)})."
+            f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
+            f"{_cm(question.least_m)} cm with contrast {min(question.contrasts):g} are cleared all the same in "
+            f"{missed}{robots}; by all samples at the end in {_limits(told.missed_at_end)}. Drawn at the places of "
+            "this inspection, with 95 % limits."
         ),
     )
+
+
+def _when(time_s: float | None) -> str:
+    return "at no look" if time_s is None else f"from {number(time_s, 0)} s on"
+
+
+def _limits(share: Interval) -> str:
+    return f"{percent(share.estimate)} [{100 * share.low:.1f}, {100 * share.high:.1f}]"
 
 
 def _risk(found: Assessment) -> pl.DataFrame:
@@ -189,9 +207,10 @@ def _pod_table(found: Assessment) -> Table:
 
 def _checks_table(found: Assessment) -> Table:
     columns = {
+        "samples": Column(decimals=0),
         "p_value": Column("p", p_value=True),
         "corrected": Column("corrected p", p_value=True),
-        "refused": Column("refused"),
+        "power": Column("power", share=True, decimals=0),
     }
     return Table(found.checks, columns, name="checks")
 

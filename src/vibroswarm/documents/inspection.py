@@ -74,13 +74,14 @@ def _kinds(by_kind: NDArray[np.float64], tiles: NDArray[np.uint8]) -> list[Part]
 
 
 def _warnings(found: Inspection) -> tuple[str, ...]:
-    if found.assessment is not None and found.assessment.refusals:
-        return (not_certified(found.assessment),)
-    return tuple(filter(None, (found.samples.warning,)))
+    refused = found.assessment is not None and bool(found.assessment.refusals)  # the answer says why
+    return () if refused else tuple(filter(None, (found.samples.warning,)))
 
 
 def _answer(found: Inspection) -> tuple[str, ...]:
     damage = () if found.assessment is None else damage_answer(found.assessment)
+    if found.assessment is not None and found.assessment.refusals:
+        damage = (not_certified(found.assessment), *damage)
     if found.pooled is None:
         return damage
     p = found.pooled[-1]

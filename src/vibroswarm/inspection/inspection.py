@@ -15,7 +15,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.assessment import Assessment, assess, still_by_map
+from vibroswarm.inspection.assessment import Assessment, assess
 from vibroswarm.inspection.kind_map import any_but_still, kind_map
 from vibroswarm.inspection.laws import (
     DRAWS,
@@ -27,8 +27,9 @@ from vibroswarm.inspection.laws import (
 )
 from vibroswarm.inspection.patches import SIZES_M
 from vibroswarm.inspection.samples import Floats, Samples, check_law
-from vibroswarm.inspection.scan import REPLICATES, Question
+from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
+from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
@@ -144,7 +145,7 @@ def inspect(
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
     damage: dict[str, Any] = {
-        "sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits, "looks": looks, "shapes": shapes,
+        "sides_m": sides_m, "replicates": replicates, "seed": seed, "looks": looks, "shapes": shapes,
     }  # fmt: skip
     if samples.floor is None:
         return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))
@@ -157,11 +158,8 @@ def inspect(
     found = Inspection(samples, times_s, pooled, own, by_kind)
     if question is None:
         return found
-    judged = samples
-    if by_kind is not None:
-        judged, damage["bits"] = any_but_still(samples), True
-    still = still_by_map(samples, pooled[-1])
-    return replace(found, assessment=assess(judged, question, still=still, **damage))
+    judged = samples if by_kind is None else any_but_still(samples)
+    return replace(found, assessment=assess(judged, question, **damage))
 
 
 def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:

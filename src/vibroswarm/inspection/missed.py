@@ -65,7 +65,6 @@ def own_trials(
     each: int = EACH,
     intact: int = INTACT,
     seed: int = 2,
-    bits: bool = False,
     shape: str = "square",
     looks: int = 1,
 ) -> Trials:
@@ -81,8 +80,8 @@ def own_trials(
     for side_m in sides_m:
         patch = drawn_patches(random, np.full(each, side_m), samples.size_m, contrast, shape)
         values = drawn_values(random, samples, each, patch)
-        found.append(statistic_of(samples, patches, shares, values, bits=bits, looks=looks) >= critical)
-    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits, looks=looks) >= critical
+        found.append(statistic_of(samples, patches, shares, values, looks=looks) >= critical)
+    false = intact_statistics(samples, patches, shares, intact, seed, looks=looks) >= critical
     return Trials(
         np.repeat(sides_m, each), np.concatenate(found).astype(np.float64), int(false.sum()), intact
     )
@@ -98,7 +97,6 @@ def pooled_trials(
     level: float = 0.05,
     seed: int = 3,
     contrast: float = 1.0,
-    bits: bool = False,
 ) -> Trials:
     """Draw damage in many inspections, and call it by a threshold from intact inspections of other motion.
 
@@ -111,9 +109,7 @@ def pooled_trials(
     intact = []
     for number, one in enumerate(fresh):
         some = one.by_time(until_s)
-        intact.append(
-            intact_statistics(some, patches, shares_of(some, patches), ratios, seed + number, bits=bits)
-        )
+        intact.append(intact_statistics(some, patches, shares_of(some, patches), ratios, seed + number))
     critical = float(np.quantile(np.concatenate(intact), 1.0 - level))
     sizes, found, false, number_intact = [], [], 0, 0
     for number, one in enumerate(inspections):
@@ -121,7 +117,7 @@ def pooled_trials(
         shares = shares_of(some, patches)
         own = own_trials(
             some, patches, shares, critical, contrast=contrast, sides_m=sides_m, each=each,
-            intact=max(1, INTACT // len(inspections)), seed=seed + 100_000 + number, bits=bits,
+            intact=max(1, INTACT // len(inspections)), seed=seed + 100_000 + number,
         )  # fmt: skip
         sizes.append(own.size_m)
         found.append(own.found)

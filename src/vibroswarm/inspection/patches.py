@@ -34,6 +34,8 @@ LEAST_SHARE: Final = 1e-3
 """Smaller shares count as none."""
 AT_ONCE: Final = 32
 """Replicates that a kernel takes side by side."""
+LARGEST: Final = 1e300
+"""Limit of likelihoods over those of an intact surface."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
@@ -62,9 +64,17 @@ class Patches(NotebookView):
         """Distance to the next places of the same size, (patches,)."""
         return np.array([step_of(sides) for sides in self.sides_m])[self.size]
 
-    def at_least(self, side_m: float) -> NDArray[np.bool_]:
-        """Return which patches have a side of at least ``side_m``: the longer one."""
-        return np.array([max(sides) >= side_m - 1e-9 for sides in self.sides_m])[self.size]
+    def at_least(self, side_m: float) -> Patches:
+        """Return the patches of which a side, the longer one, is at least ``side_m``."""
+        sizes = [index for index, sides in enumerate(self.sides_m) if max(sides) >= side_m - 1e-9]
+        kept = np.isin(self.size, sizes)
+        left_m, bottom_m, width_m, height_m = (
+            column[kept] for column in (self.left_m, self.bottom_m, self.width_m, self.height_m)
+        )
+        size = np.searchsorted(sizes, self.size[kept]).astype(np.int64)
+        return Patches(
+            left_m, bottom_m, width_m, height_m, size, tuple(self.sides_m[index] for index in sizes)
+        )
 
 
 def step_of(sides_m: tuple[float, float]) -> float:
@@ -242,14 +252,53 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
         yield logs
 
 
-def damage_ratio(patches: Patches, logs: Floats, weights: Floats | None = None) -> Floats:
-    """Return Lambda of each replicate, (replicates,).
+@kernel
+def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
+                     more: NDArray[np.float32], look: NDArray[np.int64], size: NDArray[np.int64], weight: Floats,
+                     largest: bool, product: Floats, out: Floats) -> None:  # fmt: skip
+    """Add weight times L_j of each patch, at each look and replicate, to ``out``, (looks, sizes, replicates).
 
     Args:
-        logs: ln L_j, (patches, replicates). weights: w_j, whose sum is 1; by default those of ``patches``.
+        more: as for ``_log_likelihoods``. look: of each sample, ascending. size: of each patch. weight: of each patch.
+        largest: write the largest L_j instead. product: (``AT_ONCE``,), room.
     """
-    w = patches.weights if weights is None else weights
-    return np.asarray(w @ np.exp(np.minimum(logs, 600.0)))
+    replicates = more.shape[1]
+    for j in range(first.size - 1):
+        product[:] = 1.0
+        k = first[j]
+        for now in range(out.shape[0]):
+            while k < first[j + 1] and look[sample[k]] <= now:
+                row, q = more[sample[k]], share[k]
+                for b in range(replicates):
+                    product[b] *= 1.0 + q * row[b]
+                k += 1
+            into = out[now, size[j]]
+            if largest:
+                for b in range(replicates):
+                    into[b] = max(into[b], product[b])
+            else:
+                for b in range(replicates):
+                    into[b] += weight[j] * product[b]
+
+
+def ratios_at_looks(
+    patches: Patches, shares: Shares, log_ratio: Floats, look: NDArray[np.int64], looks: int, *, strict: bool = False
+) -> Floats:  # fmt: skip
+    """Return the mean of L_j over the places of each size, at each look, (looks, sizes, replicates).
+
+    Args:
+        log_ratio: of each sample and replicate, (samples, replicates). look: from which look on each sample counts,
+            from 0, ascending. strict: return the largest L_j in place of the mean.
+    """
+    out = np.zeros((looks, len(patches.sides_m), log_ratio.shape[1]))
+    weight = patches.weights * len(patches.sides_m)
+    for begin in range(0, log_ratio.shape[1], AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        more = np.ascontiguousarray(np.expm1(log_ratio[:, part]), dtype=np.float32)
+        some = np.zeros((looks, out.shape[1], more.shape[1]))
+        _ratios_at_looks(*shares, more, look, patches.size, weight, strict, np.empty(AT_ONCE), some)
+        out[..., part] = np.minimum(some, LARGEST)
+    return out
 
 
 def told_risk(ratio: Floats, prior: float) -> Floats:

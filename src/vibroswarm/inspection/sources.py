@@ -133,10 +133,11 @@ def _samples(
     bits: bool, *, truth_known: bool, own: str, kinds: Floor | None = None, errors: PlaceErrors | None = None,
 ) -> Samples:  # fmt: skip
     """Return samples with their log ratios; ``own`` is the hash of their session, to which no law should be fitted."""
-    ratios = ratios_of_values(law.law, frame["value"].to_numpy(), bits=bits)
+    known = law.law if law.law.bits == bits else replace(law.law, bits=bits)
+    ratios = ratios_of_values(known, frame["value"].to_numpy())
     table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
     warning = SELF_JUDGED if own in law.law.sessions else ""
-    return Samples(table, size_m, law.law, places, source, floor, truth_known, kinds, errors, warning)
+    return Samples(table, size_m, known, places, source, floor, truth_known, kinds, errors, warning)
 
 
 def _vibrating(floor: Floor) -> Floor:
