@@ -154,7 +154,7 @@ def test_evidence_added_look_by_look_is_that_of_the_samples_until_then() -> None
 def test_the_scan_statistic_counts_places() -> None:
     patches = declared((0.6, 0.6), SIDES_M)
     logs = np.zeros((patches.left_m.size, 1))
-    assert scan_statistic(patches, logs)[0] == pytest.approx(-np.log(np.bincount(patches.size).min()))
+    assert scan_statistic(patches, logs)[0] == pytest.approx(-np.log(patches.places.min()))
 
 
 def test_surfaces_are_drawn_from_the_error_of_the_law() -> None:

@@ -71,7 +71,7 @@ def test_the_told_risk_at_a_look_is_that_of_the_samples_so_far(strict: bool) -> 
         for contrast in question.contrasts:
             logs = log_likelihoods(shares, contrast_ratios(LAW, values[: so_far.frame.height], contrast))
             for size in range(2):
-                of_size = np.exp(logs[patches.size == size])
+                of_size = np.exp(logs[patches.form == size])
                 worst = np.maximum(worst, of_size.max(axis=0) if strict else of_size.mean(axis=0))
         assert told[now] == pytest.approx(0.3 * worst / (0.7 + 0.3 * worst), rel=1e-4)
 

@@ -43,12 +43,20 @@ class Evidence:
     spread_mm: Annotated[float, Option("of a CSV: standard deviation of its places", "MM", low=0)] = 0.0
 
 
-def centimetres(text: str) -> tuple[float | tuple[float, float], ...]:
-    """Return lengths in m from lengths in cm, such as ``5,10,20``; ``20x2`` is a crack along x, and one along y."""
-    found: list[float | tuple[float, float]] = []
-    for part in text.split(","):
-        sides = [number(side, float, low=0.1, high=1e5) / 100.0 for side in part.lower().split("x", 1)]
-        found += [sides[0]] if len(sides) == 1 else [(sides[0], sides[1]), (sides[1], sides[0])]
+def forms(text: str) -> tuple[Any, ...]:
+    """Return forms from sizes in cm, such as ``5,10,disc14``; ``20x2`` is a crack along x, and one along y."""
+    from vibroswarm.inspection.patches import Form
+
+    found = []
+    for part in text.lower().replace(" ", "").split(","):
+        size = part.removeprefix("disc")
+        sides = [
+            number(side, float, low=0.1, high=1e5) / 100.0 for side in size.split("x", 1 - (size != part))
+        ]
+        if len(sides) == 1:
+            found.append(Form(sides[0], sides[0], size != part))
+        else:
+            found += [Form(sides[0], sides[1]), Form(sides[1], sides[0])]
     return tuple(found)
 
 
@@ -62,9 +70,10 @@ class Damage:
     sizes: Annotated[
         tuple[Any, ...] | None,
         Option(
-            "sides of squares that are scanned for, cm, or length x width of cracks (default 7,10,14,20,28)",
+            "sides of squares that are scanned for, cm; also discs (disc14) and cracks (30x5: length x width) "
+            "(default 7,10,14,20,28)",
             "CM,...",
-            read=centimetres,
+            read=forms,
         ),
     ] = None
     shapes: Annotated[

@@ -15,9 +15,11 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.patches import Form
 from vibroswarm.inspection.pod import INTACT
+from vibroswarm.inspection.region import HELD
 from vibroswarm.inspection.samples import Law
-from vibroswarm.inspection.scan import Scan
+from vibroswarm.inspection.scan import Box, Scan
 from vibroswarm.inspection.stopping import BLOCKS, LOOKS
 from vibroswarm.plots.certainty import draw_certainty
 from vibroswarm.plots.picture import Picture
@@ -37,8 +39,7 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     size = f"{_cm(question.least_m)} cm or larger"
     if found.verdict == "damage":
         each = [
-            f"{_cm(box.width_m)} cm x {_cm(box.height_m)} cm at x = {box.left_m + box.width_m / 2:.2f} m, "
-            f"y = {box.bottom_m + box.height_m / 2:.2f} m"
+            f"{_box(box)} at x = {box.centre_m[0]:.2f} m, y = {box.centre_m[1]:.2f} m"
             for box in found.scan.called_m[:MOST_LISTED]
         ]
         more = len(found.scan.called_m) - len(each)
@@ -81,7 +82,9 @@ def damage_sections(found: Inspection) -> list[Section]:
     assert assessment is not None
     return [
         Section("Is there damage, and where?", (*_scan_parts(assessment), _figure(found))),
-        Section("What would have been missed?", (_pod_table(assessment), Text(_POD))),
+        Section(
+            "What would have been missed?", (_pod_table(assessment), *_weakest_parts(assessment), Text(_POD))
+        ),
         Section(
             "When may one stop?", (*_stopping_parts(assessment), Table(_risk(assessment), _RISK, name="risk"))
         ),
@@ -106,22 +109,53 @@ _RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told 
 def _scan_parts(found: Assessment) -> tuple[Text | Table, ...]:
     scan = found.scan
     words = (
-        f"Scan of {listed(map(_size, scan.sizes))} cm: T = {number(scan.statistic, 2)} "
+        f"Scan of {listed(map(_form, scan.forms))} cm: T = {number(scan.statistic, 2)} "
         f"(5 % of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
         f"{count(scan.replicates, 'intact surface')} drawn at the same places; values exchanged within robots and "
-        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks(scan)} If there is one patch of damage, "
-        f"its centre is within {number(1e4 * scan.region_m2, 0)} cm2 with 90 %."
+        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks(scan)}"
     )
-    sizes = pl.DataFrame({"size": [_size(sides) for sides in scan.sizes], "probability": scan.size_posterior})
+    return (Text(words), *_patch_parts(scan))
+
+
+def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
+    """Return the called patches with their joint regions; nothing if none is called."""
+    if not scan.called_m:
+        return ()
+    rows = [
+        (
+            _box(box), *box.centre_m, 1e4 * region.centre_m2, *(100 * size for size in region.size_m), *region.contrast,
+        )
+        for box, region in zip(scan.called_m, scan.regions, strict=True)
+    ]  # fmt: skip
     columns = {
-        "size": Column(unit="cm"),
-        "probability": Column("probability, if there is damage", share=True),
+        "patch": Column("called patch"),
+        "x_m": Column("x", "m", decimals=2),
+        "y_m": Column("y", "m", decimals=2),
+        "centre_cm2": Column("centres", "cm2", decimals=0),
+        "size_from_cm": Column("size from", "cm", decimals=0),
+        "size_to_cm": Column("to", "cm", decimals=0),
+        "contrast_from": Column("contrast from", decimals=2),
+        "contrast_to": Column("to", decimals=2),
     }
-    return Text(words), Table(sizes, columns, name="sizes")
+    words = (
+        f"Place, size and contrast of a patch are in one joint region with {percent(HELD, 0)}, of which the table has "
+        "the area of the centres, the sizes and the contrasts. One patch is presumed; later ones are by the samples "
+        "that are not on those before. Damage below the smallest or above the largest declared size is not weighed."
+    )
+    return Table(pl.DataFrame(rows, schema=list(columns), orient="row"), columns, name="patches"), Text(words)
 
 
-def _size(sides_m: tuple[float, float]) -> str:
-    return _cm(sides_m[0]) if sides_m[0] == sides_m[1] else f"{_cm(sides_m[0])} x {_cm(sides_m[1])}"
+def _box(box: Box) -> str:
+    if box.is_disc:
+        return f"disc of {_cm(box.width_m)} cm"
+    return f"{_cm(box.width_m)} cm x {_cm(box.height_m)} cm"
+
+
+def _form(form: Form) -> str:
+    if form.is_disc:
+        return f"{_cm(form.width_m)} (disc)"
+    is_square = form.width_m == form.height_m
+    return _cm(form.width_m) if is_square else f"{_cm(form.width_m)} x {_cm(form.height_m)}"
 
 
 def _looks(scan: Scan) -> str:
@@ -137,7 +171,8 @@ def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
     contrasts = listed(f"{c:g}" for c in question.contrasts)
     heard = f"all but {percent(question.loss, 0)} of" if question.loss else "all of"
     places = listed(
-        f"{places:,} of {_size(sides)} cm" for sides, places in zip(told.sides_m, told.places, strict=True)
+        f"{places:,} of {_form(form)} cm"
+        for form, places in zip(told.patches.forms, told.patches.places.tolist(), strict=True)
     )
     if question.strict:
         rule = f"the largest L of all places ({places})"
@@ -203,6 +238,22 @@ def _pod_table(found: Assessment) -> Table:
         caption="Size of damage that would have been found; a dash: does not exist.",
         name="pod",
     )
+
+
+def _weakest_parts(found: Assessment) -> tuple[Table, ...]:
+    if found.weakest is None:
+        return ()
+    shown = found.weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
+    columns = {
+        "side_m": Column("square", "cm", decimals=0),
+        "area_m2": Column("area", "cm2", decimals=0),
+        "c90": Column("weakest contrast", decimals=2),
+        "c90_95": Column("at most, with 95 % confidence", decimals=2),
+    }
+    caption = (
+        "Weakest contrast that would have been found in 90 % of inspections, by area; a dash: none up to 1."
+    )
+    return (Table(shown, columns, caption=caption, name="weakest"),)
 
 
 def _checks_table(found: Assessment) -> Table:
@@ -304,8 +355,11 @@ def certificate_document(found: Inspection) -> Document:
         warnings=(not_certified(assessment),) if assessment.refusals else (),
         parts=(
             Section("Question", (Text(asked), Text(_what(found)))),
-            Section("Where", (_scan_parts(assessment)[0], _figure(found))),
-            Section("What would have been missed", (_pod_table(assessment), *_stopping_parts(assessment))),
+            Section("Where", (*_scan_parts(assessment)[:2], _figure(found))),
+            Section(
+                "What would have been missed",
+                (_pod_table(assessment), *_weakest_parts(assessment), *_stopping_parts(assessment)),
+            ),
             Section(
                 "Law of the sensor",
                 (Text(f"Origin: {samples.law.origin}. {_UNTESTED}"), _checks_table(assessment)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import polars as pl
@@ -13,9 +13,15 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import PLACES, law_checks
-from vibroswarm.inspection.missed import CRACKS_M, SIDES_M, own_trials
+from vibroswarm.inspection.missed import (
+    CRACKS_M,
+    SIDES_M,
+    false_calls,
+    own_trials,
+    weakest_found,
+)
 from vibroswarm.inspection.others import by_patches, by_tiles
-from vibroswarm.inspection.patches import SIZES_M, declared, shares_of
+from vibroswarm.inspection.patches import SIZES_M, Side, declared, shares_of
 from vibroswarm.inspection.pod import Pod
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.scan import (
@@ -53,6 +59,8 @@ class Assessment(NotebookView):
     """Share of the surface's cells of 10 cm in which a sample was taken."""
     shaped: dict[str, Pod] = field(default_factory=dict)
     """Fitted probability of detection of discs and cracks of the largest contrast, by shape."""
+    weakest: pl.DataFrame | None = None
+    """The weakest contrast that is found (``missed.weakest_found``); None: readings of classes, which have one."""
 
     @property
     def verdict(self) -> Verdict:
@@ -66,7 +74,7 @@ def assess(
     samples: Samples,
     question: Question | None = None,
     *,
-    sides_m: Sequence[float | tuple[float, float]] = SIZES_M,
+    sides_m: Sequence[Side] = SIZES_M,
     replicates: int = REPLICATES,
     seed: int = 1,
     looks: int = 1,
@@ -75,7 +83,7 @@ def assess(
     """Answer a question about damage by the samples of one inspection.
 
     Args:
-        question: by default ``Question()``. sides_m: declared sizes, sides of squares or of rectangles. replicates:
+        question: by default ``Question()``. sides_m: declared sizes and shapes. replicates:
             intact surfaces drawn for the scan. seed: of all that is drawn.
         looks: how often the scan is looked at, evenly spaced. shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
@@ -90,25 +98,32 @@ def assess(
         samples, patches, shares,
         prior=question.prior, replicates=replicates, seed=seed, looks=looks,
     )  # fmt: skip
-    told, visited = stopping(samples, patches, question, seed=seed), _visited(samples)
-
-    def pod(contrast: float, shape: str = "square") -> Pod:
-        longest_m = min(samples.size_m)
-        sides = SIDES_M if shape != "crack" else [side for side in CRACKS_M if side <= longest_m]
-        trials = own_trials(
-            samples, patches, shares, found.critical, contrast=contrast, sides_m=sides, seed=seed + 1,
-            shape=shape, looks=looks,
-        )  # fmt: skip
-        return trials.fit(asymptote=visited < WHOLLY)
-
-    pods = {contrast: pod(contrast) for contrast in question.contrasts}
-    shaped = {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"}
     if samples.floor is not None:
         checks = law_checks(samples, by_tiles(samples), seed=seed)
     else:
         others = by_patches(samples, patches, shares, found.critical, question.prior)
         checks = law_checks(samples, others, _away(samples, found), seed=seed)
-    return Assessment(question, found, told, pods, checks, _refusals(samples, checks), visited, shaped)
+    known = samples, patches, shares, found.critical
+    visited = _visited(samples)
+    drawn: dict[str, Any] = {"seed": seed + 1, "looks": looks}
+    false = false_calls(*known, **drawn)
+
+    def pod(contrast: float, shape: str = "square") -> Pod:
+        sides = SIDES_M if shape != "crack" else [side for side in CRACKS_M if side <= min(samples.size_m)]
+        trials = own_trials(*known, false, contrast=contrast, sides_m=sides, shape=shape, **drawn)
+        return trials.fit(asymptote=visited < WHOLLY)
+
+    return Assessment(
+        question,
+        found,
+        stopping(samples, patches, question, seed=seed),
+        {contrast: pod(contrast) for contrast in question.contrasts},
+        checks,
+        _refusals(samples, checks),
+        visited,
+        {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"},
+        None if samples.law.bits else weakest_found(*known, false, **drawn),
+    )
 
 
 def _away(samples: Samples, found: Scan) -> NDArray[np.bool_]:

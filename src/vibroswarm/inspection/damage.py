@@ -119,7 +119,7 @@ def contrast_ratios(law: Law, value: Floats, contrast: float) -> Floats:
     """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
 
     At contrast 1 it is that of the law. Below, it is computed from tables: the density of a quantile function Q is
-    1 / Q'(u), averaged over the factors of tiles and robots.
+    1 / Q'(u), averaged over the factors of tiles and robots; that of measured values is a histogram, as at contrast 1.
     """
     if contrast >= 1.0:
         return ratios_at(law, value)
@@ -172,12 +172,16 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
 @lru_cache(maxsize=512)
 def _contrast_table(law: Law, contrast: float) -> Floats:
     table = tables_of(law)
+    if law.sensor.vibrating_energies is not None:  # measured values, whose density is that of a histogram
+        u = (np.arange(len(law.sensor.vibrating_energies)) + 0.5) / len(law.sensor.vibrating_energies)
+        between = values_at(law, u, True, contrast)
+        sensor = law.sensor.model_copy(update={"vibrating_energies": tuple(between.tolist())})
+        return ratios_of_values(Law(sensor, law.origin), table.value)
     factors, weights = np.ones(1), np.ones(1)
     if law.sensor.tile_spread is not None or law.sensor.robot_spread is not None:
         from vibroswarm.observation.energy_model import typical_factors
 
         factors, weights = typical_factors(law.sensor)
-    # Coarse steps, so that measured values, whose quantiles are steps, have a density.
     at = np.linspace(0, POINTS - 1, 200).round().astype(np.int64)
     logs = []
     for share in (0.0, contrast):

@@ -25,7 +25,7 @@ from vibroswarm.inspection.laws import (
     law_named,
     law_of_scenario,
 )
-from vibroswarm.inspection.patches import SIZES_M
+from vibroswarm.inspection.patches import SIZES_M, Side
 from vibroswarm.inspection.samples import Floats, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
@@ -115,7 +115,7 @@ def inspect(
     spread_m: float = 0.0,
     floor: Floor | tuple[int, int] | None = None,
     question: Question | None = None,
-    sides_m: Sequence[float | tuple[float, float]] = SIZES_M,
+    sides_m: Sequence[Side] = SIZES_M,
     replicates: int = REPLICATES,
     looks: int = 1,
     shapes: Sequence[str] = ("square",),
@@ -133,8 +133,9 @@ def inspect(
         size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places. floor: its grid
             of tiles, as a floor that says which tiles vibrate, or as rows and columns.
         question: what damage must be found, and how surely; without a grid it is always asked.
-        sides_m: declared sizes of damage: sides of squares, or width and height of cracks. replicates: intact surfaces
-            drawn for the scan. looks: how often it is looked at. shapes: of ``damage.SHAPES``, of which PoD is fitted.
+        sides_m: declared sizes of damage: sides of squares, width and height of cracks, or forms.
+        replicates: intact surfaces drawn for the scan. looks: how often it is looked at.
+        shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """

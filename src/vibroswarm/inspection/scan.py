@@ -12,6 +12,7 @@ over looks, of the surface as of the intact ones, so that false calls are as sta
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -24,6 +25,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import drawn_values, judged, ratios_at
 from vibroswarm.inspection.patches import (
+    Form,
     Patches,
     Shares,
     log_likelihoods,
@@ -31,12 +33,11 @@ from vibroswarm.inspection.patches import (
     raster,
     scan_statistic,
 )
+from vibroswarm.inspection.region import Region, posterior_of, region_of
 from vibroswarm.inspection.samples import Floats, Samples
 
 REPLICATES: Final = 999
 """Intact surfaces drawn for a p-value."""
-AROUND: Final = 8
-"""Points along each side that stand for the places around that of a patch."""
 CELLS: Final = 40
 """Cells along each side of the raster."""
 BLOCK_S: Final = 120.0
@@ -56,6 +57,12 @@ class Box(NamedTuple):
     bottom_m: float
     width_m: float
     height_m: float
+    is_disc: bool = False
+
+    @property
+    def centre_m(self) -> tuple[float, float]:
+        """Its centre, x and y."""
+        return self.left_m + 0.5 * self.width_m, self.bottom_m + 0.5 * self.height_m
 
     def _repr_html_(self) -> str:
         return html_view(self)
@@ -73,24 +80,16 @@ class Scan(NotebookView):
     replicates: int
     called_m: tuple[Box, ...]
     """Patches that are called, the most likely first: each is scanned for without the samples on those before it."""
-    sizes: tuple[tuple[float, float], ...]
-    """The declared sizes, m."""
-    size_posterior: Floats
-    """Probability of each size, if there is damage, (sizes,)."""
-    region: NDArray[np.bool_]
-    """The fewest cells that hold the centre of the damage with 90 %, (CELLS, CELLS), top row first."""
-    surface_m2: float
+    regions: tuple[Region, ...]
+    """Joint credible region of each of these: its place, size and contrast."""
+    forms: tuple[Form, ...]
+    """The declared sizes and shapes."""
     raster: Floats
     """Probability that each cell is damaged, (CELLS, CELLS), top row first."""
     looks: int = 1
     """Times at which is looked, evenly spaced; T is the largest over them."""
     called_s: float | None = None
     """First look at which T reaches the critical value; None: it does not."""
-
-    @property
-    def region_m2(self) -> float:
-        """Area of ``region``."""
-        return float(self.region.mean() * self.surface_m2)
 
 
 def scan(
@@ -122,11 +121,11 @@ def scan(
     drawn = intact_statistics(samples, patches, shares, replicates, seed, looks=looks)
     permuted = _permuted(samples, observed, replicates, seed)
     exchanged = _statistics(patches, shares, permuted, look, looks).max(axis=0)
-    posterior = posterior_of(patches, log_likelihoods(shares, observed[:, None])[:, 0])
     critical = float(np.quantile(drawn, 1.0 - CALLED))
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
-    called, cells = called_patches(samples, patches, shares, critical, prior, look <= each.argmax())
+    there = look <= each.argmax()
+    called, cells = called_patches(samples, patches, shares, critical, prior, there)
     return Scan(
         statistic,
         p_value(statistic, drawn),
@@ -134,10 +133,8 @@ def scan(
         critical,
         replicates,
         called,
-        patches.sides_m,
-        np.bincount(patches.size, posterior, len(patches.sides_m)).astype(np.float64),
-        credible_region(patches, posterior, samples.size_m),
-        float(np.prod(samples.size_m)),
+        tuple(_regions(samples, patches, shares, called, there)),
+        patches.forms,
         cells,
         looks,
         float(times_s[reached[0]]) if reached.size else None,
@@ -176,7 +173,7 @@ def called_patches(
     presumes one patch at most.
     """
     rest = np.where(there, samples.column("log_ratio"), 0.0)
-    penalty = np.log(np.bincount(patches.size))[patches.size]
+    penalty = np.log(patches.places)[patches.form]
     called: list[Box] = []
     sound = np.ones((CELLS, CELLS))
     while True:
@@ -185,9 +182,19 @@ def called_patches(
         at = int((logs - penalty).argmax())
         if logs[at] - penalty[at] < critical or len(called) == MOST_CALLED:
             return tuple(called), 1.0 - sound
-        sides = (patches.left_m, patches.bottom_m, patches.width_m, patches.height_m)
-        called.append(Box(*(float(side[at]) for side in sides)))
+        called.append(
+            Box(float(patches.left_m[at]), float(patches.bottom_m[at]), *patches.forms[patches.form[at]])
+        )
         rest[near(samples, called[-1])] = 0.0
+
+
+def _regions(
+    samples: Samples, patches: Patches, shares: Shares, called: Sequence[Box], there: NDArray[np.bool_]
+) -> Iterator[Region]:
+    """Yield the region of each called patch, by the samples that are not on those before it."""
+    for box in called:
+        yield region_of(posterior_of(samples, patches, shares, there))
+        there = there & ~near(samples, box)
 
 
 def within(box: Box, x_m: Floats, y_m: Floats, margin_m: Floats | float) -> NDArray[np.bool_]:
@@ -246,40 +253,3 @@ def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) ->
         mixed = np.lexsort((random.random(observed.size), block))
         out[order, b] = observed[mixed]
     return out
-
-
-def posterior_of(patches: Patches, logs: Floats) -> Floats:
-    """Return the probability of each patch, if one of them is there, (patches,), from its ln L_j."""
-    posterior = patches.weights * np.exp(logs - logs.max())
-    return np.asarray(posterior / posterior.sum())
-
-
-def credible_region(patches: Patches, posterior: Floats, size_m: tuple[float, float]) -> NDArray[np.bool_]:
-    """Return the fewest cells that hold the centre of the damage with 90 %, (CELLS, CELLS), top row first.
-
-    Between the places of the declared set probability is interpolated linearly.
-    """
-    offset = (np.arange(AROUND) + 0.5) / AROUND * 2.0 - 1.0  # in steps: a patch counts up to the next places
-    share = np.outer(1.0 - np.abs(offset), 1.0 - np.abs(offset)).ravel()[:, None]
-    x_m, y_m = (
-        np.clip(low_m + 0.5 * side_m + part.ravel()[:, None] * patches.step_m, 0.0, whole)
-        for low_m, side_m, part, whole in zip(
-            (patches.left_m, patches.bottom_m),
-            (patches.width_m, patches.height_m),
-            np.meshgrid(offset, offset),
-            size_m,
-            strict=True,
-        )
-    )
-    places, _, _ = np.histogram2d(
-        x_m.ravel(),
-        y_m.ravel(),
-        bins=CELLS,
-        range=[[0.0, size_m[0]], [0.0, size_m[1]]],
-        weights=(share / share.sum() * posterior).ravel(),
-    )
-    falling = np.argsort(-places, axis=None, kind="stable")
-    count = int(np.searchsorted(np.cumsum(places.ravel()[falling]), 0.9)) + 1
-    region = np.zeros(places.size, dtype=bool)
-    region[falling[:count]] = True
-    return region.reshape(places.shape).T[::-1]

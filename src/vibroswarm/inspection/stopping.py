@@ -120,7 +120,7 @@ def rule_of(samples: Samples, patches: Patches, question: Question, looks: int =
         InputError: no declared size is at least the least one.
     """
     wanted = patches.at_least(question.least_m)
-    if not wanted.sides_m:
+    if not wanted.forms:
         raise InputError("no declared size is as large as the smallest to be found", field="--least-cm")
     _, look = looks_of(samples, looks)
     return Rule(samples, wanted, shares_of(samples, wanted), question, look, looks)
@@ -134,10 +134,8 @@ class Stopping(NotebookView):
     times_s: Floats
     told: Floats
     """Told risk at each time, (times,): of the worst size and contrast; with ``strict`` of the worst place too."""
-    sides_m: tuple[tuple[float, float], ...]
-    """Sizes that must be found."""
-    places: tuple[int, ...]
-    """Number of the places of each size: L_j is averaged over them."""
+    patches: Patches
+    """Those that must be found; L_j is averaged over the places of each form."""
     cleared_s: float | None
     """First time at which the told risk is tolerated; None: never."""
     missed: Interval
@@ -177,8 +175,7 @@ def stopping(
         question,
         times_s,
         told[:, 0],
-        rule.patches.sides_m,
-        tuple(np.bincount(rule.patches.size).tolist()),
+        rule.patches,
         first[0],
         _share(risk, question),
         _share(at_end, question),

@@ -21,7 +21,7 @@ def draw_certainty(
     size_m: tuple[float, float],
     places_m: NDArray[np.float64],
     *,
-    marked_m: Sequence[tuple[float, float, float, float]] = (),
+    marked_m: Sequence[tuple[float, float, float, float, bool]] = (),
     title: str = "",
     style: str = "column",
 ) -> Picture:
@@ -29,14 +29,15 @@ def draw_certainty(
 
     Args:
         probability: of each cell, (rows, columns), top row first. size_m: width and height of the surface.
-        places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline.
+        places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline,
+            and whether each is a disc.
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
         Picture; its numbers are ``row, column, probability, standard_deviation``.
     """
-    from matplotlib.patches import Rectangle
+    from matplotlib.patches import Ellipse, Rectangle
 
     sizes = style_named(style)
     # a map takes 0.4 of the width; ticks, the words above and the label below take five lines
@@ -61,9 +62,12 @@ def draw_certainty(
     panels[1].plot(
         *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True
     )
-    for axes, (left, bottom, width, height) in product(panels, marked_m):
-        axes.add_patch(Rectangle((left, bottom), width, height, fill=False, edgecolor=PAPER, lw=1.6))
-        axes.add_patch(Rectangle((left, bottom), width, height, fill=False, edgecolor=INK, lw=0.8, ls="--"))
+    for axes, (left, bottom, width, height, is_disc) in product(panels, marked_m):
+        for line in ({"edgecolor": PAPER, "lw": 1.6}, {"edgecolor": INK, "lw": 0.8, "ls": "--"}):
+            corner, centre = (left, bottom), (left + 0.5 * width, bottom + 0.5 * height)
+            outline = Ellipse(centre, width, height) if is_disc else Rectangle(corner, width, height)
+            outline.set(fill=False, **line)
+            axes.add_patch(outline)
     row, column = (index.ravel() for index in np.indices(probability.shape))
     numbers = pl.DataFrame(
         {
