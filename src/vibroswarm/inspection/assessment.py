@@ -23,12 +23,14 @@ from vibroswarm.inspection.missed import (
 from vibroswarm.inspection.others import by_patches, by_tiles
 from vibroswarm.inspection.patches import SIZES_M, Side, declared, shares_of
 from vibroswarm.inspection.pod import Pod
-from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import (
-    CALLED,
+    CELLS,
     REPLICATES,
     Scan,
+    looks_of,
     near,
+    rasters,
     scan,
 )
 from vibroswarm.inspection.stopping import Question, Stopping, stopping
@@ -36,6 +38,8 @@ from vibroswarm.show.numbers import count, listed
 
 WHOLLY: Final = 0.95
 """Below this share of visited cells PoD may end below 1."""
+RASTERS: Final = 6
+"""Times at which the raster is told."""
 VISITED_M: Final = 0.1
 """Cells of this side are visited if a sample was taken in them."""
 
@@ -59,13 +63,18 @@ class Assessment(NotebookView):
     """Share of the surface's cells of 10 cm in which a sample was taken."""
     shaped: dict[str, Pod] = field(default_factory=dict)
     """Fitted probability of detection of discs and cracks of the largest contrast, by shape."""
+    rasters: Floats = field(default_factory=lambda: np.empty((0, CELLS, CELLS)))
+    """Probability of each cell at ``raster_times_s``, top row first, (times, CELLS, CELLS)."""
+    raster_times_s: Floats = field(default_factory=lambda: np.empty(0))
+    own_rasters: dict[int, Floats] = field(default_factory=dict)
+    """Probability of each cell by each robot's own samples, by robot."""
     weakest: pl.DataFrame | None = None
     """The weakest contrast that is found (``missed.weakest_found``); None: readings of classes, which have one."""
 
     @property
     def verdict(self) -> Verdict:
         """Return "damage" if the scan calls it, "clear" if the told risk at the end is tolerated, otherwise "open"."""
-        if self.scan.p_value <= CALLED:
+        if self.scan.p_value <= self.scan.level:
             return "damage"
         return "clear" if self.stopping.told[-1] <= self.question.risk else "open"
 
@@ -96,7 +105,7 @@ def assess(
     shares = shares_of(samples, patches)
     found = scan(
         samples, patches, shares,
-        prior=question.prior, replicates=replicates, seed=seed, looks=looks,
+        prior=question.prior, level=question.level, replicates=replicates, seed=seed, looks=looks,
     )  # fmt: skip
     if samples.floor is not None:
         checks = law_checks(samples, by_tiles(samples), seed=seed)
@@ -113,6 +122,8 @@ def assess(
         trials = own_trials(*known, false, contrast=contrast, sides_m=sides, shape=shape, **drawn)
         return trials.fit(asymptote=visited < WHOLLY)
 
+    raster_times_s, _ = looks_of(samples, RASTERS)
+    over_time, own = rasters(samples, patches, shares, found.critical, question.prior, raster_times_s)
     return Assessment(
         question,
         found,
@@ -122,6 +133,9 @@ def assess(
         _refusals(samples, checks),
         visited,
         {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"},
+        over_time,
+        raster_times_s,
+        own,
         None if samples.law.bits else weakest_found(*known, false, **drawn),
     )
 

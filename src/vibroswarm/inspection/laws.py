@@ -49,7 +49,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.numbers import count
+from vibroswarm.show.numbers import count, percent
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""
@@ -90,7 +90,7 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
         InputError: all samples lie on one kind of tile.
     """
     chosen = found.only(sessions)
-    camera = fit_camera(chosen, draws=0).camera
+    camera = fit_camera(chosen, draws=0).camera if _is_seen(found) else RIGHT
     seen = chosen.corrected(camera)
     fitted = fit_sensor(seen, draws=draws)
     base = found.results[0].scenario
@@ -107,6 +107,11 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
         ),
         camera,
     )
+
+
+def _is_seen(found: Dataset) -> bool:
+    """Return whether places are those that a camera saw, or may have seen."""
+    return not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
 
 
 def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
@@ -171,7 +176,9 @@ def law_for_session(
     assert recording is not None
     runs = recording.runs["run"].to_list()
     if run not in runs:
-        raise InputError(f"there is no session {run + 1} of {len(runs)}", field="--session")
+        raise InputError(
+            f"there is no session {run}; the recording has sessions 0 to {len(runs) - 1}", field="--run"
+        )
     found = dataset_of([recording])
     rest = [session for session in found.sessions if session != runs.index(run)]
     if rest:
@@ -181,11 +188,12 @@ def law_for_session(
     return law_of_sessions(found, found.sessions, words, draws=draws)
 
 
-def law_named(text: str, *, draws: int = DRAWS) -> FittedLaw:
+def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> FittedLaw:
     """Return the law of a scenario (preset or TOML), of measured energies (CSV), or of a recording (folder).
 
     Args:
         draws: laws of resampled sessions; a file of a law (``write_law``) and measured energies have their own.
+        spreads: of tiles and robots, of measured energies.
     Raises:
         InputError: there is no such preset or file, or it holds no law.
     """
@@ -196,7 +204,7 @@ def law_named(text: str, *, draws: int = DRAWS) -> FittedLaw:
         return law_of_sessions(found, found.sessions, words, draws=draws)
     if path.suffix == ".csv":
         vibrating, still = (np.array(energies) for energies in read_energies(path))
-        fitted = law_of_measured(vibrating, still, f"'{path.name}'")
+        fitted = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         return replace(fitted, law=replace(fitted.law, hash=digest))
     if text in preset_names():
@@ -204,11 +212,14 @@ def law_named(text: str, *, draws: int = DRAWS) -> FittedLaw:
     return known_from(Scenario.read(path), f"'{path.name}'")
 
 
-def law_of_measured(vibrating: Floats, still: Floats, words: str) -> FittedLaw:
+def law_of_measured(
+    vibrating: Floats, still: Floats, words: str, spreads: tuple[float, float] = (0.0, 0.0)
+) -> FittedLaw:
     """Return the law of energies that were measured where it vibrates and where it is still.
 
     Args:
-        words: what the energies are; names them in errors.
+        words: what the energies are; names them in errors. spreads: how much tiles and robots differ, which energies do
+            not show: standard deviations of the logarithms of their factors.
     Raises:
         InputError: there are too few energies, or those of both kinds cannot be told apart.
     """
@@ -218,11 +229,19 @@ def law_of_measured(vibrating: Floats, still: Floats, words: str) -> FittedLaw:
                 f"holds {count(energies.size, 'value')} of {kind} places; nothing can be said with fewer than {FEWEST}",
                 field=words,
             )
-    values = {"model": "energies", "vibrating_energies": vibrating.tolist(), "still_energies": still.tolist()}
+    values: dict[str, Any] = {"model": "energies"}
+    values |= {"vibrating_energies": vibrating.tolist(), "still_energies": still.tolist()}
+    values |= {name: value or None for name, value in zip(SPREADS, spreads, strict=True)}
     sensor = preset("paper").with_values({f"sensor.{name}": value for name, value in values.items()}).sensor
     draws = _resampled(sensor, vibrating, still)
     _check_told_apart(words, draws, vibrating, still)
-    origin = f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones"
+    differ = (
+        f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
+    )
+    origin = (
+        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones; "
+        f"{differ if any(spreads) else 'places and robots presumed alike'}"
+    )
     own = (session_hash(np.concatenate([vibrating, still])),)
     return FittedLaw(Law(sensor, origin, "", own, draws), RIGHT)
 

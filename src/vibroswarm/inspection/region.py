@@ -65,6 +65,8 @@ class Posterior(NotebookView):
     shape: NDArray[np.int64]
     triangles: Floats
     """Left end, top and right end along x, y, ln a and c, (4, 3, terms)."""
+    strengths: tuple[float, ...] = STRENGTHS
+    """Contrasts that are weighed."""
 
     def drawn(self, random: np.random.Generator, number: int) -> Places:
         """Draw from the density."""
@@ -96,8 +98,8 @@ class Region(NotebookView):
     """Least density in the region."""
     size_m: tuple[float, float]
     """Smallest and largest size in the region."""
-    contrast: tuple[float, float]
-    """Smallest and largest contrast in the region."""
+    contrast: tuple[float, float] | None
+    """Smallest and largest contrast in the region; None: readings of classes have one."""
     centre_m2: float
     """Area of the centres in the region."""
 
@@ -121,7 +123,7 @@ def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDAr
     p = patches.weights[:, None] * np.exp(logs - logs.max())
     p /= p.sum()
     rising = np.sort(p, axis=None)
-    kept = p > rising[np.searchsorted(np.cumsum(rising), NEGLIGIBLE)]
+    kept = p >= rising[np.searchsorted(np.cumsum(rising), NEGLIGIBLE)]
     patch, strength = np.nonzero(kept)
     forms, form = patches.forms, patches.form[patch]
     shapes = tuple(dict.fromkeys(map(_shape, forms)))
@@ -140,6 +142,7 @@ def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDAr
         p[kept] / p[kept].sum(),
         np.array([shapes.index(_shape(one)) for one in forms])[form],
         np.array(triangles),
+        strengths,
     )
 
 
@@ -173,6 +176,6 @@ def region_of(posterior: Posterior, *, seed: int = 1) -> Region:
         posterior,
         least,
         (float(size_m.min()), float(size_m.max())),
-        (float(contrast.min()), float(contrast.max())),
+        (float(contrast.min()), float(contrast.max())) if len(posterior.strengths) > 1 else None,
         cells.shape[1] * CELL_M**2,
     )

@@ -113,6 +113,8 @@ class Samples(NotebookView):
     """The floor with its kinds of tile, if there are more than two; ``floor`` says which are not of kind 0."""
     place_errors: PlaceErrors | None = None
     """None: not known, or places are exact."""
+    left_out: int = 0
+    """Rows of a file that have no value."""
     warning: str = ""
     """Why not to trust what is said of them; empty: no reason."""
 

@@ -12,6 +12,7 @@ over looks, of the surface as of the intact ones, so that false calls are as sta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -42,8 +43,6 @@ CELLS: Final = 40
 """Cells along each side of the raster."""
 BLOCK_S: Final = 120.0
 """Blocks of time within which values are exchanged."""
-CALLED: Final = 0.05
-"""A surface is called damaged if the p-value of its scan is at most this."""
 MOST_CALLED: Final = 20
 """Most patches that are called."""
 CLEAR_M: Final = 0.05
@@ -76,8 +75,10 @@ class Scan(NotebookView):
     p_value: float
     permuted_p_value: float
     critical: float
-    """T that a share ``CALLED`` of the intact surfaces reaches."""
+    """T that a share ``level`` of the intact surfaces reaches."""
     replicates: int
+    level: float
+    """Wanted share of false calls: a surface is called damaged if the p-value is at most this."""
     called_m: tuple[Box, ...]
     """Patches that are called, the most likely first: each is scanned for without the samples on those before it."""
     regions: tuple[Region, ...]
@@ -98,6 +99,7 @@ def scan(
     shares: Shares,
     *,
     prior: float = 0.5,
+    level: float = 0.05,
     replicates: int = REPLICATES,
     seed: int = 1,
     looks: int = 1,
@@ -105,14 +107,16 @@ def scan(
     """Scan a surface for one patch of damage.
 
     Args:
-        shares: of the samples in the patches. prior: probability of damage. replicates: intact surfaces, B.
-        seed: of what is drawn. looks: how often is looked.
+        shares: of the samples in the patches. prior: probability of damage. level: wanted share of false calls.
+        replicates: intact surfaces, B. seed: of what is drawn. looks: how often is looked.
     Raises:
-        InputError: fewer than 19 replicates, with which no p-value is below 5 %.
+        InputError: too few replicates, with which no p-value is as small as ``level``.
     """
-    if replicates < 19:
+    least = math.ceil(1.0 / level - 1e-9) - 1
+    if replicates < least:
         raise InputError(
-            f"{replicates} intact surfaces cannot give a p-value below 5 %; at least 19", field="--replicates"
+            f"{replicates} intact surfaces cannot give a p-value of {100 * level:g} %; at least {least}",
+            field="--replicates",
         )
     observed = samples.column("log_ratio")
     times_s, look = looks_of(samples, looks)
@@ -121,7 +125,7 @@ def scan(
     drawn = intact_statistics(samples, patches, shares, replicates, seed, looks=looks)
     permuted = _permuted(samples, observed, replicates, seed)
     exchanged = _statistics(patches, shares, permuted, look, looks).max(axis=0)
-    critical = float(np.quantile(drawn, 1.0 - CALLED))
+    critical = float(np.quantile(drawn, 1.0 - level))
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
     there = look <= each.argmax()
@@ -132,6 +136,7 @@ def scan(
         p_value(statistic, exchanged),
         critical,
         replicates,
+        level,
         called,
         tuple(_regions(samples, patches, shares, called, there)),
         patches.forms,
@@ -186,6 +191,19 @@ def called_patches(
             Box(float(patches.left_m[at]), float(patches.bottom_m[at]), *patches.forms[patches.form[at]])
         )
         rest[near(samples, called[-1])] = 0.0
+
+
+def rasters(
+    samples: Samples, patches: Patches, shares: Shares, critical: float, prior: float, times_s: Floats
+) -> tuple[Floats, dict[int, Floats]]:
+    """Return the probability of each cell by each time, (times, CELLS, CELLS), and by each robot's own samples."""
+    robot, time_s = samples.frame["robot"].to_numpy(), samples.column("time_s")
+
+    def of(there: NDArray[np.bool_]) -> Floats:
+        return called_patches(samples, patches, shares, critical, prior, there)[1]
+
+    own = {one: of(robot == one) for one in samples.robots if len(samples.robots) > 1}
+    return np.stack([of(time_s <= until_s) for until_s in times_s]), own
 
 
 def _regions(

@@ -62,12 +62,14 @@ class Question(NotebookView):
     """Tolerated probability of damage after clearing."""
     strict: bool = False
     """Whether the risk must hold at every place, not on average."""
+    level: float = 0.05
+    """Tolerated share of false calls: intact surfaces that are called damaged."""
     loss: float = 0.0
     """Share of messages that a robot loses, if the robots stop by themselves."""
 
     def __post_init__(self) -> None:
         """Refuse probabilities outside (0, 1), and contrasts outside (0, 1]."""
-        for name in ("prior", "risk"):
+        for name in ("prior", "risk", "level"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise InputError("must be a share between 0 and 1", field=f"--{name}")
         if not 0.0 <= self.loss <= 1.0:

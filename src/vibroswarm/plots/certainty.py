@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from vibroswarm.plots.layout import LINE_SPACING, few_ticks, new_figure
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
+
+MOST_ACROSS: Final = 6
+"""Most maps side by side."""
 
 
 @drawn
@@ -81,3 +84,51 @@ def draw_certainty(
     if marked_m:
         caption += " Outlined: called patches."
     return Picture(figure, numbers, caption)
+
+
+@drawn
+def draw_rasters(
+    panels: Mapping[str, NDArray[np.float64]],
+    size_m: tuple[float, float],
+    *,
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw maps of probability side by side, with one scale.
+
+    Args:
+        panels: the probability of each cell, (rows, columns), top row first, by the words above it.
+        size_m: width and height of the surface. title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``panel, row, column, probability``.
+    """
+    sizes = style_named(style)
+    across = min(len(panels), MOST_ACROSS)
+    down = -(-len(panels) // across)
+    line_in = sizes.font_pt * LINE_SPACING / 72
+    height_in = down * (0.8 * sizes.width_in / across * size_m[1] / size_m[0] + 1.5 * line_in) + 3 * line_in
+    figure = new_figure(sizes, height_in=height_in, title=title)
+    grid: Any = figure.subplots(down, across, squeeze=False)
+    image: Any = None
+    for axes in grid.ravel()[len(panels) :]:
+        axes.set_visible(False)
+    for axes, (words, values) in zip(grid.ravel(), panels.items(), strict=False):
+        extent = (0.0, size_m[0], 0.0, size_m[1])
+        image = axes.imshow(
+            values, cmap=COLOUR_MAP, vmin=0.0, vmax=1.0, extent=extent, interpolation="nearest"
+        )
+        axes.set(xticks=[], yticks=[])
+        axes.set_title(words, fontsize=sizes.small_pt)
+    bar = figure.colorbar(image, ax=list(grid.ravel()), location="bottom", shrink=0.6, pad=0.03)
+    bar.ax.tick_params(labelsize=sizes.small_pt)
+    bar.set_label("probability", fontsize=sizes.small_pt)
+    numbers = pl.concat(
+        pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "probability": values.ravel()}).select(
+            pl.lit(words).alias("panel"), pl.all()
+        )
+        for words, values in panels.items()
+        for row, column in [np.indices(values.shape)]
+    )
+    return Picture(figure, numbers, "Probability of damage.")
