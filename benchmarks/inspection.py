@@ -8,22 +8,25 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from vibroswarm import Scenario, preset, simulate
 from vibroswarm.analysis.intervals import generator, wilson_limits
 from vibroswarm.analysis.map_scores import map_scores
-from vibroswarm.inspection.checks import law_checks
+from vibroswarm.inspection.checks import PLACES, law_checks
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.missed import Trials, pooled_trials
+from vibroswarm.inspection.others import by_tiles
 from vibroswarm.inspection.patches import declared, log_likelihoods, raster, shares_of
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.inspection.scan import Question, risks_of
 from vibroswarm.inspection.sources import samples_of_result
+from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.inspection.tile_map import tile_map
 
 Floats = NDArray[np.float64]
@@ -36,14 +39,19 @@ def scenario_of(name: str, t_end_s: float, floor: str) -> Scenario:
     return preset(name).with_values(values)
 
 
-def inspections(name: str, count: int, t_end_s: float, floor: str, seed: int) -> Iterator[Samples]:
+def inspections(
+    name: str, count: int, t_end_s: float, floor: str, seed: int, *, bits: bool = False
+) -> Iterator[Samples]:
     """Return the samples of simulated inspections, one after the other."""
     scenario = scenario_of(name, t_end_s, floor)
-    law = law_of_scenario(scenario, "the scenario")
+    stated = law_of_scenario(scenario, "the scenario")
+    law = replace(
+        stated, law=replace(stated.law, bits=bits)
+    )  # one for all, so that its tables are computed once
     for begin in range(0, count, 20):
         result = simulate(scenario, seed, range(begin, min(begin + 20, count)))
         for run in result.runs["run"].to_list():
-            yield samples_of_result(result, run, law)
+            yield samples_of_result(result, run, law, bits=bits)
 
 
 def interval(values: Floats) -> str:
@@ -88,11 +96,13 @@ def fits_of_plates(trials: Trials, count: int, repeats: int, **how: bool) -> tup
 
 def measure_pod(count: int) -> None:
     """Print sizes that are found, by energies and by bits."""
-    damaged = list(inspections("optimised-places", count, 1200.0, "random:0.0", 2))
-    fresh = list(inspections("optimised-places", count, 1200.0, "random:0.0", 3))
     for bits in (False, True):
+        damaged, fresh = (
+            list(inspections("optimised-places", count, 1200.0, "random:0.0", seed, bits=bits))
+            for seed in (2, 3)
+        )
         for until_s in (300.0, 600.0, 1200.0):
-            trials = pooled_trials(damaged, fresh, until_s=until_s, each=1, bits=bits)
+            trials = pooled_trials(damaged, fresh, until_s=until_s, each=1)
             pod = trials.fit()
             _, limit_m = fits_of_plates(trials, count, 100)
             low, middle, high = 100 * np.nanquantile(limit_m, (0.05, 0.5, 0.95))
@@ -140,7 +150,7 @@ def told_at_looks(
     """
     patches, question = declared(samples.size_m, sides_m), Question(min(sides_m), contrasts)
     look = np.ceil(samples.column("time_s") / (1200.0 / LOOKS)).astype(np.int64) - 1
-    return risks_of(samples, patches, shares_of(samples, patches), question, values, look, LOOKS)
+    return rule_of(samples, patches, shares_of(samples, patches), question, look, LOOKS).told(values)
 
 
 def measure_risk(count: int, name: str, surfaces: int) -> None:
@@ -177,14 +187,54 @@ def measure_risk(count: int, name: str, surfaces: int) -> None:
 
 
 def measure_checks(count: int) -> None:
-    """Print how often right laws are refused."""
+    """Print how often right laws and right places are refused, and how often wrong ones.
+
+    A robot is lost if more than 5 % of its samples are further than 4 stated standard deviations from where they were
+    taken: its places are wrong.
+    """
     for name in ("optimised-places", "calibrated"):
-        refused = 0
-        for number, samples in enumerate(inspections(name, count, 1200.0, "random:0.0", 6)):
-            value = drawn_values(generator(number, "values"), samples, 1)[:, 0]
-            everywhere = np.ones(value.size, dtype=bool)
-            refused += bool(law_checks(samples.with_columns(value=value), everywhere)["refused"].any())
-        print(f"{name}: refused {share(refused, count)}", flush=True)
+        for floor in ("random:0.0", "random:0.08", "random:0.48"):
+            refused = dict.fromkeys(
+                ("law", "places", "places, no robot lost", "mirrored", "gain", "drift"), 0
+            )
+            lost = 0
+            for number, samples in enumerate(inspections(name, count, 1200.0, floor, 6)):
+                is_lost, robot = bool(lost_robots(samples).any()), samples.frame["robot"].to_numpy()
+                lost += is_lost
+                checks = checked(samples, number)
+                refused["law"] += checks - {PLACES} != set()
+                refused["places"] += PLACES in checks
+                refused["places, no robot lost"] += PLACES in checks and not is_lost
+                mirrored_m = np.where(
+                    robot == 0, samples.size_m[0] - samples.column("x_m"), samples.column("x_m")
+                )
+                refused["mirrored"] += PLACES in checked(samples.with_columns(x_m=mirrored_m), number)
+                value, time_s = samples.column("value"), samples.column("time_s")
+                for what, factor in (
+                    ("gain", 1.5 + 0.0 * time_s),
+                    ("drift", 1.0 + 0.2 * time_s / time_s.max()),
+                ):
+                    changed = samples.with_columns(value=np.where(robot == 0, factor * value, value))
+                    refused[what] += checked(changed, number) != set()
+            shares = (f"{what} {share(k, count - lost * ('no' in what))}" for what, k in refused.items())
+            print(f"{name}, {floor}: {'; '.join(shares)}; a robot lost in {share(lost, count)}", flush=True)
+
+
+def checked(samples: Samples, seed: int) -> set[str]:
+    """Return the checks that are refused."""
+    checks = law_checks(samples, by_tiles(samples), seed=seed, drawn=199)
+    return set(checks.filter(pl.col("outcome") == "refused")["check"])
+
+
+def lost_robots(samples: Samples) -> NDArray[np.bool_]:
+    """Return which robots are lost, (robots,)."""
+    errors = [
+        np.abs(samples.column(f"{axis}_m") - samples.column(f"true_{axis}_m"))
+        / np.maximum(samples.column(f"spread_{axis}_m"), 1e-9)
+        for axis in "xy"
+    ]
+    far, robot = np.max(errors, axis=0) > 4.0, samples.frame["robot"].to_numpy()
+    return np.array([far[robot == one].mean() > 0.05 for one in samples.robots])
 
 
 def measure_time(count: int) -> None:

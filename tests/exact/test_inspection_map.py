@@ -183,5 +183,5 @@ def test_bits_count_by_their_error_rates() -> None:
 
     sensor = preset("paper").sensor
     positive, negative = error_rates(sensor)
-    found = ratios_of_values(Law(sensor, "the preset"), np.array([0.0, 1.0]), bits=True)
+    found = ratios_of_values(Law(sensor, "the preset", bits=True), np.array([0.0, 1.0]))
     assert found == pytest.approx(np.log([negative / (1 - positive), (1 - negative) / positive]))

@@ -233,3 +233,121 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     assert rows[1]["sweep_a90_m"] is None or rows[1]["sweep_a90_m"] > 0
     assert "25 cm" in document["answer"][0]
     assert "leave out the result or file" in error_of(capsys, "plate.csv", "--plan", "3")
+
+
+def small(csv: Path, *words: str) -> tuple[str | Path, ...]:
+    return (csv, "--laws", ROOT / "examples" / "inspection" / "reference.csv", "--size", "1x1", *words)
+
+
+def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    lines = (ROOT / "examples" / "inspection" / "plate.csv").read_text().splitlines()
+    lines[4] = lines[4].rpartition(",")[0] + ",nan"
+    (tmp_path / "plate.csv").write_text("\n".join(lines))
+    given = small(tmp_path / "plate.csv", "--tiles", "5x5", "--robot-spread", "12%", "--tile-spread", "15%")
+    assert run("inspect", *given) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "1 row of the file without a value left out" in said
+    assert "places of 20 cm presumed to differ by 15 %, robots by 12 %" in said
+    assert "--robot-spread" in error_of(capsys, "--preset", "paper", "--robot-spread", "12%")
+    assert "at least 99" in error_of(
+        capsys, *small(tmp_path / "plate.csv", "--replicates", "50", "--level", "1%")
+    )
+
+
+def test_a_floor_that_changes_is_judged_by_its_end_and_not_certified(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    changing = {
+        "run.t_end_s": 300.0,
+        "change.at_s": 150.0,
+        "change.to": "invert",
+        "floor.source": "random:0.4",
+    }
+    result = simulate(preset("paper").with_values(changing), seed=2)
+    result.write(tmp_path / "run")
+    found = inspect(result)
+    assert found.samples.floor is not None
+    assert (found.samples.floor.tiles == 1 - result.floor(0).tiles).all()
+    assert run("inspect", tmp_path / "run", "--damage", "--contrasts", "1", "--replicates", "19") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Not certified" in said
+    assert "the floor changed at 150 s, but is presumed to stay as it is" in said
+
+
+def test_damage_of_three_kinds_is_told_without_contrasts(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    kinds = {
+        "sensor.model": "confusion", "task.name": "majority", "strategy.name": "dirichlet",
+        "floor.source": "random:0.6,0.2,0.2", "run.t_end_s": 600.0,
+    }  # fmt: skip
+    simulate(preset("paper").with_values(kinds), seed=1).write(tmp_path / "run")
+    given = (
+        "inspect",
+        tmp_path / "run",
+        "--damage",
+        "--contrasts",
+        "1",
+        "--replicates",
+        "39",
+        "--out",
+        tmp_path / "out",
+    )
+    assert run(*given) == 0
+    said = capsys.readouterr().out
+    assert "Probability that each tile is of another kind than 0" in said
+    assert "law of still places" in said
+    assert "weakest contrast" not in said
+    assert (tmp_path / "out" / "certificate.html").exists()
+    import polars as pl
+
+    raster = pl.read_parquet(tmp_path / "out" / "raster.parquet")
+    assert raster["time_s"].n_unique() == 6
+    assert raster["robot"].n_unique() == 6
+    assert pl.read_parquet(tmp_path / "out" / "map.parquet")["time_s"].n_unique() == 60
+
+
+def test_a_recording_may_have_places_of_the_robots_themselves(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A log whose robots say where they believe they are, with a camera or without."""
+    scenario = preset("optimised-places").with_values({"run.t_end_s": 300.0})
+    result = simulate(scenario, seed=4, segments=True)
+    both = result.motion.join(result.observations, on=["run", "robot", "sample"]).join(
+        result.places, on=["run", "robot", "sample"], suffix="_own"
+    )
+    rows = both.select("robot", "time_s", "x_m", "y_m", "energy", "x_m_own", "y_m_own", "spread_m").rows()
+    head = "robot,t,x,y,energy,own_x,own_y,own_spread"
+    track = [(row[0], row[1] - 0.1, *row[2:4], "", "", "", "") for row in rows]
+    floor = result.floor().tiles
+    (tmp_path / "floor.txt").write_text("\n".join("".join(map(str, row)) for row in floor))
+    for name, lines, x, y in (("seen", [*rows, *track], "x", "y"), ("alone", rows, "own_x", "own_y")):
+        ordered = sorted(lines, key=lambda row: (row[1], row[0]))
+        text = "\n".join([head, *(",".join(map(str, row)) for row in ordered)])
+        (tmp_path / f"{name}.csv").write_text(text)
+        (tmp_path / f"{name}.toml").write_text(
+            f'[columns]\nrobot = "robot"\ntime_s = "t"\nx_m = "{x}"\ny_m = "{y}"\nenergy = "energy"\n'
+            'place_x_m = "own_x"\nplace_y_m = "own_y"\nplace_spread_m = "own_spread"\n'
+        )
+        given = (
+            tmp_path / f"{name}.csv",
+            "--columns",
+            tmp_path / f"{name}.toml",
+            "--floor",
+            tmp_path / "floor.txt",
+        )
+        assert run("lab", "import", *given, "--tiles", "5x5", "--any-floor", "--out", tmp_path / name) == 0
+        capsys.readouterr()
+        assert run("inspect", tmp_path / name, "--laws", "optimised-places") == 0
+        words = " ".join(capsys.readouterr().out.split())
+        assert "Places: estimated by the robots" in words
+        assert ("within 1, 2 and 4 stated standard deviations" in words) == (name == "seen")
+        assert ("how wrong they are is not known" in words) == (name == "alone")
+    assert "there is no session 9" in error_of(capsys, tmp_path / "seen", "--run", "9")
+    text = (tmp_path / "seen.toml").read_text().replace('place_spread_m = "own_spread"\n', "")
+    (tmp_path / "seen.toml").write_text(text)
+    again = (tmp_path / "seen.csv", "--columns", tmp_path / "seen.toml", "--floor", tmp_path / "floor.txt")
+    assert run("lab", "import", *again, "--tiles", "5x5", "--out", tmp_path / "again") == 2
+    assert "name all or none" in capsys.readouterr().err

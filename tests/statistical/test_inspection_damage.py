@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import polars as pl
 import pytest
 from scipy.stats import binom
 
-from vibroswarm.inspection.checks import law_checks
+from vibroswarm.inspection.checks import PLACES, law_checks
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.missed import pooled_trials
+from vibroswarm.inspection.others import by_tiles
 from vibroswarm.inspection.patches import declared, log_likelihoods, scan_statistic, shares_of
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.scan import (
     CELLS,
-    Question,
     credible_region,
     intact_statistics,
     p_value,
     posterior_of,
-    risk_of,
 )
+from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.scenario.scenario import preset
 
 pytestmark = pytest.mark.slow
@@ -79,20 +82,40 @@ def test_intact_surfaces_without_the_spreads_of_the_law_call_too_often(calibrate
     assert called / 240 > 0.15
 
 
+def refused(samples: Samples, seed: int) -> set[str]:
+    checks = law_checks(samples, by_tiles(samples), drawn=99, seed=seed)
+    return set(checks.filter(pl.col("outcome") == "refused")["check"])
+
+
 def test_right_laws_are_seldom_refused_and_a_wrong_gain_is(
     plain: list[Samples], calibrated: list[Samples]
 ) -> None:
     for inspections, power in ((plain, 1.0), (calibrated, 0.2)):
         right, wrong = 0, 0
         for number, samples in enumerate(inspections):
-            everywhere = np.ones(samples.frame.height, dtype=bool)
-            for values in drawn_values(np.random.default_rng(number), samples, 5).T:
-                right += law_checks(samples.with_columns(value=values), everywhere, drawn=99)["refused"].any()
+            for values in drawn_values(np.random.default_rng(number), samples, 4).T:
+                right += bool(refused(samples.with_columns(value=values), number))
             gain = np.where(samples.frame["robot"].to_numpy() == 0, 1.5, 1.0)
-            changed = samples.with_columns(value=samples.column("value") * gain)
-            wrong += law_checks(changed, everywhere, drawn=99)["refused"].any()
-        assert right <= binom.ppf(0.999, 60, 0.05)
+            wrong += bool(refused(samples.with_columns(value=samples.column("value") * gain), number))
+        assert right <= binom.ppf(0.999, 48, 0.05)
         assert wrong / len(inspections) >= power
+
+
+def test_laws_are_seldom_refused_where_half_vibrates_at_estimated_places_and_mirrored_places_are() -> None:
+    """Selected by a map to which they had added, samples of right laws were refused in a quarter of inspections."""
+    scenario = preset("optimised-places").with_values({"run.t_end_s": 600.0, "floor.source": "random:0.48"})
+    of_law, of_places, mirrored = 0, 0, 0
+    for run in range(16):
+        samples = inspect(scenario, seed=77, run=run).samples
+        checks = refused(samples, run)
+        of_law, of_places = of_law + bool(checks - {PLACES}), of_places + (PLACES in checks)
+        mirrored_m = np.where(
+            samples.frame["robot"].to_numpy() == 0, 1.0 - samples.column("x_m"), samples.column("x_m")
+        )
+        mirrored += PLACES in refused(samples.with_columns(x_m=mirrored_m), run)
+    assert of_law <= binom.ppf(0.999, 16, 0.05)
+    assert of_places <= 6  # in a tenth of such inspections a robot is lost, and its places are wrong
+    assert mirrored >= 14
 
 
 def test_told_risks_are_not_below_true_ones_except_at_weaker_contrast(plain: list[Samples]) -> None:
@@ -111,7 +134,8 @@ def test_told_risks_are_not_below_true_ones_except_at_weaker_contrast(plain: lis
             early = samples.by_time(120.0)
             some = shares_of(early, patches)
             values = drawn_values(random, early, 40, patch)
-            cleared[name] += int((risk_of(early, patches, some, question, values) <= question.risk).sum())
+            told = rule_of(early, patches, question).told(values)[0]
+            cleared[name] += int((told <= question.risk).sum())
         assert shares.first[-1] > some.first[-1]
     truly = cleared["damage"] / (cleared["damage"] + cleared["intact"])
     assert binom.sf(cleared["damage"] - 1, cleared["damage"] + cleared["intact"], 0.05) > 0.001
@@ -149,5 +173,7 @@ def test_larger_damage_is_found_more_often(plain: list[Samples]) -> None:
     assert 0.08 < pod.a90_m < 0.18
     assert pod.a50_m < pod.a90_m < pod.a90_95_m
     assert likely(trials.false, trials.intact, 0.05)
-    bits = pooled_trials(plain[:6], plain[6:], until_s=300.0, each=5, bits=True).fit()
+    law = replace(plain[0].law, bits=True)
+    read = [replace(samples, law=law) for samples in plain]
+    bits = pooled_trials(read[:6], read[6:], until_s=300.0, each=5).fit()
     assert bits.a90_m > pod.a90_m

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import binom
 
+from helpers.inspections import drawn_samples
 from vibroswarm import preset, simulate
 from vibroswarm.calibrate.dataset import dataset_of
-from vibroswarm.inspection.laws import law_of_sessions
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.damage import drawn_values, ratios_at
+from vibroswarm.inspection.laws import law_of_measured, law_of_sessions
+from vibroswarm.inspection.patches import declared, log_likelihoods, scan_statistic, shares_of
 from vibroswarm.inspection.samples import Law
+from vibroswarm.inspection.scan import intact_statistics, p_value
+from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.fields import Sensor
 
 pytestmark = pytest.mark.slow
@@ -35,5 +44,44 @@ def laws() -> list[Law]:
 def test_laws_are_as_wrong_as_they_say(laws: list[Law]) -> None:
     truth = log_means(preset("calibrated").sensor)
     errors = np.array([log_means(law.sensor) - truth for law in laws])
-    stated = np.array([np.std([log_means(one) for one in law.draws], axis=0, ddof=1) for law in laws])
+    stated = np.array([np.std([log_means(one.judge) for one in law.draws], axis=0, ddof=1) for law in laws])
     assert 0.4 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.6
+
+
+def false_calls(with_error: bool) -> float:
+    """Share of intact surfaces that are called at 5 %, by laws of 60 measured values of each kind."""
+    sensor, called = preset("paper").sensor, []
+    for seed in range(25):
+        random = np.random.default_rng(seed)
+        samples = replace(drawn_samples(seed, count=300, spread_m=0.0), law=Law(sensor, "the truth"))
+        vibrating, still = (
+            np.abs(energy_of(sensor, kind, random.random(60)).astype(np.float64)) for kind in (1, 0)
+        )
+        law = law_of_measured(vibrating, still, "60 values of each kind").law
+        measured = replace(samples, law=law if with_error else replace(law, draws=()))
+        patches = declared(samples.size_m, (0.1, 0.2))
+        shares = shares_of(samples, patches)
+        drawn = intact_statistics(measured, patches, shares, 256, seed)
+        logs = log_likelihoods(shares, ratios_at(law, drawn_values(random, samples, 4)))
+        called += [p_value(t, drawn) <= 0.05 for t in scan_statistic(patches, logs)]
+    return float(np.mean(called))
+
+
+def test_intact_surfaces_are_seldom_called_by_a_law_of_few_values() -> None:
+    """Drawn surfaces are judged as the surface is: by a law that has not seen the values that they measure."""
+    assert false_calls(True) * 100 <= binom.ppf(0.999, 100, 0.05)
+    assert false_calls(False) > 0.3  # the control: as if the law were exact
+
+
+def test_values_that_do_not_differ_are_refused_and_others_are_not() -> None:
+    refused = [0, 0]
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        for which, apart in enumerate((0.0, 0.5)):
+            vibrating, still = random.normal(5.0 + apart, 0.5, 60), random.normal(5.0, 0.5, 60)
+            try:
+                law_of_measured(vibrating, still, "60 values of each kind")
+            except InputError as error:
+                refused[which] += "cannot be told apart" in str(error)
+    assert refused[0] >= 38  # of 40, at p = 1 %
+    assert refused[1] <= 10

@@ -36,7 +36,7 @@ from vibroswarm.plots import (
     draw_search,
     draw_spectrum,
 )
-from vibroswarm.plots.certainty import draw_certainty
+from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.front import on_front
 from vibroswarm.plots.inputs import Group, quantile
 from vibroswarm.plots.layout import lay_out
@@ -266,6 +266,7 @@ PICTURES: dict[str, Callable[[str], Picture]] = {
     "spectrum, long names": lambda style: draw_spectrum(spectra(LONG), LINES_HZ, title=LONG[1], style=style),
     "reports": lambda style: draw_reports(reported(5), truth=0.48, style=style),
     "certainty": lambda style: draw_certainty(RASTER, (1.0, 0.75), np.full((4, 2), 0.4), style=style),
+    "rasters": lambda style: draw_rasters({"1 s": RASTER, "2 s": RASTER, "robot 1": RASTER}, (1.0, 0.75), style=style),
     "certainty, wide": lambda style: draw_certainty(RASTER, (9.0, 1.0), np.full((4, 2), 0.4), style=style),
     "certainty, tall": lambda style: draw_certainty(RASTER, (0.5, 1.0), np.full((4, 2), 0.4), title="x", style=style),
 }  # fmt: skip

@@ -296,6 +296,9 @@ class RunFigure(NotebookView):
     """Whether cells are compared by it unless other figures are asked for."""
     picture: str = ""
     """Title of the picture that a study's page has of it; empty: none."""
+    least: float = -math.inf
+    most: float = math.inf
+    """Values that a mean can have at least and at most; its limits stay within."""
 
     @property
     def by_run(self) -> str:
@@ -309,8 +312,11 @@ class RunFigure(NotebookView):
         return self.kind in ("runs", "robots") or self.name in shares
 
     def mean(self, by_run: ArrayLike, level: float = 0.95) -> Interval:
-        """Average it over runs, with Student's limits; those of a share stay between 0 and 1."""
-        return (share_interval if self.is_share else mean_interval)(by_run, level)
+        """Average it over runs, with Student's limits, which stay within what a mean can be; a share is from 0 to 1."""
+        if self.is_share:
+            return share_interval(by_run, level)
+        found = mean_interval(by_run, level)
+        return found._replace(low=max(found.low, self.least), high=min(found.high, self.most))
 
 
 def _decision_time_s(swarms: Swarms) -> Array:
@@ -514,14 +520,17 @@ FIGURES: Final = (
         lambda s: s.runs["map_brier"],
         better=-1,
         picture="Brier score of robots' maps at the end (0.25: know nothing)",
+        least=0.0,
+        most=1.0,
     ),
-    RunFigure("map_auc", "AUC of the map", lambda s: s.runs["map_auc"], better=1),
+    RunFigure("map_auc", "AUC of the map", lambda s: s.runs["map_auc"], better=1, least=0.0, most=1.0),
     RunFigure(
         "map_location_error_m",
         "location error of the map",
         lambda s: s.runs["map_location_error_m"],
         better=-1,
         unit="m",
+        least=0.0,
     ),
     RunFigure(
         "detection_time_s", "time to detection", lambda s: s.runs["detection_time_s"], better=-1, unit="s"

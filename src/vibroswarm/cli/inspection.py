@@ -41,14 +41,32 @@ class Evidence:
         tuple[float, ...] | None, Option("of a CSV: width and height of the surface, m", "WxH", read=size)
     ] = None
     spread_mm: Annotated[float, Option("of a CSV: standard deviation of its places", "MM", low=0)] = 0.0
+    robot_spread: Annotated[
+        str | None,
+        Option(
+            "of measured values (--laws CSV): standard deviation of how robots differ (default none)", "P%"
+        ),
+    ] = None
+    tile_spread: Annotated[
+        str | None,
+        Option("of measured values: standard deviation of how places of 20 cm differ (default none)", "P%"),
+    ] = None
 
 
-def centimetres(text: str) -> tuple[float | tuple[float, float], ...]:
-    """Return lengths in m from lengths in cm, such as ``5,10,20``; ``20x2`` is a crack along x, and one along y."""
-    found: list[float | tuple[float, float]] = []
-    for part in text.split(","):
-        sides = [number(side, float, low=0.1, high=1e5) / 100.0 for side in part.lower().split("x", 1)]
-        found += [sides[0]] if len(sides) == 1 else [(sides[0], sides[1]), (sides[1], sides[0])]
+def forms(text: str) -> tuple[Any, ...]:
+    """Return forms from sizes in cm, such as ``5,10,disc14``; ``20x2`` is a crack along x, and one along y."""
+    from vibroswarm.inspection.patches import Form
+
+    found = []
+    for part in text.lower().replace(" ", "").split(","):
+        size = part.removeprefix("disc")
+        sides = [
+            number(side, float, low=0.1, high=1e5) / 100.0 for side in size.split("x", 1 - (size != part))
+        ]
+        if len(sides) == 1:
+            found.append(Form(sides[0], sides[0], size != part))
+        else:
+            found += [Form(sides[0], sides[1]), Form(sides[1], sides[0])]
     return tuple(found)
 
 
@@ -62,9 +80,10 @@ class Damage:
     sizes: Annotated[
         tuple[Any, ...] | None,
         Option(
-            "sides of squares that are scanned for, cm, or length x width of cracks (default 7,10,14,20,28)",
+            "sides of squares that are scanned for, cm; also discs (disc14) and cracks (30x5: length x width) "
+            "(default 7,10,14,20,28)",
             "CM,...",
-            read=centimetres,
+            read=forms,
         ),
     ] = None
     shapes: Annotated[
@@ -82,6 +101,9 @@ class Damage:
     ] = (1.0, 0.75, 0.5)
     prior: Annotated[str, Option("probability of damage before any sample", "P%")] = "50%"
     risk: Annotated[str, Option("tolerated probability of damage after clearing", "P%")] = "5%"
+    level: Annotated[
+        str, Option("tolerated share of false calls: intact surfaces that are called (also of --plan)", "P%")
+    ] = "5%"
     strict: Annotated[bool, Option("the risk must be tolerated at every place, not on average")] = False
     loss: Annotated[
         str | None,
@@ -145,7 +167,7 @@ def inspect(
     """
     from vibroswarm.cli.deliver import Destination
     from vibroswarm.core.atomic_io import make_folder
-    from vibroswarm.documents.damage import CERTIFICATE, write_certificate
+    from vibroswarm.documents.certificate import CERTIFICATE, write_certificate
     from vibroswarm.documents.inspection import inspection_document
 
     _refuse(
@@ -155,31 +177,35 @@ def inspect(
     )
     destination = Destination(output, "inspect", str(source), evidence, damage, planned, scenario, seed)
     if planned.plan is not None:
-        destination.deliver(_plan_document(planned, scenario, seed))
+        destination.deliver(_plan_document(planned, damage, scenario, seed))
         return
     found = _inspected(source, evidence, damage, scenario, seed)
     if output.out is not None and found.assessment is not None:
         make_folder(output.out)
         write_certificate(output.out / CERTIFICATE, found)
-    tables = {"samples": found.samples.frame, "map": found.maps, "scores": found.scores}
+    tables = {
+        "samples": found.samples.frame, "map": found.maps, "raster": found.rasters, "scores": found.scores,
+    }  # fmt: skip
     written = {name: table for name, table in tables.items() if not table.is_empty()}
     destination.deliver(inspection_document(found), written)
 
 
-def _plan_document(planned: Planned, scenario: ScenarioOptions, seed: int) -> Document:
+def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, seed: int) -> Document:
     """Plan inspections of the scenario that the options name."""
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.documents.damage import plan_document
+    from vibroswarm.errors import share_from
     from vibroswarm.inspection.missed import SIDES_M, plan
 
     assert planned.plan is not None
+    level = share_from(damage.level, "--level")
     made = scenario_from(_with_default(scenario))
     runs = planned.runs
     with progress_bar("plan") as progress:
         table = plan(
             made, planned.plan, [60.0 * end for end in planned.minutes], runs=runs, seed=seed,
-            each=max(1, round(planned.plates / (runs - runs // 2))), progress=progress,
+            each=max(1, round(planned.plates / (runs - runs // 2))), level=level, progress=progress,
         )  # fmt: skip
     want_m = None if planned.want_cm is None else planned.want_cm / 100.0
     return plan_document(table, want_m, runs, planned.plates * len(SIDES_M), f"{made}, seed {seed}")
@@ -196,10 +222,15 @@ def _inspected(
     """Inspect what the options name."""
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.errors import share_from
     from vibroswarm.inspection.inspection import inspect as inspect_source
 
     known: dict[str, Any] = {
         "run": evidence.run, "laws": evidence.laws, "bits": evidence.bits, "seed": seed, **_asked(damage),
+        "spreads": tuple(
+            0.0 if text is None else share_from(text, field)
+            for text, field in ((evidence.tile_spread, "--tile-spread"), (evidence.robot_spread, "--robot-spread"))
+        ),
     }  # fmt: skip
     if source is None:
         _refuse(evidence.size is not None, "--size", "describes a CSV; give one")
@@ -226,13 +257,14 @@ def _asked(damage: Damage) -> dict[str, Any]:
     from vibroswarm.errors import check_choice, share_from
     from vibroswarm.inspection.damage import SHAPES
     from vibroswarm.inspection.patches import SIZES_M
-    from vibroswarm.inspection.scan import Question
+    from vibroswarm.inspection.stopping import Question
 
     question = Question(
         least_m=damage.least_cm / 100.0,
         contrasts=damage.contrasts,
         prior=share_from(damage.prior, "--prior"),
         risk=share_from(damage.risk, "--risk"),
+        level=share_from(damage.level, "--level"),
         strict=damage.strict,
         loss=0.0 if damage.loss is None else share_from(damage.loss, "--loss"),
     )

@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.analysis.intervals import Interval
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.patches import Form
 from vibroswarm.inspection.pod import INTACT
-from vibroswarm.inspection.samples import Law
-from vibroswarm.inspection.scan import Scan
-from vibroswarm.plots.certainty import draw_certainty
+from vibroswarm.inspection.region import HELD
+from vibroswarm.inspection.scan import Box, Scan
+from vibroswarm.inspection.stopping import BLOCKS, LOOKS
+from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.picture import Picture
+from vibroswarm.plots.run import maps_figure
+from vibroswarm.plots.style import settings
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.show.numbers import count, listed, number, p_value, percent
 from vibroswarm.simulation import versions
 
-CERTIFICATE: Final = "certificate.html"
 MOST_LISTED: Final = 4
 """Called patches that are listed in the answer; the map has all."""
 
@@ -32,11 +34,10 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     """Return sentences: is there damage, where, how large; may one stop; what would have been missed."""
     question, risk = found.question, float(found.stopping.told[-1])
     told = "below 0.1 %" if risk < 0.001 else percent(risk)
-    size = f"{_cm(question.least_m)} cm or larger"
+    size = f"{in_cm(question.least_m)} cm or larger"
     if found.verdict == "damage":
         each = [
-            f"{_cm(box.width_m)} cm x {_cm(box.height_m)} cm at x = {box.left_m + box.width_m / 2:.2f} m, "
-            f"y = {box.bottom_m + box.height_m / 2:.2f} m"
+            f"{_box(box)} at x = {box.centre_m[0]:.2f} m, y = {box.centre_m[1]:.2f} m"
             for box in found.scan.called_m[:MOST_LISTED]
         ]
         more = len(found.scan.called_m) - len(each)
@@ -58,12 +59,12 @@ def _pod_words(found: Assessment) -> str:
     if not math.isfinite(pod.a90_m):
         return "No size of damage would have been found in 90 % of inspections."
     limit = (
-        f"at most {_cm(pod.a90_95_m)} cm with 95 % confidence"
+        f"at most {in_cm(pod.a90_95_m)} cm with 95 % confidence"
         if math.isfinite(pod.a90_95_m)
         else "its upper limit does not exist"
     )
     return (
-        f"Damage of {_cm(pod.a90_m)} cm would have been found in 90 % of inspections (a90; {limit}), at "
+        f"Damage of {in_cm(pod.a90_m)} cm would have been found in 90 % of inspections (a90; {limit}), at "
         f"{percent(pod.false_calls)} false calls. Model-assisted: drawn from the law of the sensor."
     )
 
@@ -78,12 +79,22 @@ def damage_sections(found: Inspection) -> list[Section]:
     assessment = found.assessment
     assert assessment is not None
     return [
-        Section("Is there damage, and where?", (*_scan_parts(assessment), _figure(found))),
-        Section("What would have been missed?", (_pod_table(assessment), Text(_POD))),
         Section(
-            "When may one stop?", (*_stopping_parts(assessment), Table(_risk(assessment), _RISK, name="risk"))
+            "Is there damage, and where?",
+            (
+                scan_words(assessment.scan),
+                *_patch_parts(assessment.scan),
+                raster_figure(found),
+                _over_time(found),
+            ),
         ),
-        Section("Does the law of the sensor hold?", (_checks_table(assessment), Text(_UNTESTED))),
+        Section(
+            "What would have been missed?", (pod_table(assessment), *weakest_parts(assessment), Text(_POD))
+        ),
+        Section(
+            "When may one stop?", (*stopping_parts(assessment), Table(_risk(assessment), _RISK, name="risk"))
+        ),
+        Section("Does the law of the sensor hold?", (checks_table(assessment), Text(UNTESTED))),
     ]
 
 
@@ -93,32 +104,64 @@ _POD: Final = (
     f"discs, length of cracks of {100 * CRACK_M:g} cm. Where less than {percent(WHOLLY, 0)} of the cells are visited "
     "the curve may end below 1 (by AIC). Other places are not covered."
 )
-_UNTESTED: Final = (
-    "Holm's correction; at most 5 % of right laws are refused. The law of damage cannot be tested where there is none: "
-    "it is that of the reference."
+UNTESTED: Final = (
+    "Holm's correction; at most 5 % of right laws are refused. Places are tested by whether the robots agree on where "
+    "it vibrates (power: share of robots with useless places that are found); where nothing vibrates they cannot be "
+    "tested. The law of damage cannot be tested where there is none: it is that of the reference."
 )
 _RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told risk", share=True)}
 
 
-def _scan_parts(found: Assessment) -> tuple[Text | Table, ...]:
-    scan = found.scan
+def scan_words(scan: Scan) -> Text:
+    """Return how was scanned, and with which p-value."""
+    level = percent(scan.level, 0 if scan.level >= 0.01 else 1)
     words = (
-        f"Scan of {listed(map(_size, scan.sizes))} cm: T = {number(scan.statistic, 2)} "
-        f"(5 % of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
+        f"Scan of {listed(map(_form, scan.forms))} cm: T = {number(scan.statistic, 2)} "
+        f"({level} of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
         f"{count(scan.replicates, 'intact surface')} drawn at the same places; values exchanged within robots and "
-        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks(scan)} If there is one patch of damage, "
-        f"its centre is within {number(1e4 * scan.region_m2, 0)} cm2 with 90 %."
+        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks(scan)}"
     )
-    sizes = pl.DataFrame({"size": [_size(sides) for sides in scan.sizes], "probability": scan.size_posterior})
+    return Text(words)
+
+
+def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
+    """Return the called patches with their joint regions; nothing if none is called."""
+    if not scan.called_m:
+        return ()
+    rows = []
+    for box, region in zip(scan.called_m, scan.regions, strict=True):
+        low, high = region.contrast or (None, None)
+        small, large = (100.0 * size for size in region.size_m)
+        rows.append((_box(box), *box.centre_m, 1e4 * region.centre_m2, small, large, low, high))
     columns = {
-        "size": Column(unit="cm"),
-        "probability": Column("probability, if there is damage", share=True),
+        "patch": Column("called patch"),
+        "x_m": Column("x", "m", decimals=2),
+        "y_m": Column("y", "m", decimals=2),
+        "centre_cm2": Column("centres", "cm2", decimals=0),
+        "size_from_cm": Column("size from", "cm", decimals=0),
+        "size_to_cm": Column("to", "cm", decimals=0),
+        "contrast_from": Column("contrast from", decimals=2),
+        "contrast_to": Column("to", decimals=2),
     }
-    return Text(words), Table(sizes, columns, name="sizes")
+    words = (
+        f"Place, size and contrast of a patch are in one joint region with {percent(HELD, 0)}, of which the table has "
+        "the area of the centres, the sizes and the contrasts. One patch is presumed; later ones are by the samples "
+        "that are not on those before. Damage below the smallest or above the largest declared size is not weighed."
+    )
+    return Table(pl.DataFrame(rows, schema=list(columns), orient="row"), columns, name="patches"), Text(words)
 
 
-def _size(sides_m: tuple[float, float]) -> str:
-    return _cm(sides_m[0]) if sides_m[0] == sides_m[1] else f"{_cm(sides_m[0])} x {_cm(sides_m[1])}"
+def _box(box: Box) -> str:
+    if box.is_disc:
+        return f"disc of {in_cm(box.width_m)} cm"
+    return f"{in_cm(box.width_m)} cm x {in_cm(box.height_m)} cm"
+
+
+def _form(form: Form) -> str:
+    if form.is_disc:
+        return f"{in_cm(form.width_m)} (disc)"
+    is_square = form.width_m == form.height_m
+    return in_cm(form.width_m) if is_square else f"{in_cm(form.width_m)} x {in_cm(form.height_m)}"
 
 
 def _looks(scan: Scan) -> str:
@@ -129,27 +172,44 @@ def _looks(scan: Scan) -> str:
     return f"{scan.looks} looks, T and its p-value are of the largest over them{called}."
 
 
-def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
+def stopping_parts(found: Assessment) -> tuple[Text, ...]:
+    """Return when the risk is tolerated, and how much damage is cleared all the same."""
     told, question = found.stopping, found.question
-    when = "not by the end" if told.cleared_s is None else f"from {number(told.cleared_s, 0)} s on"
-    robots = "not by the end" if told.robots_s is None else f"from {number(told.robots_s, 0)} s on"
     contrasts = listed(f"{c:g}" for c in question.contrasts)
-    missed, worst = told.missed, told.worst
     heard = f"all but {percent(question.loss, 0)} of" if question.loss else "all of"
-    rule = "at the worst place" if question.strict else "on average over places"
+    places = listed(
+        f"{places:,} of {_form(form)} cm"
+        for form, places in zip(told.patches.forms, told.patches.places.tolist(), strict=True)
+    )
+    if question.strict:
+        rule = f"the largest L of all places ({places})"
+    else:
+        rule = f"the mean of L over places, all with the same weight ({places}), of the worst size"
+    missed = f"{_limits(told.missed)} ({_limits(told.worst)} at the worst of {BLOCKS**2} blocks of places)"
+    robots = (
+        "" if told.missed_by_robots is None else f", if the robots decide {_limits(told.missed_by_robots)}"
+    )
     return (
         Text(
-            f"Risk of damage of at least {_cm(question.least_m)} cm, {rule}, of the worst size and contrast "
-            f"({contrasts}), prior {percent(question.prior)}: tolerated {when}, if a centre that has all samples "
-            f"decides; if the robots do, each by its samples and {heard} the others', {robots}."
+            f"Told risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {percent(question.prior)}, and Lambda "
+            f"{rule} and contrast ({contrasts}). A centre that has all samples tolerates it {_when(told.cleared_s)}; "
+            f"the last of the robots, each by its samples and {heard} the others', {_when(told.robots_s)}."
         ),
         Text(
-            f"Of {missed.n:,} drawn squares of {_cm(question.least_m)} cm with contrast {min(question.contrasts):g}, "
-            f"{percent(missed.estimate)} [{100 * missed.low:.1f}, {100 * missed.high:.1f}] would be cleared all the "
-            f"same at the end; at the worst of 25 blocks of places {percent(worst.estimate)} (upper limit "
-            f"{percent(worst.high)})."
+            f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
+            f"{in_cm(question.least_m)} cm with contrast {min(question.contrasts):g} are cleared all the same in "
+            f"{missed}{robots}; by all samples at the end in {_limits(told.missed_at_end)}. Drawn at the places of "
+            "this inspection, with 95 % limits."
         ),
     )
+
+
+def _when(time_s: float | None) -> str:
+    return "at no look" if time_s is None else f"from {number(time_s, 0)} s on"
+
+
+def _limits(share: Interval) -> str:
+    return f"{percent(share.estimate)} [{100 * share.low:.1f}, {100 * share.high:.1f}]"
 
 
 def _risk(found: Assessment) -> pl.DataFrame:
@@ -157,7 +217,8 @@ def _risk(found: Assessment) -> pl.DataFrame:
     return pl.DataFrame({"time_s": found.stopping.times_s, "risk": found.stopping.told})[3::4]
 
 
-def _pod_table(found: Assessment) -> Table:
+def pod_table(found: Assessment) -> Table:
+    """Return the sizes that would have been found, by shape and contrast."""
     each = [("square", contrast, pod) for contrast, pod in found.pods.items()]
     each += [(shape, max(found.pods), pod) for shape, pod in found.shaped.items()]
     rows = [
@@ -187,16 +248,70 @@ def _pod_table(found: Assessment) -> Table:
     )
 
 
-def _checks_table(found: Assessment) -> Table:
+def weakest_parts(found: Assessment) -> tuple[Table, ...]:
+    """Return the weakest contrasts that would have been found, by area; nothing for readings of classes."""
+    if found.weakest is None:
+        return ()
+    shown = found.weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
     columns = {
+        "side_m": Column("square", "cm", decimals=0),
+        "area_m2": Column("area", "cm2", decimals=0),
+        "c90": Column("weakest contrast found in 90 %", decimals=2),
+        "c90_95": Column("95 % limit", decimals=2),
+    }
+    caption = (
+        "Weakest contrast that would have been found in 90 % of inspections, by area, with its upper limit; a dash: "
+        "none up to 1."
+    )
+    return (Table(shown, columns, caption=caption, name="weakest"),)
+
+
+def checks_table(found: Assessment) -> Table:
+    """Return the checks of the law and of places."""
+    columns = {
+        "samples": Column(decimals=0),
         "p_value": Column("p", p_value=True),
         "corrected": Column("corrected p", p_value=True),
-        "refused": Column("refused"),
+        "power": Column("power", share=True, decimals=0),
     }
     return Table(found.checks, columns, name="checks")
 
 
-def _figure(found: Inspection) -> Figure:
+def _over_time(found: Inspection) -> Figure:
+    """Return the raster over time, and that of each robot's own samples."""
+    assert found.assessment is not None
+    assessment, size_m = found.assessment, found.samples.size_m
+    panels = {
+        f"{number(time_s, 0)} s": cells
+        for time_s, cells in zip(assessment.raster_times_s, assessment.rasters, strict=True)
+    }
+    panels |= {f"robot {robot}": cells for robot, cells in assessment.own_rasters.items()}
+    return Figure(
+        "raster", lambda style: draw_rasters(panels, size_m, style=style), "Damage over time, and by robot"
+    )
+
+
+def map_figure(found: Inspection, *, own: bool = True) -> Figure:
+    """Return the figure of the map of tiles, of all samples; with ``own`` also of each robot's."""
+    maps = found.last_maps if own else found.last_maps.filter(pl.col("robot").is_null())
+    words = f"Probability that each tile {vibrates(found)}"
+
+    def draw(style: str) -> Picture:
+        with settings():
+            return Picture(
+                maps_figure(maps), maps, f"{words}: all robots{', each by itself' if own else ''}."
+            )
+
+    return Figure("map", draw, f"Map of all samples{', and of each robot' if own else ''}")
+
+
+def vibrates(found: Inspection) -> str:
+    """Return what the map of tiles is a probability of."""
+    return "vibrates" if found.by_kind is None else "is of another kind than 0"
+
+
+def raster_figure(found: Inspection) -> Figure:
+    """Return the figure of the probability of damage, with the called patches."""
     assert found.assessment is not None
     samples, scan = found.samples, found.assessment.scan
     places = np.stack([samples.column("x_m"), samples.column("y_m")], axis=1)
@@ -248,75 +363,21 @@ def _planned(table: pl.DataFrame, want_m: float | None) -> str:
         row = best.row(0, named=True)
         return (
             f"{count(row['robots'], 'robot')} in {number(row['until_s'] / 60, 1)} min find squares of "
-            f"{_cm(row['a90_m'])} cm in 90 % of inspections, the smallest of these plans."
+            f"{in_cm(row['a90_m'])} cm in 90 % of inspections, the smallest of these plans."
         )
     enough = table.filter(pl.col("a90_95_m") <= want_m).sort(pl.col("robots") * pl.col("until_s"))
     if enough.is_empty():
         return (
-            f"None of these plans surely finds squares of {_cm(want_m)} cm in 90 % of inspections (a90/95)."
+            f"None of these plans surely finds squares of {in_cm(want_m)} cm in 90 % of inspections (a90/95)."
         )
     row = enough.row(0, named=True)
     return (
         f"{count(row['robots'], 'robot')} in {number(row['until_s'] / 60, 1)} min are enough for squares of "
-        f"{_cm(want_m)} cm: a90 {_cm(row['a90_m'])} cm, with 95 % confidence at most {_cm(row['a90_95_m'])} cm (fewest "
-        "robot minutes)."
+        f"{in_cm(want_m)} cm: a90 {in_cm(row['a90_m'])} cm, with 95 % confidence at most {in_cm(row['a90_95_m'])} cm "
+        "(fewest robot minutes)."
     )
 
 
-def certificate_document(found: Inspection) -> Document:
-    """Return the certificate of an inspection as a document: question, answer, map, what is not covered, origin."""
-    samples, assessment = found.samples, found.assessment
-    assert assessment is not None
-    question = assessment.question
-    asked = (
-        f"Is there damage of {_cm(question.least_m)} cm or larger, with a contrast of at least "
-        f"{min(question.contrasts):g}? Tolerated risk {percent(question.risk)}, prior {percent(question.prior)}"
-        f"{', at every place' if question.strict else ', on average over places'}."
-    )
-    covered = (
-        f"Visited: {percent(assessment.visited, 0)} of the cells of 10 cm. Not covered: damage smaller than "
-        f"{_cm(question.least_m)} cm or weaker than contrast {min(question.contrasts):g}; places not visited; shapes "
-        f"without a row above; damage that does not follow the reference. Places: {samples.places}; errors of places "
-        f"taken as independent. Error of the law: {_error_of(samples.law)}."
-    )
-    return Document(
-        title=f"Inspection of {samples.source}",
-        answer=damage_answer(assessment),
-        warnings=(not_certified(assessment),) if assessment.refusals else (),
-        parts=(
-            Section("Question", (Text(asked), Text(_what(found)))),
-            Section("Where", (_scan_parts(assessment)[0], _figure(found))),
-            Section("What would have been missed", (_pod_table(assessment), *_stopping_parts(assessment))),
-            Section(
-                "Law of the sensor",
-                (Text(f"Origin: {samples.law.origin}. {_UNTESTED}"), _checks_table(assessment)),
-            ),
-            Section("Not covered", (Text(covered),)),
-        ),
-        made_by={"samples": samples.hash, "law": samples.law.hash, **versions()},
-    )
-
-
-def _error_of(law: Law) -> str:
-    return f"drawn, {count(len(law.draws), 'law')} of resampled references" if law.draws else "not known"
-
-
-def _what(found: Inspection) -> str:
-    samples = found.samples
-    return (
-        f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} in "
-        f"{number(found.times_s[-1], 0)} s on {samples.size_m[0]:g} m x {samples.size_m[1]:g} m."
-    )
-
-
-def write_certificate(path: Path, found: Inspection) -> None:
-    """Write the certificate of an inspection as one HTML page, which prints on one sheet of A4."""
-    from vibroswarm.show.page import certificate_html
-
-    text = certificate_html(certificate_document(found))
-    with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _cm(size_m: float) -> str:
+def in_cm(size_m: float) -> str:
+    """Write a length in cm, without its unit."""
     return number(100 * size_m, digits=3)

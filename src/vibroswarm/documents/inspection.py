@@ -10,13 +10,16 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import SURE, calibration
-from vibroswarm.documents.damage import damage_answer, damage_sections, not_certified
+from vibroswarm.documents.damage import (
+    damage_answer,
+    damage_sections,
+    map_figure,
+    not_certified,
+    vibrates,
+)
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.plots.picture import Picture
-from vibroswarm.plots.run import maps_figure
-from vibroswarm.plots.style import settings
-from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
 from vibroswarm.show.numbers import count, number, percent
 from vibroswarm.simulation import versions
 
@@ -74,21 +77,24 @@ def _kinds(by_kind: NDArray[np.float64], tiles: NDArray[np.uint8]) -> list[Part]
 
 
 def _warnings(found: Inspection) -> tuple[str, ...]:
-    if found.assessment is not None and found.assessment.refusals:
-        return (not_certified(found.assessment),)
-    return tuple(filter(None, (found.samples.warning,)))
+    refused = found.assessment is not None and bool(found.assessment.refusals)  # the answer says why
+    return () if refused else tuple(filter(None, (found.samples.warning,)))
 
 
 def _answer(found: Inspection) -> tuple[str, ...]:
     damage = () if found.assessment is None else damage_answer(found.assessment)
+    if found.assessment is not None and found.assessment.refusals:
+        damage = (not_certified(found.assessment), *damage)
     if found.pooled is None:
         return damage
     p = found.pooled[-1]
     vibrate, still = int((p > SURE).sum()), int((p < 1.0 - SURE).sum())
+    two = found.by_kind is None
+    verb, other = ("vibrate", "are still") if two else ("are of another kind than 0", "are of kind 0")
     words = [
-        f"{vibrate} of {p.size} tiles vibrate and {still} are still, each with more than {percent(SURE, 0)}; "
-        f"{p.size - vibrate - still} are open, after {number(found.times_s[-1], 0)} s. Expected to vibrate: "
-        f"{number(float(p.sum()), 1)} tiles.",
+        f"{vibrate} of {p.size} tiles {verb} and {still} {other}, each with more than {percent(SURE, 0)}; "
+        f"{p.size - vibrate - still} are open, after {number(found.times_s[-1], 0)} s. Expected number of tiles that "
+        f"{verb}: {number(float(p.sum()), 1)}.",
     ]
     if found.samples.truth_known:
         last = found.scores.row(-1, named=True)
@@ -104,9 +110,12 @@ def _answer(found: Inspection) -> tuple[str, ...]:
 
 
 def _what(samples: Samples) -> str:
+    left_out = (
+        f" {count(samples.left_out, 'row')} of the file without a value left out." if samples.left_out else ""
+    )
     return (
         f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} on "
-        f"{samples.size_m[0]:g} m x {samples.size_m[1]:g} m."
+        f"{samples.size_m[0]:g} m x {samples.size_m[1]:g} m.{left_out}"
     )
 
 
@@ -121,6 +130,8 @@ def _presumed(samples: Samples) -> Iterator[str]:
         )
     elif samples.column("spread_x_m").any():
         yield "Places taken as independent; how wrong they are is not known."
+    else:
+        yield "Places taken as exact."
     if samples.floor is not None:
         before = (
             "vibrating with probability 1/2" if samples.kinds is None else "of each kind equally probable"
@@ -130,7 +141,7 @@ def _presumed(samples: Samples) -> Iterator[str]:
 
 def _map(found: Inspection) -> list[Part]:
     """Return the map as text, figure and table, and its scores over time where the truth is known."""
-    maps = found.maps
+    maps = found.last_maps
     pooled = maps.filter(pl.col("robot").is_null())
     parts: list[Part] = []
     if found.samples.floor is not None and found.samples.floor.tiles.shape[1] <= WIDEST_MAP:
@@ -141,17 +152,11 @@ def _map(found: Inspection) -> list[Part]:
             )
             for _, row in pooled.group_by("row", maintain_order=True)
         ]
-        words = "Probability that each tile vibrates, %, from all samples"
+        words = f"Probability that each tile {vibrates(found)}, %, from all samples"
         parts.append(Text(f"{words}{'; ! marks a wrong tile' if found.samples.truth_known else ''}:"))
         parts.append(Text("\n".join(lines), "code"))
 
-    def draw(style: str) -> Picture:
-        with settings():
-            return Picture(
-                maps_figure(maps), maps, "Probability that each tile vibrates: all robots, each by itself."
-            )
-
-    parts.append(Figure("map", draw, "Map of all samples, and of each robot's own"))
+    parts.append(map_figure(found))
     parts.append(
         Table(maps.drop("run"), {"spread": Column("standard deviation")}, name="map", names=3, folded=True)
     )

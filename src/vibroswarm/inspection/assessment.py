@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import polars as pl
@@ -12,27 +12,34 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.checks import law_checks
-from vibroswarm.inspection.missed import CRACKS_M, SIDES_M, own_trials
-from vibroswarm.inspection.patches import SIZES_M, declared, shares_of
+from vibroswarm.inspection.checks import PLACES, law_checks
+from vibroswarm.inspection.missed import (
+    CRACKS_M,
+    SIDES_M,
+    false_calls,
+    own_trials,
+    weakest_found,
+)
+from vibroswarm.inspection.others import by_patches, by_tiles
+from vibroswarm.inspection.patches import SIZES_M, Side, declared, shares_of
 from vibroswarm.inspection.pod import Pod
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import (
-    CALLED,
-    CLEAR_M,
+    CELLS,
     REPLICATES,
-    Question,
     Scan,
-    Stopping,
+    looks_of,
     near,
+    rasters,
     scan,
-    stopping,
 )
+from vibroswarm.inspection.stopping import Question, Stopping, stopping
+from vibroswarm.show.numbers import count, listed
 
-SURELY_STILL: Final = 0.01
-"""Tiles with a smaller probability count as still when the law is checked."""
 WHOLLY: Final = 0.95
 """Below this share of visited cells PoD may end below 1."""
+RASTERS: Final = 6
+"""Times at which the raster is told."""
 VISITED_M: Final = 0.1
 """Cells of this side are visited if a sample was taken in them."""
 
@@ -56,11 +63,18 @@ class Assessment(NotebookView):
     """Share of the surface's cells of 10 cm in which a sample was taken."""
     shaped: dict[str, Pod] = field(default_factory=dict)
     """Fitted probability of detection of discs and cracks of the largest contrast, by shape."""
+    rasters: Floats = field(default_factory=lambda: np.empty((0, CELLS, CELLS)))
+    """Probability of each cell at ``raster_times_s``, top row first, (times, CELLS, CELLS)."""
+    raster_times_s: Floats = field(default_factory=lambda: np.empty(0))
+    own_rasters: dict[int, Floats] = field(default_factory=dict)
+    """Probability of each cell by each robot's own samples, by robot."""
+    weakest: pl.DataFrame | None = None
+    """The weakest contrast that is found (``missed.weakest_found``); None: readings of classes, which have one."""
 
     @property
     def verdict(self) -> Verdict:
         """Return "damage" if the scan calls it, "clear" if the told risk at the end is tolerated, otherwise "open"."""
-        if self.scan.p_value <= CALLED:
+        if self.scan.p_value <= self.scan.level:
             return "damage"
         return "clear" if self.stopping.told[-1] <= self.question.risk else "open"
 
@@ -69,65 +83,61 @@ def assess(
     samples: Samples,
     question: Question | None = None,
     *,
-    sides_m: Sequence[float | tuple[float, float]] = SIZES_M,
+    sides_m: Sequence[Side] = SIZES_M,
     replicates: int = REPLICATES,
     seed: int = 1,
-    bits: bool = False,
-    still: NDArray[np.bool_] | None = None,
     looks: int = 1,
     shapes: Sequence[str] = ("square",),
 ) -> Assessment:
     """Answer a question about damage by the samples of one inspection.
 
     Args:
-        question: by default ``Question()``. sides_m: declared sizes, sides of squares or of rectangles. replicates:
-            intact surfaces drawn for the scan. seed: of all that is drawn. bits: the values are readings of 0 and 1.
-        still: samples on places that are known to be still; by default all, away from called damage.
+        question: by default ``Question()``. sides_m: declared sizes and shapes. replicates:
+            intact surfaces drawn for the scan. seed: of all that is drawn.
         looks: how often the scan is looked at, evenly spaced. shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
         InputError: no declared size is as large as the smallest that must be found, or none fits the surface.
     """
     question = question or Question()
-    if bits and question.contrasts != (1.0,):
+    if samples.law.bits and question.contrasts != (1.0,):
         raise InputError("readings of classes have one contrast; give 1", field="--contrasts")
     patches = declared(samples.size_m, sides_m)
     shares = shares_of(samples, patches)
     found = scan(
         samples, patches, shares,
-        prior=question.prior, replicates=replicates, seed=seed, bits=bits, looks=looks,
+        prior=question.prior, level=question.level, replicates=replicates, seed=seed, looks=looks,
     )  # fmt: skip
-    told, visited = stopping(samples, patches, shares, question, seed=seed), _visited(samples)
+    if samples.floor is not None:
+        checks = law_checks(samples, by_tiles(samples), seed=seed)
+    else:
+        others = by_patches(samples, patches, shares, found.critical, question.prior)
+        checks = law_checks(samples, others, _away(samples, found), seed=seed)
+    known = samples, patches, shares, found.critical
+    visited = _visited(samples)
+    drawn: dict[str, Any] = {"seed": seed + 1, "looks": looks}
+    false = false_calls(*known, **drawn)
 
     def pod(contrast: float, shape: str = "square") -> Pod:
-        longest_m = min(samples.size_m)
-        sides = SIDES_M if shape != "crack" else [side for side in CRACKS_M if side <= longest_m]
-        trials = own_trials(
-            samples, patches, shares, found.critical, contrast=contrast, sides_m=sides, seed=seed + 1,
-            bits=bits, shape=shape, looks=looks,
-        )  # fmt: skip
+        sides = SIDES_M if shape != "crack" else [side for side in CRACKS_M if side <= min(samples.size_m)]
+        trials = own_trials(*known, false, contrast=contrast, sides_m=sides, shape=shape, **drawn)
         return trials.fit(asymptote=visited < WHOLLY)
 
-    pods = {contrast: pod(contrast) for contrast in question.contrasts}
-    shaped = {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"}
-    quiet = still if still is not None else _away(samples, found)
-    checks = law_checks(samples, quiet, seed=seed) if not bits else pl.DataFrame()
-    return Assessment(question, found, told, pods, checks, _refusals(samples, checks), visited, shaped)
-
-
-def still_by_map(samples: Samples, p: Floats) -> NDArray[np.bool_]:
-    """Return which samples are on tiles that a map takes as surely still, away from their edges.
-
-    Args:
-        p: probability of each tile, (tiles,).
-    """
-    assert samples.floor is not None
-    near = np.ones(samples.frame.height, dtype=bool)
-    margin_m = CLEAR_M / 2.0 + samples.column("spread_x_m")
-    for dx, dy in ((0, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)):
-        x_m, y_m = samples.column("x_m") + dx * margin_m, samples.column("y_m") + dy * margin_m
-        tile = samples.floor.tile_at(x_m, y_m)
-        near &= np.append(p, 0.0)[tile] < SURELY_STILL  # off the grid: -1, the entry that is appended
-    return near
+    raster_times_s, _ = looks_of(samples, RASTERS)
+    over_time, own = rasters(samples, patches, shares, found.critical, question.prior, raster_times_s)
+    return Assessment(
+        question,
+        found,
+        stopping(samples, patches, question, seed=seed),
+        {contrast: pod(contrast) for contrast in question.contrasts},
+        checks,
+        _refusals(samples, checks),
+        visited,
+        {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"},
+        over_time,
+        raster_times_s,
+        own,
+        None if samples.law.bits else weakest_found(*known, false, **drawn),
+    )
 
 
 def _away(samples: Samples, found: Scan) -> NDArray[np.bool_]:
@@ -141,9 +151,15 @@ def _away(samples: Samples, found: Scan) -> NDArray[np.bool_]:
 def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
     """Return the reasons not to certify anything."""
     words = []
-    if not checks.is_empty():
-        for check, p in checks.filter(pl.col("refused")).select("check", "corrected").iter_rows():
-            words.append(f"the samples contradict the law of the sensor ({check}, corrected p = {p:.3f})")
+    for check, p in checks.filter(pl.col("outcome") == "refused").select("check", "corrected").iter_rows():
+        contradicted = "map of the other robots" if check == PLACES else "law of the sensor"
+        words.append(f"the samples contradict the {contradicted} ({check}, corrected p = {p:.3f})")
+    unmade = checks.filter(pl.col("outcome") == "not made")
+    if unmade.height:
+        words.append(
+            f"{listed(unmade['check'])} could not be checked: only {count(unmade['samples'][0], 'sample')} on still "
+            "places"
+        )
     if samples.warning:
         words.append(samples.warning[:1].lower() + samples.warning[1:].rstrip("."))
     if len(samples.robots) == 1:
@@ -154,10 +170,10 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
 def _visited(samples: Samples) -> float:
     """Return the share of the surface's cells in which a sample was taken."""
     across, up = (max(1, round(whole / VISITED_M)) for whole in samples.size_m)
-    count, _, _ = np.histogram2d(
+    visits, _, _ = np.histogram2d(
         samples.column("x_m"),
         samples.column("y_m"),
         bins=(across, up),
         range=[[0.0, samples.size_m[0]], [0.0, samples.size_m[1]]],
     )
-    return float((count > 0).mean())
+    return float((visits > 0).mean())

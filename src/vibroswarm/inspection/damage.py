@@ -5,8 +5,13 @@
 | value where still, vibrating | F_still, F_vibrating | of the law |
 | value at contrast c | - | F_c^-1(u) = (1 - c) F_still^-1(u) + c F_vibrating^-1(u) |
 | probability to sense the patch | P | Phi((reach - d) / blur), d the distance from its edge, negative inside |
-| error of the law | - | each replicate is drawn from one of ``Law.draws``, and judged by the law itself |
+| error of the law | - | replicate b is drawn and judged by ``Law.draws``, number b modulo their count |
 | factors | - | of each robot and of each tile, log-normal of mean 1, by the spreads of the law |
+
+A surface is judged by a law that was fitted to a reference; what it measures was not part of that reference. So are the
+drawn surfaces: each is judged by a law fitted to a resampled reference, and measures what this reference left out. A
+law that judged values like those to which it was fitted would tell them apart better than any others: with a hundred
+measured values of each kind half of all intact surfaces were called.
 
 Tiles without a grid are squares of ``TILE_M``. The laws have no effect of time: drift is tested, not simulated
 (``checks``).
@@ -15,7 +20,7 @@ Tiles without a grid are squares of ``TILE_M``. The laws have no effect of time:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -26,8 +31,8 @@ from scipy.special import ndtr
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import kernel
 from vibroswarm.floors.patches import Patch, mixed, place_within
-from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
-from vibroswarm.observation.energy_model import energy_of, readings_of
+from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
+from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors.base import MOST_KINDS
 
@@ -47,14 +52,17 @@ class Table(NamedTuple):
     value: Floats
     ratio: Floats
     """Log ratios at ``value``."""
+    of_u: NDArray[np.int64]
+    of_value: NDArray[np.int64]
+    """``index_of`` u and value."""
 
     def _repr_html_(self) -> str:
         return html_view(self)
 
 
-@lru_cache(maxsize=16)
-def tables_of(law: Law, bits: bool) -> Table:
-    """Return the tables of a law; with ``bits`` the log ratios are those of the readings that values give."""
+@lru_cache(maxsize=160)
+def tables_of(law: Law) -> Table:
+    """Return the tables of a law."""
     # Denser at the ends of (0, 1), where quantiles change most.
     u = ndtr(np.linspace(-4.5, 4.5, POINTS))
     still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (0, 1))
@@ -63,66 +71,77 @@ def tables_of(law: Law, bits: bool) -> Table:
     few = np.unique((still, vibrating))
     if few.size <= MOST_KINDS:  # a sensor of classes: there is nothing between them
         value = few
-    read = readings_of(law.sensor, value).astype(np.float64) if bits else value
-    return Table(u, still, vibrating, value, ratios_of_values(law, read, bits=bits))
+    if law.bits:
+        value = np.array([0.0, 1.0])
+    return Table(u, still, vibrating, value, ratios_of_values(law, value), index_of(u), index_of(value))
 
 
 def values_at(
-    law: Law, u: Floats, inside: NDArray[np.bool_] | bool, contrast: Floats | float = 1.0, *, draw: int | None = None
-) -> Floats:  # fmt: skip
-    """Return what a typical sensor measures at quantile ``u``, on damage of a contrast or off it, in the shape of u.
-
-    Args:
-        draw: number of the law in ``Law.draws``; None: the law itself.
-    """
-    at, still, vibrating = tables_of(law, False)[:3] if draw is None else _drawn_quantiles(law)[draw]
-    found = interpolated(u, at, still)
+    law: Law, u: Floats, inside: NDArray[np.bool_] | bool, contrast: Floats | float = 1.0
+) -> Floats:
+    """Return what a typical sensor measures at quantile ``u``, on damage of a contrast or off it, in the shape of u."""
+    table = tables_of(law)
+    found = interpolated(u, table.u, table.still, table.of_u)
     where = np.broadcast_to(inside, u.shape)
     if where.any():  # damage is small: few samples sense it
         share = np.broadcast_to(contrast, u.shape)[where]
-        found[where] = mixed(found[where], interpolated(u[where], at, vibrating), share)
+        found[where] = mixed(
+            found[where], interpolated(u[where], table.u, table.vibrating, table.of_u), share
+        )
     return found
 
 
 @lru_cache(maxsize=16)
-def _drawn_quantiles(law: Law) -> list[tuple[Floats, Floats, Floats]]:
-    """Return u, and the quantiles at u on still and on vibrating places, of each law in ``Law.draws``."""
-    u = tables_of(law, False).u
-    return [
-        (u, *(energy_of(drawn, kind, u).astype(np.float64) for kind in (0, 1)))  # type: ignore[misc]
-        for drawn in law.draws
-    ]
+def _draws_of(law: Law) -> tuple[list[Law], list[Law]]:
+    """Return the laws that judge drawn surfaces, and those that these surfaces follow."""
+    sensors = zip(*law.draws, strict=True)
+    judges, truths = ([Law(sensor, law.origin, bits=law.bits) for sensor in each] for each in sensors)
+    return judges, truths
 
 
-def ratios_at(law: Law, value: Floats, *, bits: bool = False) -> Floats:
+def judged(law: Law, values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
+    """Return what ``judge`` says of drawn values, (samples, replicates), by a law with its error."""
+    if not law.draws:
+        return judge(law, values)
+    out, laws = np.empty(values.shape), _draws_of(law)[0]
+    for k, one in enumerate(laws[: values.shape[1]]):
+        out[:, k :: len(laws)] = judge(one, values[:, k :: len(laws)])
+    return out
+
+
+def ratios_at(law: Law, value: Floats) -> Floats:
     """Return the log ratios of values as ``samples.ratios_of_values`` does, by its table."""
-    table = tables_of(law, bits)
-    return interpolated(value, table.value, table.ratio)
+    table = tables_of(law)
+    return interpolated(value, table.value, table.ratio, table.of_value)
 
 
-def contrast_ratios(law: Law, contrast: float, value: Floats) -> Floats:
+def contrast_ratios(law: Law, value: Floats, contrast: float) -> Floats:
     """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
 
     At contrast 1 it is that of the law. Below, it is computed from tables: the density of a quantile function Q is
-    1 / Q'(u), averaged over the factors of tiles and robots.
+    1 / Q'(u), averaged over the factors of tiles and robots; that of measured values is a histogram, as at contrast 1.
     """
     if contrast >= 1.0:
         return ratios_at(law, value)
-    grid = tables_of(law, False).value
-    return interpolated(value, grid, _contrast_table(law, contrast))
+    table = tables_of(law)
+    return interpolated(value, table.value, _contrast_table(law, contrast), table.of_value)
 
 
-def interpolated(x: Floats, at: Floats, values: Floats) -> Floats:
+def interpolated(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64] | None = None) -> Floats:
     """Return what ``np.interp`` returns, bit by bit, in a third of its time; ``values`` are finite.
 
     Args:
-        at: ascending. values: at ``at``.
+        at: ascending. values: at ``at``. begin: ``index_of(at)``, if it is known.
     """
-    edges = np.linspace(at[0], at[-1], at.size, endpoint=False)
-    begin = np.maximum(np.searchsorted(at, edges, side="right") - 1, 0)
     out = np.empty(x.shape)
-    _interpolate(x.ravel(), at, values, begin, out.reshape(-1))
+    _interpolate(x.ravel(), at, values, index_of(at) if begin is None else begin, out.reshape(-1))
     return out
+
+
+def index_of(at: Floats) -> NDArray[np.int64]:
+    """Return the entry at or before the beginning of each of as many equal intervals between the ends of ``at``."""
+    edges = np.linspace(at[0], at[-1], at.size, endpoint=False)
+    return np.asarray(np.maximum(np.searchsorted(at, edges, side="right") - 1, 0), dtype=np.int64)
 
 
 @kernel
@@ -150,15 +169,19 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
             out[i] = values[last] if x[i] >= at[last] else x[i]  # nan stays
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=512)
 def _contrast_table(law: Law, contrast: float) -> Floats:
-    table = tables_of(law, False)
+    table = tables_of(law)
+    if law.sensor.vibrating_energies is not None:  # measured values, whose density is that of a histogram
+        u = (np.arange(len(law.sensor.vibrating_energies)) + 0.5) / len(law.sensor.vibrating_energies)
+        between = values_at(law, u, True, contrast)
+        sensor = law.sensor.model_copy(update={"vibrating_energies": tuple(between.tolist())})
+        return ratios_of_values(Law(sensor, law.origin), table.value)
     factors, weights = np.ones(1), np.ones(1)
     if law.sensor.tile_spread is not None or law.sensor.robot_spread is not None:
         from vibroswarm.observation.energy_model import typical_factors
 
         factors, weights = typical_factors(law.sensor)
-    # Coarse steps, so that measured values, whose quantiles are steps, have a density.
     at = np.linspace(0, POINTS - 1, 200).round().astype(np.int64)
     logs = []
     for share in (0.0, contrast):
@@ -231,42 +254,53 @@ def drawn_values(
 ) -> Floats:
     """Draw what the samples would have measured, (samples, replicates).
 
-    If the law has an error, each replicate is drawn from one of its draws.
-
     Args:
         patch: damage, felt at the samples' true places; where these are not known they are drawn about the samples'
             places, by their spreads. None: the surface is intact.
     """
-    law, count = samples.law, samples.frame.height
-    inside: NDArray[np.bool_] | bool = False
-    if patch is not None:
-        known = not samples.frame["true_x_m"].has_nulls()
-        x_m, y_m = (samples.column(f"{'true_' if known else ''}{axis}_m")[:, None] for axis in "xy")
-        if not known and samples.column("spread_x_m").any():
-            x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal((count, replicates))
-            y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal((count, replicates))
-        inside = sensed(random, law.sensor, patch, x_m, y_m)
-    contrast = 1.0 if patch is None else patch.contrast
-    u = random.random((count, replicates))
-    if not law.draws:
-        values, laws = values_at(law, u, inside, contrast), [law.sensor] * replicates
-    else:
-        drawn = random.integers(len(law.draws), size=replicates)
-        values, laws = np.empty_like(u), [law.draws[k] for k in drawn]
-        for k in np.unique(drawn):
-            of_law = drawn == k
-            at = False if inside is False else np.asarray(inside)[:, of_law]
-            share = contrast if np.ndim(contrast) == 0 else np.asarray(contrast)[of_law]
-            values[:, of_law] = values_at(law, u[:, of_law], at, share, draw=int(k))
-    return values * _factors(random, samples, laws)
+    if patch is None:
+        return values_where(random, samples, replicates, False)
+    known = not samples.frame["true_x_m"].has_nulls()
+    x_m, y_m = (samples.column(f"{'true_' if known else ''}{axis}_m")[:, None] for axis in "xy")
+    if not known and samples.column("spread_x_m").any():
+        shape = samples.frame.height, replicates
+        x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal(shape)
+        y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal(shape)
+    return values_where(
+        random, samples, replicates, sensed(random, samples.law.sensor, patch, x_m, y_m), patch.contrast
+    )
 
 
-def _factors(random: np.random.Generator, samples: Samples, laws: Sequence[Sensor]) -> Floats:
-    """Draw the factors of robots and tiles for each replicate, by its law, (samples, replicates) or (1, 1)."""
+def values_where(
+    random: np.random.Generator,
+    samples: Samples,
+    replicates: int,
+    inside: NDArray[np.bool_] | bool,
+    contrast: Floats | float = 1.0,
+) -> Floats:
+    """Draw what the samples would have measured, if they sense damage or not, (samples, replicates).
+
+    Args:
+        inside: which do, (samples, replicates); False: none. contrast: of the damage, (replicates,) or one number.
+    """
+    law, shape = samples.law, (samples.frame.height, replicates)
+    u = random.random(shape)
+    truths = _draws_of(law)[1] if law.draws else [law]
+    values = np.empty(shape)
+    for k, truth in enumerate(truths[:replicates]):
+        own = np.s_[:, k :: len(truths)]
+        share = np.broadcast_to(contrast, shape)[own]
+        values[own] = values_at(truth, u[own], np.broadcast_to(inside, shape)[own], share)
+    sensors = [truths[b % len(truths)].sensor for b in range(replicates)]
+    return read_by(law, values * _factors(random, samples, sensors))
+
+
+def _factors(random: np.random.Generator, samples: Samples, sensors: Sequence[Sensor]) -> Floats:
+    """Draw the factors of robots and tiles for each replicate, by its sensor, (samples, replicates) or (1, 1)."""
     robot = np.unique(samples.frame["robot"].to_numpy(), return_inverse=True)[1]
     total = np.zeros((1, 1))
     for group, name in ((robot, "robot_spread"), (tiles_below(samples), "tile_spread")):
-        spread = np.array([getattr(law, name) or 0.0 for law in laws])
+        spread = np.array([getattr(sensor, name) or 0.0 for sensor in sensors])
         if spread.any():
             normal = random.standard_normal((int(group.max()) + 1, spread.size))[group]
             total = total + spread * normal - 0.5 * spread**2

@@ -15,7 +15,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.assessment import Assessment, assess, still_by_map
+from vibroswarm.inspection.assessment import Assessment, assess
 from vibroswarm.inspection.kind_map import any_but_still, kind_map
 from vibroswarm.inspection.laws import (
     DRAWS,
@@ -25,10 +25,11 @@ from vibroswarm.inspection.laws import (
     law_named,
     law_of_scenario,
 )
-from vibroswarm.inspection.patches import SIZES_M
+from vibroswarm.inspection.patches import SIZES_M, Side
 from vibroswarm.inspection.samples import Floats, Samples, check_law
-from vibroswarm.inspection.scan import REPLICATES, Question
+from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
+from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
@@ -58,29 +59,38 @@ class Inspection(NotebookView):
 
     @property
     def maps(self) -> pl.DataFrame:
-        """The last maps, as ``analysis.floor_maps`` has them: run, robot (null: pooled), tile, probability, truth."""
+        """All maps of tiles: time_s, run, robot (null: pooled), row, column, probability, its spread, truth."""
         if self.pooled is None or self.samples.floor is None:
             return pl.DataFrame()
         tiles = self.samples.floor.tiles
+        truth = tiles.ravel() if self.samples.truth_known else np.full(tiles.size, None)
         each: list[tuple[int | None, Floats]] = [(None, self.pooled), *self.own.items()]
-        row, column = (index.ravel() for index in np.indices(tiles.shape))
-        frames = [
-            pl.DataFrame(
-                {
-                    "run": np.zeros(tiles.size, np.uint32),
-                    "robot": pl.Series([robot] * tiles.size, dtype=pl.UInt16),
-                    "row": row,
-                    "column": column,
-                    "vibrating": maps[-1],
-                    "spread": np.sqrt(maps[-1] * (1.0 - maps[-1])),
-                    "vibrates": pl.Series(
-                        tiles.ravel() if self.samples.truth_known else [None] * tiles.size, dtype=pl.UInt8
-                    ),
-                }
-            )
-            for robot, maps in each
+        frames = [_of_cells(robot, self.times_s, maps, tiles.shape) for robot, maps in each]
+        vibrates = pl.Series(
+            "vibrates", np.tile(truth, len(frames) * self.times_s.size).tolist(), dtype=pl.UInt8
+        )
+        return pl.concat(frames).with_columns(vibrates)
+
+    @property
+    def last_maps(self) -> pl.DataFrame:
+        """The last maps, as ``analysis.floor_maps`` has them."""
+        maps = self.maps
+        return maps if maps.is_empty() else maps.filter(pl.col("time_s") == self.times_s[-1]).drop("time_s")
+
+    @property
+    def rasters(self) -> pl.DataFrame:
+        """The probability of damage of each cell over time, and by each robot's own samples; columns as of ``maps``."""
+        found = self.assessment
+        if found is None:
+            return pl.DataFrame()
+        shape = found.rasters.shape[1:]
+        last_s = found.raster_times_s[-1:]
+        own = [
+            _of_cells(robot, last_s, cells.reshape(1, -1), shape)
+            for robot, cells in found.own_rasters.items()
         ]
-        return pl.concat(frames)
+        pooled = found.rasters.reshape(len(found.rasters), -1)
+        return pl.concat([_of_cells(None, found.raster_times_s, pooled, shape), *own])
 
     @property
     def scores(self) -> pl.DataFrame:
@@ -100,7 +110,28 @@ class Inspection(NotebookView):
         return float(self.times_s[wrong[-1] + 1 if wrong.size else 0])
 
 
+def _of_cells(robot: int | None, times_s: Floats, maps: Floats, shape: tuple[int, ...]) -> pl.DataFrame:
+    """Return maps as a table.
+
+    Args:
+        robot: whose samples they are of; None: all. maps: (times, cells). shape: rows and columns of cells.
+    """
+    row, column = (np.tile(index.ravel(), times_s.size) for index in np.indices(shape))
+    return pl.DataFrame(
+        {
+            "time_s": np.repeat(times_s, maps.shape[1]),
+            "run": np.zeros(row.size, np.uint32),
+            "robot": pl.Series([robot] * row.size, dtype=pl.UInt16),
+            "row": row,
+            "column": column,
+            "vibrating": maps.ravel(),
+            "spread": np.sqrt(maps * (1.0 - maps)).ravel(),
+        }
+    )
+
+
 Source = Result | Scenario | Samples | str | Path
+Laws = str | Scenario | Sequence[Recording] | None
 
 
 def inspect(
@@ -108,13 +139,14 @@ def inspect(
     *,
     run: int = 0,
     seed: int = 1,
-    laws: str | Scenario | Sequence[Recording] | None = None,
+    laws: Laws = None,
     bits: bool = False,
     size_m: tuple[float, float] | None = None,
     spread_m: float = 0.0,
+    spreads: tuple[float, float] = (0.0, 0.0),
     floor: Floor | tuple[int, int] | None = None,
     question: Question | None = None,
-    sides_m: Sequence[float | tuple[float, float]] = SIZES_M,
+    sides_m: Sequence[Side] = SIZES_M,
     replicates: int = REPLICATES,
     looks: int = 1,
     shapes: Sequence[str] = ("square",),
@@ -131,20 +163,23 @@ def inspect(
         bits: use readings of 0 and 1 in the place of energies.
         size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places. floor: its grid
             of tiles, as a floor that says which tiles vibrate, or as rows and columns.
+        spreads: how much tiles and robots differ (standard deviations of the logarithm of their factors), for a law of
+            measured values, which does not say it.
         question: what damage must be found, and how surely; without a grid it is always asked.
-        sides_m: declared sizes of damage: sides of squares, or width and height of cracks. replicates: intact surfaces
-            drawn for the scan. looks: how often it is looked at. shapes: of ``damage.SHAPES``, of which PoD is fitted.
+        sides_m: declared sizes of damage: sides of squares, width and height of cracks, or forms.
+        replicates: intact surfaces drawn for the scan. looks: how often it is looked at.
+        shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """
     # The error of a law costs many fits to sessions; a map alone does not use it.
     draws = 0 if question is None else DRAWS
-    samples = _samples_of(source, run, seed, laws, bits, size_m, spread_m, floor, draws)
+    samples = _samples_of(source, run, seed, laws, spreads, bits, size_m, spread_m, floor, draws)
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
     damage: dict[str, Any] = {
-        "sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits, "looks": looks, "shapes": shapes,
+        "sides_m": sides_m, "replicates": replicates, "seed": seed, "looks": looks, "shapes": shapes,
     }  # fmt: skip
     if samples.floor is None:
         return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))
@@ -157,11 +192,8 @@ def inspect(
     found = Inspection(samples, times_s, pooled, own, by_kind)
     if question is None:
         return found
-    judged = samples
-    if by_kind is not None:
-        judged, damage["bits"] = any_but_still(samples), True
-    still = still_by_map(samples, pooled[-1])
-    return replace(found, assessment=assess(judged, question, still=still, **damage))
+    judged = samples if by_kind is None else any_but_still(samples)
+    return replace(found, assessment=assess(judged, question, **damage))
 
 
 def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:
@@ -173,7 +205,7 @@ def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:
 
 
 def _samples_of(
-    source: Source, run: int, seed: int, laws: str | Scenario | Sequence[Recording] | None, bits: bool,
+    source: Source, run: int, seed: int, laws: Laws, spreads: tuple[float, float], bits: bool,
     size_m: tuple[float, float] | None, spread_m: float, floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
     """Return the samples of a source; the arguments are those of ``inspect``, and the draws of the law."""
@@ -182,19 +214,24 @@ def _samples_of(
     if isinstance(source, str | Path):
         path = Path(source)
         if path.suffix == ".csv":
-            return _of_csv(path, laws, size_m, spread_m, floor, draws)
+            return _of_csv(path, laws, spreads, size_m, spread_m, floor, draws)
         source = read_result(path)
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    return samples_of_result(source, run, _law_of(source, run, laws, draws), bits=bits)
+    return samples_of_result(source, run, _law_of(source, run, laws, spreads, draws), bits=bits)
 
 
 def _law_of(
-    result: Result | None, run: int, laws: str | Scenario | Sequence[Recording] | None, draws: int
+    result: Result | None, run: int, laws: Laws, spreads: tuple[float, float], draws: int
 ) -> FittedLaw:
     """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
+    if any(spreads) and not (isinstance(laws, str) and laws.endswith(".csv")):
+        raise InputError(
+            "belongs to a law of measured values (--laws CSV); others say how much robots and tiles differ",
+            field="--tile-spread" if spreads[0] else "--robot-spread",
+        )
     if isinstance(laws, str):
-        return law_named(laws, draws=draws)
+        return law_named(laws, draws=draws, spreads=spreads)
     if isinstance(laws, Scenario):
         return known_from(laws, "a scenario")
     if isinstance(result, Recording) or laws:
@@ -213,14 +250,15 @@ def _law_of(
 
 
 def _of_csv(
-    path: Path, laws: str | Scenario | Sequence[Recording] | None, size_m: tuple[float, float] | None, spread_m: float,
+    path: Path, laws: Laws, spreads: tuple[float, float], size_m: tuple[float, float] | None, spread_m: float,
     floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
     """Return the samples of a CSV of places and values."""
     check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
         raise InputError("a CSV needs the size of the surface", field="--size")
-    law = _law_of(None, 0, laws, DRAWS if floor is None else draws)  # without a grid damage is asked for
+    # Without a grid damage is asked for.
+    law = _law_of(None, 0, laws, spreads, DRAWS if floor is None else draws)
     if isinstance(floor, tuple):
         return samples_of_csv(path, law, size_m, spread_m, grid_of(*floor, size_m))
     return samples_of_csv(path, law, size_m, spread_m, floor, truth_known=floor is not None)

@@ -120,7 +120,7 @@ def any_but_still(samples: Samples) -> Samples:
     two = Scenario().with_values(
         {"sensor.model": "confusion", "sensor.confusion.rates": [[zero, 1.0 - zero] for zero in zeros]}
     )
-    law = replace(samples.law, sensor=two.sensor)
+    law = replace(samples.law, sensor=two.sensor, bits=True)
     read = (samples.column("value") > 0).astype(np.float64)
     ratios = log_ratios_of_classes(two.sensor, read, 1)
     return replace(samples.with_columns(value=read, log_ratio=ratios), law=law, kinds=None)

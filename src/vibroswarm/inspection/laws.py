@@ -1,11 +1,12 @@
 """Where the law of the sensor is known from: a scenario, measured energies, or sessions on a known floor.
 
-A law that was fitted is not exact. Its error is a number of laws fitted to resampled references (``Law.draws``):
+A law that was fitted is not exact. Its error is a number of laws fitted to resampled references, each with what samples
+measure that this reference has not seen (``Law.draws``):
 
-| reference | resampled |
-|---|---|
-| measured energies | the energies of each kind, with replacement |
-| sessions | robots in sessions (``fit_sensor``), and the mean factor of the tiles and robots that were there |
+| reference | resampled | not seen |
+|---|---|---|
+| measured energies | the energies of each kind, with replacement | those that were left out |
+| sessions | robots in sessions (``fit_sensor``), and the mean factor of the tiles and robots | the law itself |
 
 The tiles and robots of a reference are a sample of all: with spreads s_t and s_r, the mean of their log factors has a
 standard deviation of sqrt(s_t^2 / tiles + s_r^2 / robots), which multiplies all values of the law alike.
@@ -21,6 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from scipy.stats import mannwhitneyu
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
@@ -31,19 +33,34 @@ from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.samples import SELF_JUDGED, Law, session_hash
+from vibroswarm.inspection.samples import (
+    FEWEST,
+    SELF_JUDGED,
+    Draw,
+    Floats,
+    Law,
+    ratios_of_values,
+    session_hash,
+)
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
+from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.numbers import count
+from vibroswarm.show.numbers import count, percent
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""
 KEPT: Final = 40
 """The same in a file of a law."""
+MEASURED: Final = 64
+"""The same of measured energies."""
+LARGEST: Final = 2_000_000
+"""With more energies in all draws there are fewer draws: so many energies have hardly an error."""
+TOLD_APART: Final = 0.01
+"""Largest p-value with which measured energies of two kinds differ (Mann-Whitney, of those that a law has not seen)."""
 SCALED: Final = (
     "vibrating_scale",
     "vibrating_location",
@@ -73,7 +90,7 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
         InputError: all samples lie on one kind of tile.
     """
     chosen = found.only(sessions)
-    camera = fit_camera(chosen, draws=0).camera
+    camera = fit_camera(chosen, draws=0).camera if _is_seen(found) else RIGHT
     seen = chosen.corrected(camera)
     fitted = fit_sensor(seen, draws=draws)
     base = found.results[0].scenario
@@ -83,9 +100,25 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
             words,
             hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16],
             _hashes(found, sessions),
-            tuple(_sensor_of(base, values) for values in _drawn(fitted, seen, draws)),
+            _with_law(
+                _sensor_of(base, fitted.values),
+                [_sensor_of(base, one) for one in _drawn(fitted, seen, draws)],
+            ),
         ),
         camera,
+    )
+
+
+def _is_seen(found: Dataset) -> bool:
+    """Return whether places are those that a camera saw, or may have seen."""
+    return not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
+
+
+def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
+    """Return the laws of resampled sessions with the law itself, but for the differences that they found."""
+    return tuple(
+        Draw(judge, sensor.model_copy(update={name: getattr(judge, name) for name in SPREADS}))
+        for judge in judges
     )
 
 
@@ -143,7 +176,9 @@ def law_for_session(
     assert recording is not None
     runs = recording.runs["run"].to_list()
     if run not in runs:
-        raise InputError(f"there is no session {run + 1} of {len(runs)}", field="--session")
+        raise InputError(
+            f"there is no session {run}; the recording has sessions 0 to {len(runs) - 1}", field="--run"
+        )
     found = dataset_of([recording])
     rest = [session for session in found.sessions if session != runs.index(run)]
     if rest:
@@ -153,11 +188,12 @@ def law_for_session(
     return law_of_sessions(found, found.sessions, words, draws=draws)
 
 
-def law_named(text: str, *, draws: int = DRAWS) -> FittedLaw:
+def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> FittedLaw:
     """Return the law of a scenario (preset or TOML), of measured energies (CSV), or of a recording (folder).
 
     Args:
-        draws: laws of resampled references; a file of a law (``write_law``) has its own.
+        draws: laws of resampled sessions; a file of a law (``write_law``) and measured energies have their own.
+        spreads: of tiles and robots, of measured energies.
     Raises:
         InputError: there is no such preset or file, or it holds no law.
     """
@@ -167,29 +203,81 @@ def law_named(text: str, *, draws: int = DRAWS) -> FittedLaw:
         words = f"fitted to {count(len(found.sessions), 'session')} of '{path.name}', whose floor is known"
         return law_of_sessions(found, found.sessions, words, draws=draws)
     if path.suffix == ".csv":
-        return _measured(path, draws)
+        vibrating, still = (np.array(energies) for energies in read_energies(path))
+        fitted = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        return replace(fitted, law=replace(fitted.law, hash=digest))
     if text in preset_names():
         return law_of_scenario(preset(text), f"preset '{text}'")
     return known_from(Scenario.read(path), f"'{path.name}'")
 
 
-def _measured(path: Path, draws: int) -> FittedLaw:
-    """Return the law of measured energies, and those of resampled ones."""
-    vibrating, still = (np.array(energies) for energies in read_energies(path))
-    values = {"model": "energies", "vibrating_energies": vibrating.tolist(), "still_energies": still.tolist()}
+def law_of_measured(
+    vibrating: Floats, still: Floats, words: str, spreads: tuple[float, float] = (0.0, 0.0)
+) -> FittedLaw:
+    """Return the law of energies that were measured where it vibrates and where it is still.
+
+    Args:
+        words: what the energies are; names them in errors. spreads: how much tiles and robots differ, which energies do
+            not show: standard deviations of the logarithms of their factors.
+    Raises:
+        InputError: there are too few energies, or those of both kinds cannot be told apart.
+    """
+    for kind, energies in (("vibrating", vibrating), ("still", still)):
+        if energies.size < FEWEST:
+            raise InputError(
+                f"holds {count(energies.size, 'value')} of {kind} places; nothing can be said with fewer than {FEWEST}",
+                field=words,
+            )
+    values: dict[str, Any] = {"model": "energies"}
+    values |= {"vibrating_energies": vibrating.tolist(), "still_energies": still.tolist()}
+    values |= {name: value or None for name, value in zip(SPREADS, spreads, strict=True)}
     sensor = preset("paper").with_values({f"sensor.{name}": value for name, value in values.items()}).sensor
-    random = generator(1, "resampled energies")
-    drawn = []
-    for _ in range(draws):
-        again = {
-            f"{kind}_energies": tuple(random.choice(each, each.size).tolist())
-            for kind, each in (("vibrating", vibrating), ("still", still))
-        }
-        drawn.append(sensor.model_copy(update=again))
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    words = f"'{path.name}': {still.size} measured values on still places, {vibrating.size} on vibrating ones"
+    draws = _resampled(sensor, vibrating, still)
+    _check_told_apart(words, draws, vibrating, still)
+    differ = (
+        f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
+    )
+    origin = (
+        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones; "
+        f"{differ if any(spreads) else 'places and robots presumed alike'}"
+    )
     own = (session_hash(np.concatenate([vibrating, still])),)
-    return FittedLaw(Law(sensor, words, digest, own, tuple(drawn)), RIGHT)
+    return FittedLaw(Law(sensor, origin, "", own, draws), RIGHT)
+
+
+def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> tuple[Draw, ...]:
+    """Return laws of resampled energies, each with the energies that were left out."""
+    random, drawn = generator(1, "resampled energies"), []
+    for _ in range(max(1, min(MEASURED, LARGEST // (vibrating.size + still.size)))):
+        seen: dict[str, Any] = {}
+        left_out: dict[str, Any] = {}
+        for kind, each in (("vibrating_energies", vibrating), ("still_energies", still)):
+            chosen = random.integers(each.size, size=each.size)
+            seen[kind] = tuple(each[chosen].tolist())
+            left_out[kind] = tuple(np.delete(each, chosen).tolist())
+        drawn.append(Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out)))
+    return tuple(drawn)
+
+
+def _check_told_apart(words: str, draws: Sequence[Draw], vibrating: Floats, still: Floats) -> None:
+    """Refuse energies that tell nothing: each is judged by the laws that have not seen it, and ranked by its kind."""
+    means: list[Floats] = []
+    for field, energies in (("vibrating_energies", vibrating), ("still_energies", still)):
+        at, index = np.unique(energies, return_inverse=True)
+        total, number = np.zeros(at.size), np.zeros(at.size)
+        for draw in draws:
+            unseen = np.searchsorted(at, np.array(getattr(draw.truth, field)))
+            np.add.at(total, unseen, ratios_of_values(Law(draw.judge, ""), at[unseen]))
+            np.add.at(number, unseen, 1)
+        means.append((total / np.maximum(number, 1))[index])
+    p = float(mannwhitneyu(means[0], means[1], alternative="greater").pvalue)
+    if p > TOLD_APART:
+        raise InputError(
+            "its values of vibrating and of still places cannot be told apart: a law fitted to some of them does not "
+            f"recognise the others (p = {p:.3f}, at most {TOLD_APART:g} asked); nothing can be said",
+            field=words,
+        )
 
 
 def law_of_scenario(scenario: Scenario, words: str) -> FittedLaw:
@@ -207,14 +295,15 @@ def known_from(scenario: Scenario, words: str) -> FittedLaw:
     ]
     words = f"{words}, fitted to {count(len(scenario.law.sessions), 'session')} on a known floor"
     return FittedLaw(
-        Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, tuple(drawn)), Camera.of(scenario)
+        Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, _with_law(scenario.sensor, drawn)),
+        Camera.of(scenario),
     )
 
 
 def scenario_of_law(fitted: FittedLaw, base: Scenario) -> Scenario:
     """Return a scenario with a fitted law: its sensor, the camera, and in the section law its error and sessions."""
     sensor, law = fitted.law.sensor, fitted.law
-    rows = [[getattr(drawn, name) or 0.0 for name in (*FIELDS, *SPREADS)] for drawn in law.draws]
+    rows = [[getattr(drawn.judge, name) or 0.0 for name in (*FIELDS, *SPREADS)] for drawn in law.draws]
     changed = {f"sensor.{name}": getattr(sensor, name) for name in (*FIELDS, *SPREADS)}
     return base.with_values(
         {f"camera.{name}": None for name in Camera.__dataclass_fields__}
@@ -240,7 +329,7 @@ def with_law(recording: Recording, fitted: FittedLaw) -> tuple[Recording, tuple[
 def law_table(law: Law) -> pl.DataFrame:
     """Return the fitted law: field, value, standard error, and limits of 95 % (of the draws), a row for each field."""
     names = (*FIELDS, *SPREADS)
-    drawn = np.array([[getattr(one, name) or 0.0 for name in names] for one in law.draws])
+    drawn = np.array([[getattr(one.judge, name) or 0.0 for name in names] for one in law.draws])
     low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
     return pl.DataFrame(
         {

@@ -15,7 +15,8 @@ import polars as pl
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.damage import drawn_patches, drawn_values
+from vibroswarm.floors.patches import Patch
+from vibroswarm.inspection.damage import drawn_patches, drawn_values, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
     Patches,
@@ -36,6 +37,10 @@ CRACKS_M: Final = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 """Lengths of drawn cracks."""
 EACH: Final = 60
 """Damaged surfaces drawn of each side."""
+WEAKEST_M: Final = (0.07, 0.1, 0.14, 0.2, 0.28)
+"""Sides of which the weakest contrast that is found is told."""
+CONTRASTS: Final = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
+"""Contrasts of the damage drawn for it."""
 
 
 class Trials(NamedTuple):
@@ -54,38 +59,74 @@ class Trials(NamedTuple):
         return html_view(self)
 
 
+def false_calls(
+    samples: Samples, patches: Patches, shares: Shares, critical: float, *, intact: int = INTACT, seed: int = 2,
+    looks: int = 1,
+) -> tuple[int, int]:  # fmt: skip
+    """Return how many intact surfaces are called, drawn at the places of one inspection, and of how many.
+
+    Args:
+        critical: T from which a surface is called. intact: surfaces, other than those that gave ``critical``.
+        seed: of what is drawn. looks: how often is looked, as for ``critical``.
+    """
+    drawn = intact_statistics(samples, patches, shares, intact, seed, looks=looks)
+    return int((drawn >= critical).sum()), intact
+
+
 def own_trials(
     samples: Samples,
     patches: Patches,
     shares: Shares,
     critical: float,
+    false: tuple[int, int],
     *,
     contrast: float = 1.0,
     sides_m: Sequence[float] = SIDES_M,
     each: int = EACH,
-    intact: int = INTACT,
     seed: int = 2,
-    bits: bool = False,
     shape: str = "square",
     looks: int = 1,
 ) -> Trials:
-    """Draw damage and intact surfaces at the places of one inspection, and scan them.
+    """Draw damage at the places of one inspection, and scan it.
 
     Args:
-        critical: T from which a surface is called. sides_m: sizes of damage. each: surfaces of each size.
-        intact: intact surfaces, other than those that gave ``critical``. seed: of what is drawn.
-        shape: of ``damage.SHAPES``. looks: how often is looked, as for ``critical``.
+        critical: T from which a surface is called. false: ``false_calls`` of this inspection.
+        sides_m: sizes of damage. each: surfaces of each size. seed: of what is drawn. shape: of ``damage.SHAPES``.
+        looks: how often is looked, as for ``critical``.
     """
     random = generator(seed, f"damage of contrast {contrast:g}")
     found = []
     for side_m in sides_m:
         patch = drawn_patches(random, np.full(each, side_m), samples.size_m, contrast, shape)
         values = drawn_values(random, samples, each, patch)
-        found.append(statistic_of(samples, patches, shares, values, bits=bits, looks=looks) >= critical)
-    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits, looks=looks) >= critical
-    return Trials(
-        np.repeat(sides_m, each), np.concatenate(found).astype(np.float64), int(false.sum()), intact
-    )
+        found.append(statistic_of(samples, patches, shares, values, looks=looks) >= critical)
+    return Trials(np.repeat(sides_m, each), np.concatenate(found).astype(np.float64), *false)
+
+
+def weakest_found(
+    samples: Samples, patches: Patches, shares: Shares, critical: float, false: tuple[int, int], *, seed: int = 3,
+    looks: int = 1,
+) -> pl.DataFrame:  # fmt: skip
+    """Return the weakest contrast that is found in 90 % of inspections, a row for each side of ``WEAKEST_M``.
+
+    The columns are side_m, area_m2, c90 and c90_95, its upper 95 % limit: PoD is fitted to contrasts as it is to sizes
+    (``pod``). They are null where even contrast 1 is found less often.
+
+    Args:
+        critical, false, looks: as for ``own_trials``.
+    """
+    random, rows = generator(seed, "weakest contrast"), []
+    contrast = np.repeat(CONTRASTS, EACH // 2)
+    for side_m in [side_m for side_m in WEAKEST_M if side_m <= min(samples.size_m)]:
+        x_m, y_m = random_places(random, np.full(contrast.size, side_m), samples.size_m)
+        side = np.full(contrast.size, side_m)
+        patch = Patch(x_m, y_m, side, side, contrast)
+        values = drawn_values(random, samples, contrast.size, patch)
+        found = statistic_of(samples, patches, shares, values, looks=looks) >= critical
+        pod = Trials(contrast, found.astype(np.float64), *false).fit()
+        rows.append((side_m, side_m**2, pod.a90_m, pod.a90_95_m if pod.a90_95_m <= 1.0 else float("nan")))
+    names = ["side_m", "area_m2", "c90", "c90_95"]
+    return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64), orient="row").fill_nan(None)
 
 
 def pooled_trials(
@@ -98,7 +139,6 @@ def pooled_trials(
     level: float = 0.05,
     seed: int = 3,
     contrast: float = 1.0,
-    bits: bool = False,
 ) -> Trials:
     """Draw damage in many inspections, and call it by a threshold from intact inspections of other motion.
 
@@ -111,17 +151,17 @@ def pooled_trials(
     intact = []
     for number, one in enumerate(fresh):
         some = one.by_time(until_s)
-        intact.append(
-            intact_statistics(some, patches, shares_of(some, patches), ratios, seed + number, bits=bits)
-        )
+        intact.append(intact_statistics(some, patches, shares_of(some, patches), ratios, seed + number))
     critical = float(np.quantile(np.concatenate(intact), 1.0 - level))
     sizes, found, false, number_intact = [], [], 0, 0
     for number, one in enumerate(inspections):
         some = one.by_time(until_s)
         shares = shares_of(some, patches)
+        drawn = seed + 100_000 + number
+        count = max(1, INTACT // len(inspections))
+        of_intact = false_calls(some, patches, shares, critical, intact=count, seed=drawn)
         own = own_trials(
-            some, patches, shares, critical, contrast=contrast, sides_m=sides_m, each=each,
-            intact=max(1, INTACT // len(inspections)), seed=seed + 100_000 + number, bits=bits,
+            some, patches, shares, critical, of_intact, contrast=contrast, sides_m=sides_m, each=each, seed=drawn
         )  # fmt: skip
         sizes.append(own.size_m)
         found.append(own.found)

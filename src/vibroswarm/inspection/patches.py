@@ -1,11 +1,11 @@
-"""Evidence for patches: rectangles of declared sizes, at all places, not bound to any grid.
+"""Evidence for patches: squares, rectangles and discs of declared sizes, at all places, not bound to any grid.
 
 | name | symbol | equation |
 |---|---|---|
-| declared set | j | squares (or cracks, length x width), a quarter of a side apart, at least ``FINEST_M`` |
-| share of a sample's place in patch j | q_j | normal in x and y; edges add blur to spread, reach to the patch |
+| declared set | j | forms (squares, cracks, discs), a quarter of a side apart, at least ``FINEST_M`` |
+| share of a sample's place in patch j | q_j | normal in x and y; edges add blur and reach; discs are strips |
 | likelihood of patch j over that of an intact surface | L_j | product over samples of 1 + (r - 1) q_j |
-| prior weight of patch j | w_j | sizes alike, places of a size alike |
+| prior weight of patch j | w_j | forms alike, places of a form alike |
 | damage against none | Lambda | sum of w_j L_j; pi is the prior probability of damage |
 | probability of a cell | - | pi sum of w_j L_j over patches that contain it / (1 - pi + pi Lambda): one patch at most |
 """
@@ -30,12 +30,41 @@ SIZES_M: Final = (0.07, 0.10, 0.14, 0.20, 0.28)
 """Sides of the squares of the declared set by default."""
 FINEST_M: Final = 0.025
 """Least distance between places of the declared set."""
+STRIPS: Final = 16
+"""Strips that stand for a disc."""
 LEAST_SHARE: Final = 1e-3
 """Smaller shares count as none."""
 AT_ONCE: Final = 32
 """Replicates that a kernel takes side by side."""
+LARGEST: Final = 1e300
+"""Limit of likelihoods over those of an intact surface."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
+
+
+class Form(NamedTuple):
+    """Size and shape of declared damage: a rectangle, or a disc, of which both sides are the diameter."""
+
+    width_m: float
+    height_m: float
+    is_disc: bool = False
+
+    @property
+    def longest_m(self) -> float:
+        """The longer side, or the diameter."""
+        return max(self.width_m, self.height_m)
+
+    @property
+    def step_m(self) -> float:
+        """Distance between its places in the declared set."""
+        return max(min(self.width_m, self.height_m) / 4.0, FINEST_M)
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
+
+
+Side = float | tuple[float, float] | Form
+"""Side of a square, width and height of a rectangle, or a form."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,60 +73,107 @@ class Patches(NotebookView):
 
     left_m: Floats
     bottom_m: Floats
-    width_m: Floats
-    height_m: Floats
-    size: NDArray[np.int64]
-    """Index of the size in ``sides_m``."""
-    sides_m: tuple[tuple[float, float], ...]
-    """Width and height of each size."""
+    form: NDArray[np.int64]
+    """Index of the form in ``forms``, ascending."""
+    forms: tuple[Form, ...]
+
+    @property
+    def width_m(self) -> Floats:
+        """Width of each."""
+        return np.array([form.width_m for form in self.forms])[self.form]
+
+    @property
+    def height_m(self) -> Floats:
+        """Height of each."""
+        return np.array([form.height_m for form in self.forms])[self.form]
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Number of the places of each form, (forms,)."""
+        return np.bincount(self.form, minlength=len(self.forms))
 
     @property
     def weights(self) -> Floats:
         """Prior weights w_j, whose sum is 1."""
-        number = np.bincount(self.size, minlength=len(self.sides_m))
-        return np.asarray(1.0 / number[self.size] / len(self.sides_m))
+        return np.asarray(1.0 / self.places[self.form] / len(self.forms))
 
-    @property
-    def step_m(self) -> Floats:
-        """Distance to the next places of the same size, (patches,)."""
-        return np.array([step_of(sides) for sides in self.sides_m])[self.size]
-
-    def at_least(self, side_m: float) -> NDArray[np.bool_]:
-        """Return which patches have a side of at least ``side_m``: the longer one."""
-        return np.array([max(sides) >= side_m - 1e-9 for sides in self.sides_m])[self.size]
+    def at_least(self, side_m: float) -> Patches:
+        """Return the patches of which a side, the longer one, is at least ``side_m``."""
+        kept = [index for index, form in enumerate(self.forms) if form.longest_m >= side_m - 1e-9]
+        which = np.isin(self.form, kept)
+        form = np.searchsorted(kept, self.form[which]).astype(np.int64)
+        return Patches(self.left_m[which], self.bottom_m[which], form, tuple(self.forms[k] for k in kept))
 
 
-def step_of(sides_m: tuple[float, float]) -> float:
-    """Return the distance between places of patches of a size."""
-    return max(min(sides_m) / 4.0, FINEST_M)
-
-
-def declared(
-    size_m: tuple[float, float], sides_m: Sequence[float | tuple[float, float]] = SIZES_M
-) -> Patches:
+def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> Patches:
     """Return the declared set on a surface.
 
     Args:
-        size_m: width and height of the surface. sides_m: sides of squares, or width and height of rectangles.
+        size_m: width and height of the surface.
     Raises:
         InputError: a patch is larger than the surface, or has no size.
     """
-    pairs = tuple((float(side), float(side)) if isinstance(side, int | float) else side for side in sides_m)
+    forms = tuple(Form(side, side) if isinstance(side, int | float) else Form(*side) for side in sides_m)
     parts = []
-    for index, sides in enumerate(pairs):
-        if not all(0.0 < side <= whole for side, whole in zip(sides, size_m, strict=True)):
+    for index, form in enumerate(forms):
+        if not all(0.0 < side <= whole for side, whole in zip(form[:2], size_m, strict=True)):
             raise InputError(
-                f"a patch of {sides[0]:g} m x {sides[1]:g} m is not within the surface", field="--sizes"
+                f"a patch of {form.width_m:g} m x {form.height_m:g} m is not within the surface",
+                field="--sizes",
             )
-        step_m = step_of(sides)
         along = [
-            np.linspace(0.0, whole - side, max(int(np.ceil((whole - side) / step_m)), 0) + 1)
-            for side, whole in zip(sides, size_m, strict=True)
+            np.linspace(0.0, whole - side, max(int(np.ceil((whole - side) / form.step_m)), 0) + 1)
+            for side, whole in zip(form[:2], size_m, strict=True)
         ]
         x, y = (places.ravel() for places in np.meshgrid(*along))
-        parts.append((x, y, np.full(x.size, sides[0]), np.full(x.size, sides[1]), np.full(x.size, index)))
-    left, bottom, width, height, size = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Patches(left, bottom, width, height, size.astype(np.int64), pairs)
+        parts.append((x, y, np.full(x.size, index, dtype=np.int64)))
+    left, bottom, form_of = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Patches(left, bottom, form_of, forms)
+
+
+class Strips(NamedTuple):
+    """Rectangles whose union each patch is: itself, or a disc in horizontal strips; (strips,) each."""
+
+    left_m: Floats
+    right_m: Floats
+    bottom_m: Floats
+    top_m: Floats
+    first: NDArray[np.int64]
+    """(patches + 1,): where those of each patch begin, the widest one first."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
+
+
+def strips_of(patches: Patches, beyond_m: float = 0.0) -> Strips:
+    """Return the strips of all patches, which reach beyond their edges by ``beyond_m``."""
+    left_m, bottom_m = patches.left_m - beyond_m, patches.bottom_m - beyond_m
+    right_m, top_m = (
+        patches.left_m + patches.width_m + beyond_m,
+        patches.bottom_m + patches.height_m + beyond_m,
+    )
+    is_disc = np.array([form.is_disc for form in patches.forms])[patches.form]
+    if not is_disc.any():
+        return Strips(left_m, right_m, bottom_m, top_m, np.arange(is_disc.size + 1))
+    each = np.where(is_disc, STRIPS, 1)
+    first = np.append(0, np.cumsum(each))
+    patch = np.repeat(np.arange(each.size), each)
+    number, of_disc = np.arange(patch.size) - first[patch], is_disc[patch]
+    # In units of the radius, and scaled so that the area is that of the disc.
+    height = (np.arange(STRIPS) + 0.5) / STRIPS * 2.0 - 1.0
+    height = height[np.argsort(np.abs(height), kind="stable")]
+    chord = np.sqrt(1.0 - height**2)
+    chord *= 0.25 * np.pi / chord.mean()
+    radius_m, x_m = 0.5 * (right_m - left_m)[patch], 0.5 * (left_m + right_m)[patch]
+    y_m = 0.5 * (bottom_m + top_m)[patch] + height[number] * radius_m
+    half_m = radius_m / STRIPS
+    return Strips(
+        np.where(of_disc, x_m - chord[number] * radius_m, left_m[patch]),
+        np.where(of_disc, x_m + chord[number] * radius_m, right_m[patch]),
+        np.where(of_disc, y_m - half_m, bottom_m[patch]),
+        np.where(of_disc, y_m + half_m, top_m[patch]),
+        first,
+    )
 
 
 class Shares(NamedTuple):
@@ -116,70 +192,61 @@ class Shares(NamedTuple):
 
 def shares_of(samples: Samples, patches: Patches) -> Shares:
     """Return the shares of the samples' places in the patches."""
-    (qx, of_x), (qy, of_y) = (
-        _along(samples, axis, low_m, side_m)
-        for axis, low_m, side_m in (
-            ("x", patches.left_m, patches.width_m),
-            ("y", patches.bottom_m, patches.height_m),
-        )
-    )
+    strips = strips_of(patches, samples.law.sensor.edge_reach_m or 0.0)
+    qx, of_x = _along(samples, "x", strips.left_m, strips.right_m)
+    qy, of_y = _along(samples, "y", strips.bottom_m, strips.top_m)
     count = np.empty(patches.left_m.size + 1, dtype=np.int64)
-    _count(qx, of_x, qy, of_y, count)
-    first = np.cumsum(count)
-    # Only samples with a share along x can have one in the patch, and these are few.
+    # Only samples with a share along x of the widest strip can have one in the patch, and these are few.
     interval, candidate = np.nonzero(qx > LEAST_SHARE)
     begin = np.searchsorted(interval, np.arange(qx.shape[0] + 1))
+    known = qx, of_x, begin, candidate, qy, of_y, strips.first
+    _fill(*known, count, np.empty(0, np.int32), np.empty(0, np.float32))
+    first = np.cumsum(count)
     sample, share = np.empty(first[-1] + 1, dtype=np.int32), np.empty(first[-1] + 1, dtype=np.float32)
-    _fill(qx, of_x, begin, candidate, qy, of_y, first, sample, share)
+    _fill(*known, first, sample, share)
     return Shares(first, sample[:-1], share[:-1])
 
 
-def _along(samples: Samples, axis: str, low_m: Floats, side_m: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the shares of places along an axis in the patches' different intervals, and which is that of each patch.
+def _along(samples: Samples, axis: str, low_m: Floats, high_m: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the shares of places along an axis in the strips' different intervals, and which is that of each strip.
 
     Exact places are inside or outside.
 
-    Returns: (intervals, samples) and (patches,).
+    Returns: (intervals, samples) and (strips,).
     """
-    sensor = samples.law.sensor
-    reach_m = np.array([[-1.0], [1.0]]) * (sensor.edge_reach_m or 0.0)
-    intervals, which = np.unique(np.stack([low_m, low_m + side_m]), axis=1, return_inverse=True)
-    edges_m, edge = np.unique(intervals + reach_m, return_inverse=True)  # intervals share many edges
-    spread_m = np.maximum(np.hypot(samples.column(f"spread_{axis}_m"), sensor.edge_blur_m or 0.0), 1e-9)
+    intervals, which = np.unique(np.stack([low_m, high_m]), axis=1, return_inverse=True)
+    edges_m, edge = np.unique(intervals, return_inverse=True)  # intervals share many edges
+    blur_m = samples.law.sensor.edge_blur_m or 0.0
+    spread_m = np.maximum(np.hypot(samples.column(f"spread_{axis}_m"), blur_m), 1e-9)
     below = ndtr((edges_m[:, None] - samples.column(f"{axis}_m")) / spread_m)
     low, high = edge.reshape(intervals.shape)
     return np.asarray(below[high] - below[low]), which.astype(np.int64).ravel()
 
 
 @kernel
-def _count(
-    qx: Floats, of_x: NDArray[np.int64], qy: Floats, of_y: NDArray[np.int64], count: NDArray[np.int64]
-) -> None:
-    """Write how many samples have a share in each patch to ``count[1:]``, and 0 to its first entry."""
-    count[0] = 0
-    for j in range(of_x.size):
-        x, y, number = qx[of_x[j]], qy[of_y[j]], 0
-        for s in range(x.size):
-            number += x[s] * y[s] > LEAST_SHARE
-        count[j + 1] = number
-
-
-@kernel
 def _fill(qx: Floats, of_x: NDArray[np.int64], begin: NDArray[np.int64], candidate: NDArray[np.int64], qy: Floats,
-          of_y: NDArray[np.int64], first: NDArray[np.int64], sample: NDArray[np.int32],
+          of_y: NDArray[np.int64], strips: NDArray[np.int64], first: NDArray[np.int64], sample: NDArray[np.int32],
           share: NDArray[np.float32]) -> None:  # fmt: skip
-    """Write the entries of each patch.
+    """Write the entries of each patch, or without room for entries only their number to ``first[1:]``, after a 0.
 
     Args:
         begin, candidate: samples with a share in each interval along x, (intervals + 1,) and interval by interval.
-        sample, share: with room for one entry more.
+        strips: where the strips of each patch begin. sample, share: with room for one entry more, or empty.
     """
-    for j in range(of_x.size):
-        x, y, k = qx[of_x[j]], qy[of_y[j]], first[j]
-        for i in range(begin[of_x[j]], begin[of_x[j] + 1]):
-            s = candidate[i]
-            sample[k], share[k] = s, x[s] * y[s]  # replaced by the next entry, if it is too small
-            k += x[s] * y[s] > LEAST_SHARE
+    counting = sample.size == 0
+    if counting:
+        first[0] = 0
+    for j in range(strips.size - 1):
+        widest, k = of_x[strips[j]], 0 if counting else first[j]
+        for i in range(begin[widest], begin[widest + 1]):
+            s, q = candidate[i], 0.0
+            for strip in range(strips[j], strips[j + 1]):
+                q += qx[of_x[strip], s] * qy[of_y[strip], s]
+            if not counting:
+                sample[k], share[k] = s, q  # replaced by the next entry, if it is too small
+            k += q > LEAST_SHARE
+        if counting:
+            first[j + 1] = k
 
 
 @kernel
@@ -242,14 +309,53 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
         yield logs
 
 
-def damage_ratio(patches: Patches, logs: Floats, weights: Floats | None = None) -> Floats:
-    """Return Lambda of each replicate, (replicates,).
+@kernel
+def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
+                     more: NDArray[np.float32], look: NDArray[np.int64], form: NDArray[np.int64], weight: Floats,
+                     largest: bool, product: Floats, out: Floats) -> None:  # fmt: skip
+    """Add weight times L_j of each patch, at each look and replicate, to ``out``, (looks, forms, replicates).
 
     Args:
-        logs: ln L_j, (patches, replicates). weights: w_j, whose sum is 1; by default those of ``patches``.
+        more: as for ``_log_likelihoods``. look: of each sample, ascending. form, weight: of each patch.
+        largest: write the largest L_j instead. product: (``AT_ONCE``,), room.
     """
-    w = patches.weights if weights is None else weights
-    return np.asarray(w @ np.exp(np.minimum(logs, 600.0)))
+    replicates = more.shape[1]
+    for j in range(first.size - 1):
+        product[:] = 1.0
+        k = first[j]
+        for now in range(out.shape[0]):
+            while k < first[j + 1] and look[sample[k]] <= now:
+                row, q = more[sample[k]], share[k]
+                for b in range(replicates):
+                    product[b] *= 1.0 + q * row[b]
+                k += 1
+            into = out[now, form[j]]
+            if largest:
+                for b in range(replicates):
+                    into[b] = max(into[b], product[b])
+            else:
+                for b in range(replicates):
+                    into[b] += weight[j] * product[b]
+
+
+def ratios_at_looks(
+    patches: Patches, shares: Shares, log_ratio: Floats, look: NDArray[np.int64], looks: int, *, strict: bool = False
+) -> Floats:  # fmt: skip
+    """Return the mean of L_j over the places of each form, at each look, (looks, forms, replicates).
+
+    Args:
+        log_ratio: of each sample and replicate, (samples, replicates). look: from which look on each sample counts,
+            from 0, ascending. strict: return the largest L_j in place of the mean.
+    """
+    out = np.zeros((looks, len(patches.forms), log_ratio.shape[1]))
+    weight = patches.weights * len(patches.forms)
+    for begin in range(0, log_ratio.shape[1], AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        more = np.ascontiguousarray(np.expm1(log_ratio[:, part]), dtype=np.float32)
+        some = np.zeros((looks, out.shape[1], more.shape[1]))
+        _ratios_at_looks(*shares, more, look, patches.form, weight, strict, np.empty(AT_ONCE), some)
+        out[..., part] = np.minimum(some, LARGEST)
+    return out
 
 
 def told_risk(ratio: Floats, prior: float) -> Floats:
@@ -259,8 +365,7 @@ def told_risk(ratio: Floats, prior: float) -> Floats:
 
 def scan_statistic(patches: Patches, logs: Floats) -> Floats:
     """Return T of each replicate: the largest ln L_j - ln(number of places of that size), (replicates,)."""
-    number = np.bincount(patches.size)[patches.size]
-    return np.asarray((logs - np.log(number)[:, None]).max(axis=0))
+    return np.asarray((logs - np.log(patches.places[patches.form])[:, None]).max(axis=0))
 
 
 def raster(patches: Patches, logs: Floats, prior: float, cells: int, size_m: tuple[float, float]) -> Floats:
@@ -271,15 +376,12 @@ def raster(patches: Patches, logs: Floats, prior: float, cells: int, size_m: tup
     """
     posterior = patches.weights * np.exp(np.minimum(logs, 600.0))
     posterior *= prior / (1.0 - prior + prior * posterior.sum())
-    # Each patch adds to the cells whose centres it covers: a difference at its corners, summed up over both axes.
-    steps = np.zeros((cells + 1, cells + 1))
+    # Each strip adds to the cells whose centres it covers: a difference at its corners, summed up over both axes.
+    steps, strips = np.zeros((cells + 1, cells + 1)), strips_of(patches)
     centres = [(np.arange(cells) + 0.5) * whole / cells for whole in size_m]
-    x0, x1 = (
-        np.searchsorted(centres[0], edge) for edge in (patches.left_m, patches.left_m + patches.width_m)
-    )
-    y0, y1 = (
-        np.searchsorted(centres[1], edge) for edge in (patches.bottom_m, patches.bottom_m + patches.height_m)
-    )
+    x0, x1 = (np.searchsorted(centres[0], edge) for edge in (strips.left_m, strips.right_m))
+    y0, y1 = (np.searchsorted(centres[1], edge) for edge in (strips.bottom_m, strips.top_m))
+    each = np.repeat(posterior, np.diff(strips.first))
     for y, x, sign in ((y0, x0, 1.0), (y0, x1, -1.0), (y1, x0, -1.0), (y1, x1, 1.0)):
-        np.add.at(steps, (y, x), sign * posterior)
+        np.add.at(steps, (y, x), sign * each)
     return np.asarray(np.clip(steps.cumsum(axis=0).cumsum(axis=1)[:cells, :cells][::-1], 0.0, 1.0))

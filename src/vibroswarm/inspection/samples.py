@@ -26,6 +26,7 @@ from vibroswarm.observation.energy_model import (
     log_ratios_of_classes,
     log_ratios_of_energies,
     rates,
+    readings_of,
 )
 from vibroswarm.scenario.fields import Sensor
 
@@ -52,6 +53,16 @@ FEWEST: Final = 20
 """With fewer samples nothing is said."""
 
 
+class Draw(NamedTuple):
+    """A law fitted to a resampled reference, and what samples measure that this reference has not seen."""
+
+    judge: Sensor
+    truth: Sensor
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
+
+
 @dataclass(frozen=True, eq=False)
 class Law(NotebookView):
     """What a sample measures on still and on vibrating places, and where that is known from."""
@@ -64,8 +75,10 @@ class Law(NotebookView):
     """Hash of the reference; empty if the scenario states the law."""
     sessions: tuple[str, ...] = ()
     """``session_hash`` of each session that it was fitted to; empty: none."""
-    draws: tuple[Sensor, ...] = ()
+    draws: tuple[Draw, ...] = ()
     """Laws fitted to resampled references, which say how sure it is; empty: its error is not known."""
+    bits: bool = False
+    """Whether values are readings of 0 and 1, not energies."""
 
 
 class PlaceErrors(NamedTuple):
@@ -100,6 +113,8 @@ class Samples(NotebookView):
     """The floor with its kinds of tile, if there are more than two; ``floor`` says which are not of kind 0."""
     place_errors: PlaceErrors | None = None
     """None: not known, or places are exact."""
+    left_out: int = 0
+    """Rows of a file that have no value."""
     warning: str = ""
     """Why not to trust what is said of them; empty: no reason."""
 
@@ -167,17 +182,22 @@ def session_hash(values: Any) -> str:
     return hashlib.sha256(np.sort(read[np.isfinite(read)]).tobytes()).hexdigest()[:16]
 
 
-def ratios_of_values(law: Law, value: Floats, *, bits: bool = False) -> Floats:
+def ratios_of_values(law: Law, value: Floats) -> Floats:
     """Return the log likelihood ratio of each value under a law, (samples,).
 
     Args:
-        value: energies, or readings of 0 and 1 with ``bits``; classes, if the law has more than two kinds of tile.
+        value: energies; readings of 0 and 1, if the law is of bits; classes, if it has more than two kinds of tile.
     """
     if law.sensor.kinds > 2:
         return log_ratios_of_classes(law.sensor, value)
-    if bits:
+    if law.bits:
         return log_ratios_of_bits(law.sensor, value)
     return log_ratios_of_energies(law.sensor, value.astype(np.float32))
+
+
+def read_by(law: Law, energy: NDArray[Any]) -> Floats:
+    """Return the values of samples that measure these energies: the energies, or the readings that they give."""
+    return (readings_of(law.sensor, energy) if law.bits else energy).astype(np.float64)
 
 
 def check_law(law: Law) -> None:
@@ -191,7 +211,7 @@ def check_law(law: Law) -> None:
         told = float(rates(law.sensor)[1:].mean(axis=0) @ each)
     else:
         u = (np.arange(400) + 0.5) / 400
-        told = float(ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64)).mean())
+        told = float(ratios_of_values(law, read_by(law, energy_of(law.sensor, 1, u))).mean())
     if told < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
         raise InputError(
             "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "

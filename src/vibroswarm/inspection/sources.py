@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -25,6 +26,7 @@ from vibroswarm.inspection.samples import (
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
+from vibroswarm.show.numbers import listed
 
 KEY: Final = ("run", "robot", "sample")
 
@@ -32,7 +34,7 @@ KEY: Final = ("run", "robot", "sample")
 def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = False) -> Samples:
     """Return the samples of one run of a result.
 
-    Places are those that the robots estimate; where they know their places, the true ones; in a recording, those of
+    Places are those that the robots estimate, if the result has them; else the true ones, or in a recording those of
     the camera, corrected by ``law.camera``. An estimated place is the one smoothed by what the robot met until its
     next samples (``localisation.lag``), and the sample counts from then on; the last samples of a run, of which there
     is no such estimate, have the one that the robot had at once.
@@ -48,9 +50,10 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
     if motion.is_empty():
         raise InputError(f"there is no run {run}, or it has no samples", field="--run")
     frame, places = _with_places(result, motion, of_run)
-    errors = _place_errors(frame, motion) if result.places is not None else None
+    is_seen = not isinstance(result, Recording) or result.is_tracked(run)
+    errors = _place_errors(frame, motion) if result.places is not None and is_seen else None
     truth = motion.select(*KEY, true_x_m="x_m", true_y_m="y_m")
-    if isinstance(result, Recording):
+    if isinstance(result, Recording) and (result.places is None or not is_seen):
         truth = truth.with_columns(true_x_m=None, true_y_m=None)
     frame = frame.join(truth, on=KEY, maintain_order="left")
     many = law.law.sensor.kinds > 2
@@ -62,7 +65,9 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
     read = _values(result, of_run, bits or many)
     frame = frame.join(read, on=KEY, how="inner", maintain_order="left").drop_nulls("value")
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
-    recorded = isinstance(result, Recording)
+    recorded, floor = isinstance(result, Recording), result.floor(run)
+    changed_s = floor.changes.times_s.tolist()
+    floor = floor.at(frame["time_s"].max() or 0.0)  # type: ignore[arg-type]
     name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
     return _samples(
         frame,
@@ -70,12 +75,13 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
         law,
         places,
         f"{'session' if recorded else 'simulation'} '{name}'",
-        _vibrating(result.floor(run)) if many else result.floor(run),
+        _vibrating(floor) if many else floor,
         bits,
-        kinds=result.floor(run) if many else None,
+        kinds=floor if many else None,
         truth_known=not result.scenario.floor.has_surface,  # of which tiles vibrate
         errors=errors,
         own=hash_of_run(result, run),
+        changed_s=changed_s,
     )
 
 
@@ -109,10 +115,8 @@ def _values(result: Result, of_run: pl.Expr, bits: bool) -> pl.DataFrame:
 def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple[pl.DataFrame, str]:
     """Return samples with places, spreads and the time from which they count; and how places are known, in words."""
     exact = motion.with_columns(spread_x_m=pl.lit(0.0), spread_y_m=pl.lit(0.0))
-    if isinstance(result, Recording):
-        return exact, "seen by a camera"
     if result.places is None:
-        return exact, "true places, which no real robot knows: an upper bound"
+        return exact, _known_from(result, int(motion["run"][0]))
     own = result.places.filter(of_run)
     at_once = own.select(*KEY, "x_m", "y_m", spread_x_m="spread_m", spread_y_m="spread_m")
     later = own.filter(pl.col("lagged_sample").is_not_null()).join(
@@ -128,15 +132,40 @@ def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple
     return pl.concat([later.select(names), last.select(names)]), "estimated by the robots"
 
 
+def _known_from(result: Result, run: int) -> str:
+    """Return how the places of a result are known whose robots do not estimate them, in words."""
+    if not isinstance(result, Recording):
+        return "true places, which no real robot knows: an upper bound"
+    if result.is_tracked(run):
+        return "seen by a camera"
+    if result.sessions[run]["reader"] == "webots":
+        return "true places of the study's simulator, which no real robot knows: an upper bound"
+    return "as its log has them"
+
+
 def _samples(
     frame: pl.DataFrame, size_m: tuple[float, float], law: FittedLaw, places: str, source: str, floor: Floor | None,
     bits: bool, *, truth_known: bool, own: str, kinds: Floor | None = None, errors: PlaceErrors | None = None,
+    changed_s: Sequence[float] = (),
 ) -> Samples:  # fmt: skip
-    """Return samples with their log ratios; ``own`` is the hash of their session, to which no law should be fitted."""
-    ratios = ratios_of_values(law.law, frame["value"].to_numpy(), bits=bits)
+    """Return samples with their log ratios.
+
+    Args:
+        own: hash of their session, to which no law should be fitted. changed_s: times at which the floor changed.
+    """
+    known = law.law if law.law.bits == bits else replace(law.law, bits=bits)
+    ratios = ratios_of_values(known, frame["value"].to_numpy())
     table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
-    warning = SELF_JUDGED if own in law.law.sessions else ""
-    return Samples(table, size_m, law.law, places, source, floor, truth_known, kinds, errors, warning)
+    warnings = [SELF_JUDGED] if own in law.law.sessions else []
+    until_s = [time_s for time_s in changed_s if time_s <= frame["time_s"].max()]  # type: ignore[operator]
+    if until_s:
+        warnings.append(
+            f"The floor changed at {listed(f'{time_s:g} s' for time_s in until_s)}, but is presumed to stay as it is: "
+            "samples from before count as those of the floor at the end, by which they are judged."
+        )
+    return Samples(
+        table, size_m, known, places, source, floor, truth_known, kinds, errors, warning=" ".join(warnings)
+    )
 
 
 def _vibrating(floor: Floor) -> Floor:
@@ -189,11 +218,13 @@ def samples_of_csv(
         spread_y_m=one,
         value="energy",
     ).sort("time_s", "robot")
-    places = f"as the file has them, with a standard deviation of {1000 * spread_m:g} mm"
+    exact = "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {1000 * spread_m:g} mm"
+    places = f"as the file has them, {exact}"
     own = session_hash(frame["value"].to_numpy())
-    return _samples(
+    found = _samples(
         frame, size_m, law, places, f"'{path.name}'", floor, False, truth_known=truth_known, own=own
     )
+    return replace(found, left_out=log.tracks.height)
 
 
 def _column_map(names: list[str], path: Path) -> ColumnMap:

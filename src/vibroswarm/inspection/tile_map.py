@@ -265,9 +265,29 @@ def place_shares(samples: Samples) -> Shares:
     is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (reach_m == 0.0)
     tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -2).astype(np.int64)
     box = np.empty((tile.size, 4), dtype=np.int64)
-    of_column, of_row = np.empty((tile.size, 2 * ground.columns)), np.empty((tile.size, 2 * ground.rows))
+    of_column, of_row = np.zeros((tile.size, 2 * ground.columns)), np.zeros((tile.size, 2 * ground.rows))
     _share_places(
         tile, x_m, y_m, spread_x_m, spread_y_m, Reach(reach_m), ground, box, of_column, of_row, np.empty(1)
     )
     touched = (box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1)
     return Shares(box, of_column, of_row, np.append(0, np.cumsum(touched)), reach_m > 0.0)
+
+
+def felt_on(samples: Samples, p: Floats) -> Floats:
+    """Return the probability that each sample feels vibration at its place, by a map of the tiles, (samples,).
+
+    Args:
+        p: probability that each tile vibrates, (tiles,).
+    """
+    at = place_shares(samples)
+    assert samples.floor is not None
+    quiet = 1.0 - p.reshape(samples.floor.tiles.shape)
+    rows, columns = (at.of_row[:, ::2], at.of_row[:, 1:-1:2]), (at.of_column[:, ::2], at.of_column[:, 1:-1:2])
+    still = (rows[0] @ quiet * columns[0]).sum(axis=1)
+    if at.has_strips:
+        below, beside = quiet[:-1] * quiet[1:], quiet[:, :-1] * quiet[:, 1:]
+        still += (rows[1] @ below * columns[0]).sum(axis=1) + (rows[0] @ beside * columns[1]).sum(axis=1)
+        still += (rows[1] @ (below[:, :-1] * below[:, 1:]) * columns[1]).sum(axis=1)
+    return np.asarray(
+        np.where(at.box[:, 1] < at.box[:, 0], 0.0, 1.0 - still)
+    )  # off the grid nothing vibrates

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -14,6 +14,9 @@ from vibroswarm.plots.layout import LINE_SPACING, few_ticks, new_figure
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
 
+MOST_ACROSS: Final = 6
+"""Most maps side by side."""
+
 
 @drawn
 def draw_certainty(
@@ -21,7 +24,7 @@ def draw_certainty(
     size_m: tuple[float, float],
     places_m: NDArray[np.float64],
     *,
-    marked_m: Sequence[tuple[float, float, float, float]] = (),
+    marked_m: Sequence[tuple[float, float, float, float, bool]] = (),
     title: str = "",
     style: str = "column",
 ) -> Picture:
@@ -29,14 +32,15 @@ def draw_certainty(
 
     Args:
         probability: of each cell, (rows, columns), top row first. size_m: width and height of the surface.
-        places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline.
+        places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline,
+            and whether each is a disc.
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
         Picture; its numbers are ``row, column, probability, standard_deviation``.
     """
-    from matplotlib.patches import Rectangle
+    from matplotlib.patches import Ellipse, Rectangle
 
     sizes = style_named(style)
     # a map takes 0.4 of the width; ticks, the words above and the label below take five lines
@@ -61,9 +65,12 @@ def draw_certainty(
     panels[1].plot(
         *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True
     )
-    for axes, (left, bottom, width, height) in product(panels, marked_m):
-        axes.add_patch(Rectangle((left, bottom), width, height, fill=False, edgecolor=PAPER, lw=1.6))
-        axes.add_patch(Rectangle((left, bottom), width, height, fill=False, edgecolor=INK, lw=0.8, ls="--"))
+    for axes, (left, bottom, width, height, is_disc) in product(panels, marked_m):
+        for line in ({"edgecolor": PAPER, "lw": 1.6}, {"edgecolor": INK, "lw": 0.8, "ls": "--"}):
+            corner, centre = (left, bottom), (left + 0.5 * width, bottom + 0.5 * height)
+            outline = Ellipse(centre, width, height) if is_disc else Rectangle(corner, width, height)
+            outline.set(fill=False, **line)
+            axes.add_patch(outline)
     row, column = (index.ravel() for index in np.indices(probability.shape))
     numbers = pl.DataFrame(
         {
@@ -77,3 +84,51 @@ def draw_certainty(
     if marked_m:
         caption += " Outlined: called patches."
     return Picture(figure, numbers, caption)
+
+
+@drawn
+def draw_rasters(
+    panels: Mapping[str, NDArray[np.float64]],
+    size_m: tuple[float, float],
+    *,
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw maps of probability side by side, with one scale.
+
+    Args:
+        panels: the probability of each cell, (rows, columns), top row first, by the words above it.
+        size_m: width and height of the surface. title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``panel, row, column, probability``.
+    """
+    sizes = style_named(style)
+    across = min(len(panels), MOST_ACROSS)
+    down = -(-len(panels) // across)
+    line_in = sizes.font_pt * LINE_SPACING / 72
+    height_in = down * (0.8 * sizes.width_in / across * size_m[1] / size_m[0] + 1.5 * line_in) + 3 * line_in
+    figure = new_figure(sizes, height_in=height_in, title=title)
+    grid: Any = figure.subplots(down, across, squeeze=False)
+    image: Any = None
+    for axes in grid.ravel()[len(panels) :]:
+        axes.set_visible(False)
+    for axes, (words, values) in zip(grid.ravel(), panels.items(), strict=False):
+        extent = (0.0, size_m[0], 0.0, size_m[1])
+        image = axes.imshow(
+            values, cmap=COLOUR_MAP, vmin=0.0, vmax=1.0, extent=extent, interpolation="nearest"
+        )
+        axes.set(xticks=[], yticks=[])
+        axes.set_title(words, fontsize=sizes.small_pt)
+    bar = figure.colorbar(image, ax=list(grid.ravel()), location="bottom", shrink=0.6, pad=0.03)
+    bar.ax.tick_params(labelsize=sizes.small_pt)
+    bar.set_label("probability", fontsize=sizes.small_pt)
+    numbers = pl.concat(
+        pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "probability": values.ravel()}).select(
+            pl.lit(words).alias("panel"), pl.all()
+        )
+        for words, values in panels.items()
+        for row, column in [np.indices(values.shape)]
+    )
+    return Picture(figure, numbers, "Probability of damage.")

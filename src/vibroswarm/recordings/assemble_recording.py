@@ -14,13 +14,15 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import fills_and_truth, robot_table, run_table
 from vibroswarm.inference.replay import INFERENCE
+from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.source import ENDS, MOTION
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.recordings.floor_fit import check_floor
 from vibroswarm.recordings.infer_settings import infer_settings
 from vibroswarm.recordings.inferred import Inferred
-from vibroswarm.recordings.log import COUNTED, Log, gaps_of, in_order, knots_of, segments_of
-from vibroswarm.recordings.recording import PLACES, ROWS, Recording
+from vibroswarm.recordings.log import COUNTED, OWN_PLACE, Log, gaps_of, in_order, knots_of, segments_of
+from vibroswarm.recordings.recording import PLACES as TRACKED
+from vibroswarm.recordings.recording import ROWS, Recording
 from vibroswarm.result import RECORDED, change_frame, floor_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
@@ -77,6 +79,8 @@ def recording_of(
     floor_words = (
         check_floor(floor, samples) if not any_floor else "The fit of the floor was not tested (--any-floor)."
     )
+    if together["places"].is_empty():
+        del together["places"]
     floors = dict.fromkeys(range(len(ordered)), floor)
     # The final states of robots are no table of a recording, so they are removed from ``together``.
     robot_frame, runs = _outcomes(described, floors, finals=together.pop("finals"), ends=together["ends"])
@@ -176,8 +180,8 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
     Args:
         run: number of the session. log: after ``in_order``. names: for robots 0, 1, ... their numbers in the log.
         scenario: describes the sessions. floor: the floor of the session.
-    Returns: by name the tables motion, ends, segments, observations, inference, rows, tracks and finals (final states
-        of robots); and as ``told`` the counts of problems.
+    Returns: by name the tables motion, ends, segments, observations, inference, rows, tracks, places and finals (final
+        states of robots); and as ``told`` the counts of problems.
     """
     number = {name: robot for robot, name in enumerate(names)}
     frame = log.samples.with_columns(
@@ -243,11 +247,24 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
         "inference": frame.select(pl.col(name).cast(kind) for name, kind in INFERENCE.items()),
         "rows": rows.select(pl.col(name).cast(kind) for name, kind in ROWS.items()),
         "tracks": tracks.select(
-            pl.lit(run, dtype=pl.UInt32).alias("run"), *(pl.col(name) for name in PLACES if name != "run")
+            pl.lit(run, dtype=pl.UInt32).alias("run"), *(pl.col(name) for name in TRACKED if name != "run")
         ),
+        "places": _own_places(frame),
         "finals": _finals(run, frame, len(names)),
         "told": counts,
     }
+
+
+def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return where the robots believed that they sampled; empty if their log does not say it."""
+    own = {name.removeprefix("place_"): pl.col(name) for name in OWN_PLACE}
+    later = {
+        name: pl.lit(None) for name in PLACES if name.startswith("lagged")
+    }  # places smoothed later are not logged
+    known = frame.drop_nulls("place_spread_m").with_columns(
+        **own, **later, heading_rad=pl.col("heading_rad").fill_null(0.0)
+    )
+    return known.select(pl.col(name).cast(kind) for name, kind in PLACES.items())
 
 
 def _path(

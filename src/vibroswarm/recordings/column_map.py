@@ -14,8 +14,9 @@ The format of the study's robots is one such map (``formats/rugbot.toml``). A ma
     "sample.stop_ms" = 1000.0
 
 ``robot``, ``time_s``, ``x_m``, ``y_m`` and ``energy`` are required. A row with an energy is a sample; a row without is
-a tracking row, the position of a robot seen by a camera. ``tag`` names a column with the marker on the robot, of which
-each robot has only one. Errors name the row.
+a tracking row, the position of a robot seen by a camera. ``place_x_m``, ``place_y_m`` and ``place_spread_m`` are where
+the robot itself believed that it was; without a camera ``x_m`` and ``y_m`` are read from the same columns. ``tag``
+names a column with the marker on the robot, of which each robot has only one. Errors name the row.
 
 A number in the file is multiplied by ``times``, then ``plus`` is added; a text is looked up in ``values``. ``wraps_at``
 is the number at which a counter starts again from 0. A map may also have the keys ``name``, the name of the format, and
@@ -38,7 +39,7 @@ import polars as pl
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, nearest
-from vibroswarm.recordings.log import COUNTERS, REQUIRED, SAMPLES, TRACKS, Log, log_frame
+from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
 
 LARGEST_BYTES: Final = 64 * 2**20
 """Size of the largest log file. Reading takes some 25 times as much memory; an hour of ten robots has 10 MB."""
@@ -59,6 +60,9 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "messages_received": (0, 2**31, "a whole number from 0 on"),
     "avoid_total_s": (0.0, 1e9, "a time from 0 on"),
     "stop_total_s": (0.0, 1e9, "a time from 0 on"),
+    "place_x_m": (-1e4, 1e4, "a length within 10 km, in metres"),
+    "place_y_m": (-1e4, 1e4, "a length within 10 km, in metres"),
+    "place_spread_m": (0.0, 1e4, "a length of 0 or more, in metres"),
 }
 """Range of values of a column, and the range in words; columns whose least value is an int have whole numbers."""
 
@@ -278,6 +282,10 @@ def column_map(text: str, name: str, has_energies: bool = True) -> ColumnMap:
         raise InputError(
             "names a column for one of alpha and beta; name both or neither", field=f"{name}, [columns]"
         )
+    if 0 < len(columns.keys() & set(OWN_PLACE)) < len(OWN_PLACE):
+        raise InputError(
+            f"names some of {', '.join(OWN_PLACE)}; name all or none", field=f"{name}, [columns]"
+        )
     missing = values.get("missing", ["", "None", "nan", "NaN"])
     if not isinstance(missing, list) or not all(isinstance(text_value, str) for text_value in missing):
         raise InputError("must be a list of strings", field=f"{name}, missing")
@@ -358,6 +366,8 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
             )
     _check_tags(columns, name)
     is_sample = columns["energy"].is_not_null() if "energy" in columns else pl.repeat(False, lines.len())
+    for use in set(OWN_PLACE) & columns.keys() if "energy" in columns else ():
+        _check_there(columns[use].filter(is_sample), lines.filter(is_sample), name, by.columns[use].name)
     frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})
     samples, tracks = frame.filter(is_sample), frame.filter(~is_sample)
     # Converted to the unit of the log's column.

@@ -16,6 +16,7 @@ A reader is a function that takes a path and returns a ``Log`` (see ``log_reader
 | sent | - | messages sent before this sample; robots send one per sample, so it is the number of the sample, from 0 |
 | messages_received | - | messages received so far |
 | avoid_total_s, stop_total_s | s | time spent avoiding and standing so far |
+| place_x_m, place_y_m, place_spread_m | m | where the robot believed that it was, with its standard deviation |
 
 All columns may be null except line, robot, time_s, x_m, y_m and, of a sample, energy. A track (a tracked position) has
 only those five and heading_rad.
@@ -59,6 +60,9 @@ SAMPLES: Final[dict[str, Any]] = {
     "messages_received": pl.Int64,
     "avoid_total_s": pl.Float64,
     "stop_total_s": pl.Float64,
+    "place_x_m": pl.Float64,
+    "place_y_m": pl.Float64,
+    "place_spread_m": pl.Float64,
 }
 """Types of the columns of a log's samples; the table of the module's docstring explains them."""
 TRACKS: Final[dict[str, Any]] = {
@@ -67,6 +71,8 @@ TRACKS: Final[dict[str, Any]] = {
 """Types of the columns of a log's tracked positions."""
 REQUIRED: Final = ("robot", "time_s", "x_m", "y_m", "energy")
 """Columns that every log has."""
+OWN_PLACE: Final = ("place_x_m", "place_y_m", "place_spread_m")
+"""Columns of a robot's own place; a log has all of them or none."""
 COUNTERS: Final = ("sent", "messages_received", "avoid_total_s", "stop_total_s")
 """Columns that only grow, unless the counter wraps: starts again from 0 at some value."""
 

@@ -35,7 +35,7 @@ from vibroswarm.recordings.column_map import (
     rugbot_map,
     text_of,
 )
-from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
+from vibroswarm.recordings.log import OWN_PLACE, SAMPLES, TRACKS, Log, log_frame
 
 CELLS: Final = 19
 """Numbers in a line of data of a console log."""
@@ -149,7 +149,7 @@ def _settings(text: str) -> dict[str, Any]:
 
 CAMERA_LOG: Final = "log.csv"
 """Name of the log in a folder written by ``lab track``."""
-CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if name != "line")
+CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if name not in ("line", *OWN_PLACE))
 """Columns of the log of a tracked session: those of a log's samples, under the same names."""
 
 

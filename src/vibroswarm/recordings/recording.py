@@ -110,6 +110,10 @@ class Recording(Result):
         """
         return bool(self.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
+    def is_tracked(self, run: int) -> bool:
+        """Return whether a camera saw the robots of a session."""
+        return not self.tracks.filter(pl.col("run") == run).is_empty()
+
     @property
     def places_corrected(self) -> bool:
         """Whether all sessions are from ``lab track``, which corrects positions for lens and marker height."""

@@ -1,0 +1,181 @@
+"""Where, how large and how strong is a called patch? One joint credible region of place, size and contrast.
+
+| name | symbol | equation |
+|---|---|---|
+| probability of patch j at contrast c | p_jc | w_j L_jc over its sum; all contrasts have the same weight |
+| size | a | side of a square, diameter of a disc, length of a crack; forms of one shape differ in size only |
+| density | f | sum of p_jc times triangles about x_j, y_j, ln a_j and c, each up to the next of its kind |
+| region | - | where f is at least what it exceeds in ``HELD`` of its own draws (highest density; Hyndman 1996) |
+
+One patch is presumed: each called patch has a region, by the samples that are not on those called before it. Between
+the places, sizes and contrasts of the declared set the probability falls linearly: damage lies between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.core.displayed import html_view
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.inspection.damage import contrast_ratios
+from vibroswarm.inspection.patches import Form, Patches, Shares, log_likelihoods
+from vibroswarm.inspection.samples import Floats, Samples
+
+HELD: Final = 0.9
+"""Probability of the region."""
+STRENGTHS: Final = (0.25, 0.5, 0.75, 1.0)
+"""Contrasts that are weighed; readings of classes have contrast 1 alone."""
+DRAWN: Final = 2000
+"""Draws that describe a density."""
+NEGLIGIBLE: Final = 1e-4
+"""Patches that together have less probability are left out."""
+NEXT: Final = float(np.log(np.sqrt(2.0)))
+"""Distance in ln a to the next size, where there is none."""
+CELL_M: Final = 0.025
+"""Side of the cells by which the area of the centres is counted."""
+
+
+class Places(NamedTuple):
+    """Places, sizes and contrasts of damage of known shapes; (number,) each."""
+
+    shape: NDArray[np.int64]
+    """Number of the shape, from 0; -1: another shape."""
+    x_m: Floats
+    y_m: Floats
+    log_size: Floats
+    contrast: Floats
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior(NotebookView):
+    """Density of the place, size and contrast of one patch: a mixture of products of triangles."""
+
+    shapes: tuple[tuple[bool, float], ...]
+    """Whether discs, and width over height, of each shape."""
+    p: Floats
+    """(terms,)."""
+    shape: NDArray[np.int64]
+    triangles: Floats
+    """Left end, top and right end along x, y, ln a and c, (4, 3, terms)."""
+    strengths: tuple[float, ...] = STRENGTHS
+    """Contrasts that are weighed."""
+
+    def drawn(self, random: np.random.Generator, number: int) -> Places:
+        """Draw from the density."""
+        term = random.choice(self.p.size, number, p=self.p)
+        return Places(self.shape[term], *(random.triangular(*ends[:, term]) for ends in self.triangles))
+
+    def density(self, at: Places) -> Floats:
+        """Return f at places, (number,)."""
+        tiny = 1e-12
+        found = np.where(at.shape[:, None] == self.shape, self.p, 0.0)
+        for value, (left, top, right) in zip(at[1:], self.triangles, strict=True):
+            rising = (value[:, None] - left + tiny) / (top - left + tiny)
+            falling = (right - value[:, None] + tiny) / (right - top + tiny)
+            found *= np.clip(np.minimum(rising, falling), 0.0, 1.0) * 2.0 / (right - left)
+        return np.asarray(found.sum(axis=1))
+
+    def shape_of(self, form: Form) -> int:
+        """Return the number of the shape of a form; -1: there is none."""
+        shape = _shape(form)
+        return self.shapes.index(shape) if shape in self.shapes else -1
+
+
+@dataclass(frozen=True, eq=False)
+class Region(NotebookView):
+    """The joint credible region of a called patch."""
+
+    posterior: Posterior
+    least: float
+    """Least density in the region."""
+    size_m: tuple[float, float]
+    """Smallest and largest size in the region."""
+    contrast: tuple[float, float] | None
+    """Smallest and largest contrast in the region; None: readings of classes have one."""
+    centre_m2: float
+    """Area of the centres in the region."""
+
+    def holds(self, form: Form, x_m: float, y_m: float, contrast: float = 1.0) -> bool:
+        """Return whether damage of this form and contrast, with its centre there, is in the region."""
+        shape = np.array([self.posterior.shape_of(form)])
+        at = (np.array([value]) for value in (x_m, y_m, np.log(form.longest_m), contrast))
+        return bool(self.posterior.density(Places(shape, *at))[0] >= self.least)
+
+
+def _shape(form: Form) -> tuple[bool, float]:
+    return form.is_disc, round(form.width_m / form.height_m, 6)
+
+
+def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_]) -> Posterior:
+    """Return what the samples that are ``there`` say of the place, size and contrast of one patch."""
+    strengths = (1.0,) if samples.law.bits else STRENGTHS
+    value = samples.column("value")
+    ratios = [np.where(there, contrast_ratios(samples.law, value, c), 0.0) for c in strengths]
+    logs = log_likelihoods(shares, np.stack(ratios, axis=1))
+    p = patches.weights[:, None] * np.exp(logs - logs.max())
+    p /= p.sum()
+    rising = np.sort(p, axis=None)
+    kept = p >= rising[np.searchsorted(np.cumsum(rising), NEGLIGIBLE)]
+    patch, strength = np.nonzero(kept)
+    forms, form = patches.forms, patches.form[patch]
+    shapes = tuple(dict.fromkeys(map(_shape, forms)))
+    step_m = np.array([one.step_m for one in forms])[form]
+    x_m, y_m = (
+        (patches.left_m + 0.5 * patches.width_m)[patch],
+        (patches.bottom_m + 0.5 * patches.height_m)[patch],
+    )
+    sizes, contrasts = np.array([_size_ends(one, forms) for one in forms]), _ends(np.array(strengths), 0.25)
+    contrasts[:, 2] = np.minimum(contrasts[:, 2], np.maximum(1.0, contrasts[:, 1]))
+    triangles = [
+        (x_m - step_m, x_m, x_m + step_m), (y_m - step_m, y_m, y_m + step_m), sizes[form].T, contrasts[strength].T,
+    ]  # fmt: skip
+    return Posterior(
+        shapes,
+        p[kept] / p[kept].sum(),
+        np.array([shapes.index(_shape(one)) for one in forms])[form],
+        np.array(triangles),
+        strengths,
+    )
+
+
+def _size_ends(form: Form, forms: tuple[Form, ...]) -> Floats:
+    """Return the ends and the top of the triangle of a form's ln a, among those of its shape, (3,)."""
+    alike = np.unique([np.log(one.longest_m) for one in forms if _shape(one) == _shape(form)])
+    return np.asarray(_ends(alike, NEXT)[np.searchsorted(alike, np.log(form.longest_m))])
+
+
+def _ends(at: Floats, alone: float) -> Floats:
+    """Return the next smaller, itself and the next larger of ascending values, (values, 3).
+
+    Args:
+        alone: distance to the next of a single value; else the distance at the ends is that to the other neighbour.
+    """
+    gaps = np.diff(at) if at.size > 1 else np.array([alone])
+    return np.stack(
+        [at - np.append(gaps[0], gaps)[: at.size], at, at + np.append(gaps, gaps[-1])[: at.size]], axis=1
+    )
+
+
+def region_of(posterior: Posterior, *, seed: int = 1) -> Region:
+    """Return the joint credible region of a patch."""
+    drawn = posterior.drawn(generator(seed, "density of damage"), DRAWN)
+    density = posterior.density(drawn)
+    least = float(np.quantile(density, 1.0 - HELD))
+    x_m, y_m, log_size, contrast = (column[density >= least] for column in drawn[1:])
+    cells = np.unique(np.stack([np.floor(x_m / CELL_M), np.floor(y_m / CELL_M)]), axis=1)
+    size_m = np.exp(log_size)
+    return Region(
+        posterior,
+        least,
+        (float(size_m.min()), float(size_m.max())),
+        (float(contrast.min()), float(contrast.max())) if len(posterior.strengths) > 1 else None,
+        cells.shape[1] * CELL_M**2,
+    )

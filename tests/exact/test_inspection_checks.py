@@ -1,0 +1,122 @@
+"""Checks of the law and of places: what cannot be made is said, and what samples feel is what is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.documents import ROOT
+from helpers.inspections import drawn_samples
+from vibroswarm import inspect, preset
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.checks import PLACES, law_checks
+from vibroswarm.inspection.damage import drawn_values, values_at
+from vibroswarm.inspection.others import Others, by_tiles
+from vibroswarm.inspection.samples import Law, Samples
+from vibroswarm.inspection.stopping import Question
+from vibroswarm.inspection.tile_map import felt_on
+
+EXAMPLE = ROOT / "examples" / "inspection"
+LAW = Law(preset("paper").sensor, "preset paper")
+
+
+def swapped(path: Path) -> Path:
+    text = (EXAMPLE / "reference.csv").read_text()
+    text = text.replace("still", "?").replace("vibrating", "still").replace("?", "vibrating")
+    (path / "swapped.csv").write_text(text)
+    return path / "swapped.csv"
+
+
+def outcomes(samples: Samples, others: Others | None = None) -> dict[str, str]:
+    checks = law_checks(samples, others or by_tiles(samples), drawn=199)
+    return dict(zip(checks["check"], checks["outcome"], strict=True))
+
+
+def test_swapped_laws_are_not_certified(tmp_path: Path) -> None:
+    """Nearly everything is called, so that the law of still places cannot be checked: nothing is certified."""
+    given = {"size_m": (1.0, 1.0), "question": Question(contrasts=(1.0,)), "replicates": 39}
+    found = inspect(EXAMPLE / "plate.csv", laws=str(swapped(tmp_path)), **given).assessment
+    assert found is not None
+    assert found.verdict == "damage"
+    assert set(found.checks["outcome"]) & {"not made", "refused"}
+    assert any("could not be checked" in why for why in found.refusals)
+    # The control: with the right law there is no reason.
+    right = inspect(EXAMPLE / "plate.csv", laws=str(EXAMPLE / "reference.csv"), **given).assessment
+    assert right is not None
+    assert right.refusals == ()
+
+
+def test_checks_of_few_samples_of_each_robot_are_not_made() -> None:
+    samples = replace(drawn_samples(1, count=45, spread_m=0.0), law=LAW)
+    intact = samples.with_columns(value=values_at(LAW, np.random.default_rng(1).random(45), False))
+    nothing = Others(intact, {robot: np.zeros(9) for robot in range(5)}, np.zeros(45))
+    assert outcomes(intact, nothing) == {
+        "law of still places": "not refused", "robots against each other": "not made", "drift": "not made",
+        "places": "not testable",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("reach_m", [0.0, 0.03])
+def test_samples_feel_what_is_drawn(reach_m: float) -> None:
+    samples = drawn_samples(3, count=60, spread_m=0.04)
+    sensor = samples.law.sensor.model_copy(update={"edge_reach_m": reach_m})
+    samples = replace(samples, law=replace(samples.law, sensor=sensor))
+    p = np.random.default_rng(2).random(9)
+    felt = felt_on(samples, p)
+    others = Others(samples, dict.fromkeys(range(5), p), felt)
+    drawn = others.drawn(np.random.default_rng(1), 4000).mean(axis=1)
+    within = (
+        np.hypot(samples.column("x_m") - 0.3, samples.column("y_m") - 0.3) < 0.2
+    )  # places beyond the grid are off it
+    assert drawn[within] == pytest.approx(felt[within], abs=0.04)
+    assert felt_on(samples, np.ones(9)) == pytest.approx(np.ones(60))
+
+
+def test_a_robot_whose_places_are_mirrored_is_found_where_something_vibrates_only() -> None:
+    samples = replace(drawn_samples(7, count=900, spread_m=0.02), law=LAW)
+    assert samples.floor is not None
+    vibrates = samples.floor.tiles.ravel()[
+        samples.floor.tile_at(samples.column("true_x_m"), samples.column("true_y_m"))
+    ]
+    robot = samples.frame["robot"].to_numpy()
+    for damaged in (True, False):
+        value = values_at(LAW, np.random.default_rng(5).random(900), (vibrates == 1) & damaged)
+        right = with_values(samples, value)
+        x_m = np.where(robot == 0, 0.6 - samples.column("x_m"), samples.column("x_m"))
+        assert outcomes(right)[PLACES] == ("not refused" if damaged else "not testable")
+        assert outcomes(right.with_columns(x_m=x_m))[PLACES] == ("refused" if damaged else "not testable")
+
+
+def with_values(samples: Samples, value: np.ndarray) -> Samples:
+    from vibroswarm.inspection.samples import ratios_of_values
+
+    return samples.with_columns(value=value, log_ratio=ratios_of_values(samples.law, value))
+
+
+def test_bits_are_checked_and_told_by_their_own_law() -> None:
+    """Readings were taken for energies: the told risk of an intact surface was 100 %, and nothing was checked."""
+    scenario = preset("optimised-places").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.0"})
+    found = inspect(scenario, question=Question(0.2, (1.0,)), replicates=19, bits=True)
+    assert found.assessment is not None
+    assert found.assessment.verdict == "clear"
+    assert set(found.assessment.checks["outcome"][:3]) == {"not refused"}
+    samples = found.samples
+    often = samples.with_columns(
+        value=np.maximum(samples.column("value"), np.arange(samples.frame.height) % 3 == 0)
+    )
+    assert "refused" in law_checks(often, by_tiles(samples), drawn=199)["outcome"]
+    assert set(np.unique(drawn_values(np.random.default_rng(1), samples, 3))) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize(("values", "words"), [(4, "fewer than 20"), (400, "cannot be told apart")])
+def test_a_reference_that_tells_nothing_is_refused(values: int, words: str, tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    lines = [
+        f"{kind},{value:.4f}" for kind in ("still", "vibrating") for value in random.normal(1.0, 0.1, values)
+    ]
+    (tmp_path / "reference.csv").write_text("\n".join(["kind,energy", *lines]))
+    with pytest.raises(InputError, match=words):
+        inspect(EXAMPLE / "plate.csv", laws=str(tmp_path / "reference.csv"), size_m=(1.0, 1.0))

@@ -1,0 +1,97 @@
+"""Discs of the declared set, and the joint region of place, size and contrast."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.inspections import drawn_samples
+from vibroswarm.inspection.damage import drawn_values, patch_of
+from vibroswarm.inspection.patches import Form, declared, raster, shares_of, strips_of
+from vibroswarm.inspection.region import HELD, posterior_of, region_of
+from vibroswarm.inspection.samples import Law, Samples
+from vibroswarm.scenario.scenario import preset
+
+LAW = Law(preset("paper").sensor, "preset paper")
+DISC = Form(0.2, 0.2, True)
+
+
+def test_strips_of_a_disc_have_its_area_and_stay_within_its_square() -> None:
+    patches = declared((0.6, 0.6), [DISC, 0.1])
+    strips = strips_of(patches, 0.01)
+    areas = np.add.reduceat(
+        (strips.right_m - strips.left_m) * (strips.top_m - strips.bottom_m), strips.first[:-1]
+    )
+    is_disc = patches.form == 0
+    assert areas[is_disc] == pytest.approx(np.pi * 0.11**2)
+    assert areas[~is_disc] == pytest.approx(0.12**2)
+    assert strips.left_m.min() >= -0.01 - 0.002
+    assert strips.bottom_m.min() == pytest.approx(-0.01)
+
+
+def test_the_share_of_a_place_in_a_disc_is_that_of_draws_about_it() -> None:
+    samples = drawn_samples(1, count=80, spread_m=0.03)
+    patches = declared(samples.size_m, [DISC])
+    shares = shares_of(samples, patches)
+    random, j = np.random.default_rng(1), 30
+    x_m, y_m = patches.left_m[j] + 0.1, patches.bottom_m[j] + 0.1
+    found = np.zeros(80)
+    part = slice(shares.first[j], shares.first[j + 1])
+    found[shares.sample[part]] = shares.share[part]
+    at_m = [
+        samples.column(f"{axis}_m")[:, None] + 0.03 * random.standard_normal((80, 20_000)) for axis in "xy"
+    ]
+    direct = (np.hypot(at_m[0] - x_m, at_m[1] - y_m) < 0.1).mean(axis=1)
+    assert found == pytest.approx(direct, abs=0.02)
+    square = shares_of(samples, declared(samples.size_m, [0.2]))  # the control
+    part = slice(square.first[j], square.first[j + 1])
+    assert np.abs(square.share[part] - direct[square.sample[part]]).max() > 0.1
+
+
+def test_the_raster_of_a_disc_is_round() -> None:
+    patches = declared((0.2, 0.2), [DISC])
+    cells = raster(patches, np.array([50.0]), 0.5, 40, (0.2, 0.2))
+    assert cells.mean() == pytest.approx(np.pi / 4.0, abs=0.03)
+    assert cells[0, 0] == cells[-1, -1] == 0.0
+    assert cells[20, 20] == pytest.approx(1.0)
+
+
+def damaged(seed: int, contrast: float) -> Samples:
+    samples = replace(drawn_samples(seed, count=500, spread_m=0.01), law=LAW)
+    random = np.random.default_rng(seed)
+    patch = patch_of(np.array([0.33]), np.array([0.27]), 0.2, contrast, disc=True)
+    return samples.with_columns(value=drawn_values(random, samples, 1, patch)[:, 0])
+
+
+def test_a_region_holds_its_share_of_the_density() -> None:
+    samples = damaged(2, 1.0)
+    patches = declared(samples.size_m, [0.14, 0.2, DISC, Form(0.3, 0.1)])
+    posterior = posterior_of(samples, patches, shares_of(samples, patches), np.ones(500, dtype=bool))
+    region = region_of(posterior)
+    drawn = posterior.drawn(np.random.default_rng(5), 4000)
+    assert (posterior.density(drawn) >= region.least).mean() == pytest.approx(HELD, abs=0.02)
+    assert posterior.p.sum() == pytest.approx(1.0)
+    # The density integrates to 1: its mean over places drawn from another density, divided by that one.
+    wide = replace(posterior, triangles=posterior.triangles + np.array([-0.02, 0.0, 0.02])[None, :, None])
+    others = wide.drawn(np.random.default_rng(6), 20_000)
+    assert (posterior.density(others) / wide.density(others)).mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_size_and_contrast_of_damage_are_in_its_region_and_others_are_not() -> None:
+    held = []
+    for seed in range(10):
+        for contrast in (1.0, 0.5):
+            samples = damaged(seed, contrast)
+            patches = declared(samples.size_m, [Form(side, side, True) for side in (0.1, 0.14, 0.2, 0.28)])
+            region = region_of(
+                posterior_of(samples, patches, shares_of(samples, patches), np.ones(500, dtype=bool))
+            )
+            held.append(region.holds(DISC, 0.33, 0.27, contrast))
+            assert not region.holds(
+                DISC, 0.13, 0.47, contrast
+            )  # controls: elsewhere, of another shape, much weaker
+            assert not region.holds(Form(0.2, 0.2), 0.33, 0.27, contrast)
+            assert not region.holds(DISC, 0.33, 0.27, 0.1)
+    assert np.mean(held) >= 0.75

@@ -1,0 +1,106 @@
+"""The rule by which an inspection ends: told risks against direct computation, and what it clears all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.inspections import drawn_samples
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, ratios_at, values_at
+from vibroswarm.inspection.patches import declared, log_likelihoods, shares_of
+from vibroswarm.inspection.samples import Law
+from vibroswarm.inspection.scan import looks_of
+from vibroswarm.inspection.stopping import LOOKS, Question, rule_of, stopping
+from vibroswarm.scenario.scenario import preset
+
+SIDES_M = (0.1, 0.2)
+LAW = Law(preset("paper").sensor, "preset paper")
+
+
+def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
+    """Where the whole surface is the only patch, Lambda is the product of the likelihood ratios."""
+    samples = drawn_samples(5, count=25, spread_m=0.0)
+    inside = samples.with_columns(x_m=np.full(25, 0.3), y_m=np.full(25, 0.3))
+    patches = declared(samples.size_m, [0.6])
+    value = values_at(inside.law, np.linspace(0.1, 0.9, 25), False)[:, None]
+    question = Question(least_m=0.6, contrasts=(1.0,), prior=0.2)
+    ratio = np.exp(ratios_at(inside.law, value).sum())
+    told = rule_of(inside, patches, question).told(value)
+    assert told[0, 0] == pytest.approx(0.2 * ratio / (0.8 + 0.2 * ratio), rel=1e-3)
+
+
+def test_a_strict_risk_is_the_larger_one() -> None:
+    samples = drawn_samples(6, count=200, spread_m=0.0)
+    patches = declared(samples.size_m, SIDES_M)
+    value = values_at(samples.law, np.random.default_rng(1).random((200, 1)), False)
+    mean, strict = (
+        rule_of(samples, patches, Question(contrasts=(1.0,), strict=strict)).told(value)[0, 0]
+        for strict in (False, True)
+    )
+    assert strict > mean
+    told = stopping(samples, patches, Question(contrasts=(1.0,)), drawn=50)
+    assert told.told.shape == told.times_s.shape
+    with pytest.raises(InputError, match="as large as the smallest"):
+        stopping(samples, patches, Question(least_m=0.5), drawn=50)
+
+
+def test_the_worst_place_is_one_of_many_draws() -> None:
+    """Blocks are those of the centres that damage can have: a corner of the surface would have a tenth of the draws."""
+    samples = replace(drawn_samples(seed=1, count=40, spread_m=0.01), law=LAW)
+    patches = declared(samples.size_m, [0.2])
+    told = stopping(samples, patches, Question(0.2, (1.0,), risk=1e-12))
+    assert told.worst.estimate == 0.0  # nothing is ever cleared
+    assert told.worst.high < 0.15  # of 25 draws and more; 5 would be .43
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_the_told_risk_at_a_look_is_that_of_the_samples_so_far(strict: bool) -> None:
+    samples = replace(drawn_samples(8, count=120, spread_m=0.02), law=LAW)
+    patches = declared(samples.size_m, SIDES_M)
+    random = np.random.default_rng(2)
+    values = drawn_values(random, samples, 40, patch_of(np.full(40, 0.3), np.full(40, 0.4), 0.1))
+    question = Question(contrasts=(1.0, 0.5), prior=0.3, strict=strict)
+    told = rule_of(samples, patches, question, 5).told(values)
+    times_s, _ = looks_of(samples, 5)
+    for now, time_s in enumerate(times_s):
+        so_far = samples.by_time(time_s)
+        shares, worst = shares_of(so_far, patches), np.zeros(40)
+        for contrast in question.contrasts:
+            logs = log_likelihoods(shares, contrast_ratios(LAW, values[: so_far.frame.height], contrast))
+            for size in range(2):
+                of_size = np.exp(logs[patches.form == size])
+                worst = np.maximum(worst, of_size.max(axis=0) if strict else of_size.mean(axis=0))
+        assert told[now] == pytest.approx(0.3 * worst / (0.7 + 0.3 * worst), rel=1e-4)
+
+
+def test_missed_damage_is_that_of_the_first_look_which_tolerates_the_risk() -> None:
+    """At the end of an inspection that nobody ended, fewer are missed: what was promised before was half as much."""
+    samples = replace(drawn_samples(9, count=300, spread_m=0.0), law=LAW)
+    patches, question = declared(samples.size_m, [0.2]), Question(0.2, (1.0,), risk=0.1)
+    found = stopping(samples, patches, question)
+    random = np.random.default_rng(3)
+    x_m, y_m = random.uniform(0.1, 0.5, (2, 2000))
+    values = drawn_values(random, samples, 2000, patch_of(x_m, y_m, 0.2))
+    told = rule_of(samples, patches, question, LOOKS).told(values)
+    for share, cleared in ((found.missed, (told <= 0.1).any(axis=0)), (found.missed_at_end, told[-1] <= 0.1)):
+        assert share.low - 0.01 <= cleared.mean() <= share.high + 0.01
+    assert found.missed.estimate > 2.0 * found.missed_at_end.estimate
+    assert found.worst.estimate >= found.missed.estimate
+    assert found.worst.n >= 1000
+
+
+def test_robots_that_lose_messages_stop_later_than_a_centre() -> None:
+    samples = replace(drawn_samples(7, count=400, spread_m=0.0), law=LAW)
+    samples = samples.with_columns(value=np.full(400, 0.4), log_ratio=np.full(400, -1.0))  # intact
+    patches = declared(samples.size_m, SIDES_M)
+    all_heard, some, none = (
+        stopping(samples, patches, Question(least_m=0.2, contrasts=(1.0,), loss=loss), drawn=20)
+        for loss in (0.0, 0.5, 1.0)
+    )
+    assert all_heard.robots_s == all_heard.cleared_s == some.cleared_s
+    assert some.robots_s is not None
+    assert some.robots_s > some.cleared_s
+    assert none.robots_s is None or none.robots_s > some.robots_s
