@@ -21,8 +21,9 @@ samples make the wrong answer surer**. q falls as theta grows. For any single f 
 this theta may put all floors on that side. A correcting threshold therefore has to be right for the mirror image of f
 across the boundary too (with the same spillover). There is none if vibrating tiles do not read higher than still ones.
 
-With ``boundary_of = "tiles"`` robots correct for the errors. Then q is on the wrong side only if they assume wrong
-error rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
+With ``boundary_of = "tiles"`` robots correct for the errors that they claim (``sensor.claimed_rates``, or those of the
+sensor's likelihood), while q is always that of the true law. Then q is on the wrong side only if they claim or assume
+wrong error rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
 
 All this is about a robot's own samples. Under soft or positive feedback robots also hear beliefs or decisions: these
 make the answer to which the samples lean, right or wrong, faster and surer, but do not change it.
@@ -55,7 +56,7 @@ from vibroswarm.observation.decision_boundary import (
     sensed_shares_on,
     tiled_share,
 )
-from vibroswarm.observation.energy_model import error_rates, model_of
+from vibroswarm.observation.energy_model import claims_differ, error_rates, model_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 
@@ -165,6 +166,10 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     if asks_fill_ratio and scenario.decision.boundary_of == "readings" and has_threshold:
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
+    if asks_fill_ratio and scenario.decision.boundary_of == "tiles" and claims_differ(sensor):
+        mend = (
+            " Readings are those of the sensor's true law; robots correct them by the rates that they claim."
+        )
     return Decidability(
         verdict=verdict,
         says=says + mend,

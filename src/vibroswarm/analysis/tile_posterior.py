@@ -27,6 +27,7 @@ from scipy.special import expit, gammaln, logsumexp
 from vibroswarm.errors import InputError
 from vibroswarm.observation.energy_model import (
     MOST_EXACT,
+    claims_differ,
     factors_differ,
     log_ratios_of_bits,
     log_ratios_of_energies,
@@ -61,7 +62,12 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
             field="sensor",
         )
     if not energies:
-        return log_ratios_of_bits(sensor, result.observations["observation"].to_numpy(), MOST_EXACT)
+        return log_ratios_of_bits(sensor, result.observations["observation"].to_numpy(), exact=True)
+    if claims_differ(sensor.model_copy(update={"claimed_rates": None})):
+        raise InputError(
+            f"the likelihood of '{sensor.model}' is what robots claim, and not the true law; leave energies out",
+            field="energies",
+        )
     energy = result.observations["energy"]
     if energy.null_count():
         raise InputError(

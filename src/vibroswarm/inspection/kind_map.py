@@ -25,7 +25,7 @@ from scipy.special import softmax
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.tile_map import CONVERGED, SWEEPS, Integers, Shares, ends_of, place_shares
-from vibroswarm.observation.energy_model import log_ratios_of_classes, rates
+from vibroswarm.observation.energy_model import claimed_rates, log_ratios_of_classes
 from vibroswarm.scenario.scenario import Scenario
 
 
@@ -115,7 +115,7 @@ def any_but_still(samples: Samples) -> Samples:
     The law is that of all kinds but 0 in equal shares. Readings that tell such kinds apart tell nothing more of whether
     there is one, unless kind 0 is taken for one of them more often than for another.
     """
-    shares = rates(samples.law.sensor)
+    shares = claimed_rates(samples.law.sensor)
     zeros = (float(shares[0, 0]), float(shares[1:, 0].mean()))
     two = Scenario().with_values(
         {"sensor.model": "confusion", "sensor.confusion.rates": [[zero, 1.0 - zero] for zero in zeros]}

@@ -21,11 +21,11 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.energy_model import (
+    claimed_rates,
     energy_of,
     log_ratios_of_bits,
     log_ratios_of_classes,
     log_ratios_of_energies,
-    rates,
 )
 from vibroswarm.scenario.fields import Sensor
 
@@ -188,7 +188,7 @@ def check_law(law: Law) -> None:
     """
     if law.sensor.kinds > 2:
         each = log_ratios_of_classes(law.sensor, np.arange(law.sensor.readings))
-        told = float(rates(law.sensor)[1:].mean(axis=0) @ each)
+        told = float(claimed_rates(law.sensor)[1:].mean(axis=0) @ each)
     else:
         u = (np.arange(400) + 0.5) / 400
         told = float(ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64)).mean())

@@ -33,7 +33,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of
 from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import FAR, share_past, vibration_probability
-from vibroswarm.observation.energy_model import error_rates, mean_shares_below, rates
+from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import is_neutral_at_half_only
@@ -205,15 +205,15 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
 
     Args:
         x: the decision boundary. given: assumed rates of false positives and of false negatives. None stands for the
-            sensor's own rate: the mean over uniformly random places on random floors of fill ratio x, which includes
-            the effect of edges.
+            rate that the sensor claims: the mean over uniformly random places on random floors of fill ratio x, which
+            includes the effect of edges.
     Raises:
         InputError: the rates sum to 1 or more, or edges reach over too many tiles.
     """
     sensor, size = scenario.sensor, _size(scenario)
     sensed = _mean_sensed_shares_cached(sensor, geometry_of(scenario), size, x)
     v = sensed.vibrating
-    a, b = error_rates(sensor)  # of false positives and of false negatives, away from edges
+    a, b = claimed_error_rates(sensor)  # of false positives and of false negatives, away from edges
     # Shares of the still and of the vibrating area that are sensed as vibrating. A kind without any area gets the share
     # that it would have without edges.
     of_still = sensed.spillover / (1.0 - v) if v < 1.0 else 0.0

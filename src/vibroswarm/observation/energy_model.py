@@ -7,10 +7,12 @@
 | factor | c | - | E = c G, with G of the kind's law; so E > theta_E if G > theta_E / c; log-normal of mean 1 |
 | density | f(E) | - | likelihood of the kind's law; a mean over factors of tiles and robots if these differ |
 | log ratio | L | - | ln f_vibrating(E) - ln f_still(E), limited to +- ``MOST`` |
+| true and claimed rates | - | - | ``rates``, by which samples are read; ``claimed_rates``, by which robots weigh them |
 
-The laws are those of the scenario's sensor (``sensors``). Near edges a sample has a value of one kind or the other,
-never a mixture, so L is the same there. A faulty sensor changes only the reading. If a fault has changed the bit, so
-that it contradicts the energy, L is the log ratio of the bit, by the error rates.
+The laws are those of the scenario's sensor (``sensors``). L is what robots claim, unless it is ``exact``. Near edges a
+sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the
+reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio of the bit, by the error
+rates.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from vibroswarm.errors import InputError
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
+from vibroswarm.sensors.claims import CLAIMED_AS_TRUE
+from vibroswarm.sensors.claims import claimed_rates as rates_of_likelihood
 
 
 def model_of(sensor: Sensor) -> SensorModel:
@@ -117,13 +121,66 @@ def error_rates(sensor: Sensor) -> tuple[float, float]:
         InputError: the sensor has more than two kinds or classes.
     """
     shares = mean_shares_below(sensor)
-    if shares.shape != (2, 1):
+    _check_two(sensor, (shares.shape[0], shares.shape[1] + 1))
+    return float(1.0 - shares[0, 0]), float(shares[1, 0])
+
+
+def _check_two(sensor: Sensor, shape: tuple[int, ...]) -> None:
+    """Refuse rates of another shape than (2, 2): kinds, classes."""
+    if shape != (2, 2):
         raise InputError(
             f"sensor '{sensor.model}' has more than two kinds of tile or classes of readings, so it has no rates of "
             "false positives and negatives",
             field="sensor.model",
         )
-    return float(1.0 - shares[0, 0]), float(shares[1, 0])
+
+
+def claims_truth(sensor: Sensor) -> bool:
+    """Return whether robots know their sensor's true rates, because nothing else is claimed."""
+    model = model_of(sensor)
+    claims = model.likelihood is not None and model.measure is not None and not model.claims_truth
+    return sensor.claimed_rates is None and not claims
+
+
+def claimed_rates(sensor: Sensor) -> NDArray[np.float64]:
+    """Return the probability, as robots claim it, that a sample on each kind of tile reads as each class.
+
+    They are ``sensor.claimed_rates``; else those of the likelihood that the sensor states (``sensors.claims``); else
+    the true ones. Averages over factors of tiles and robots are those of ``rates``.
+
+    Returns: (kinds, classes).
+    Raises:
+        CodeError: the likelihood does not sum to 1.
+    """
+    if sensor.claimed_rates is not None:
+        return np.array(sensor.claimed_rates)
+    if claims_truth(sensor):
+        return rates(sensor)
+    model, p = model_of(sensor), sensor.params
+    threshold = getattr(p, "rms_threshold", None)
+    if not factors_differ(sensor):
+        return rates_of_likelihood(model, p, threshold)
+    claimed = [
+        weight * rates_of_likelihood(model, p, threshold, factor)
+        for factor, weight in zip(*(each.tolist() for each in typical_factors(sensor)), strict=True)
+    ]
+    return np.asarray(np.sum(claimed, axis=0))
+
+
+def claimed_error_rates(sensor: Sensor) -> tuple[float, float]:
+    """Return ``error_rates`` as robots claim them (``claimed_rates``); raises the same error."""
+    if claims_truth(sensor):
+        return error_rates(sensor)
+    claimed = claimed_rates(sensor)
+    _check_two(sensor, claimed.shape)
+    return float(claimed[0, 1]), float(claimed[1, 0])
+
+
+def claims_differ(sensor: Sensor) -> bool:
+    """Return whether robots claim other rates than the true ones."""
+    return not claims_truth(sensor) and bool(
+        (np.abs(claimed_rates(sensor) - rates(sensor)) > CLAIMED_AS_TRUE).any()
+    )
 
 
 def factors_differ(sensor: Sensor) -> bool:
@@ -214,11 +271,16 @@ def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
     return model.classes(value, sensor.params).astype(np.uint8)
 
 
-def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any], most: float = MOST) -> NDArray[np.float64]:
-    """Return L of each bit, by the sensor's error rates, limited to +-``most``."""
+def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any], exact: bool = False) -> NDArray[np.float64]:
+    """Return L of each bit, by the error rates that robots claim, limited to +-``MOST``.
+
+    Args:
+        exact: by the true error rates, limited to +-``MOST_EXACT``.
+    """
+    most, error = (MOST_EXACT, error_rates(sensor)) if exact else (MOST, claimed_error_rates(sensor))
     # Error rates of exactly 0 or 1 would give infinite ratios.
     least = min(1e-6, math.exp(-most))
-    a, b = (min(max(rate, least), 1.0 - least) for rate in error_rates(sensor))
+    a, b = (min(max(rate, least), 1.0 - least) for rate in error)
     of_zero, of_one = (
         math.log((vibrating or least) / (still or least)) for vibrating, still in ((b, 1.0 - a), (1.0 - b, a))
     )
@@ -230,10 +292,12 @@ def log_ratios_of_classes(
 ) -> NDArray[np.float64]:
     """Return ln of the probability of each reading on a kind of tile over that on kind 0, limited to +-``MOST``.
 
+    The probabilities are those that robots claim.
+
     Args:
         reading: classes. kind: None: any kind but 0, all alike.
     """
-    shares = np.maximum(rates(sensor), 1e-6)  # shares of exactly 0 would give infinite ratios
+    shares = np.maximum(claimed_rates(sensor), 1e-6)  # shares of exactly 0 would give infinite ratios
     of_kind = shares[1:].mean(axis=0) if kind is None else shares[kind]
     return np.asarray(np.clip(np.log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
 

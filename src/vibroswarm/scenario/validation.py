@@ -17,6 +17,7 @@ from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
+from vibroswarm.sensors.confusion import check_rates
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.tasks import Asked, Task
 
@@ -213,6 +214,14 @@ def _check_sensor(s: Sections) -> None:
                 f"multiplies strengths, and '{sensor.model}' measures none; leave it out (--set sensor.{field}=)",
                 field=f"sensor.{field}",
             )
+    if sensor.claimed_rates is not None:
+        field = "sensor.claimed_rates"
+        if len(sensor.claimed_rates) != sensor.kinds:
+            raise InputError(
+                f"has {len(sensor.claimed_rates)} rows; give {sensor.kinds}, one for each kind of tile",
+                field=field,
+            )
+        check_rates(sensor.claimed_rates, sensor.readings, field)
     if known.sense is not None:
         _check_options_of_laws(s)
     if sensor.model == "acceleration":

@@ -669,6 +669,7 @@ acceleration = register(
         warnings=aliases,
         check=check,
         has_threshold=True,
+        claims_truth=True,
         about="tiles shaken by motors, felt by an accelerometer: the physics, through the robot's own filter",
     )
 )

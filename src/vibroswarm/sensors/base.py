@@ -28,6 +28,7 @@ uniformly random places on floors of ``REFERENCE``, with all kinds in equal shar
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
 follows from this exactly, without random numbers (``shares_up_to``). What is measured and what robots claim are two
 things: ``likelihood`` may state another law than ``measure`` draws from, for robots that are wrong about their sensor.
+Samples are read by ``measure``; robots that know their sensor go by the rates of ``likelihood`` (``sensors.claims``).
 """
 
 from __future__ import annotations
@@ -113,6 +114,8 @@ class SensorModel(Plugin):
         check: optional, a function of the parameters that raises an ``InputError`` if they do not go together.
         in_section: whether the parameters are fields of the section ``sensor`` itself, and not of a table of its own.
         scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply.
+        claims_truth: whether ``likelihood`` states the law of ``measure``. The rates that robots claim are then those
+            of ``measure`` to the last bit, and are not summed up from the likelihood.
     """
 
     reading: Callable[[Values, Any], NDArray[Any]]
@@ -125,6 +128,7 @@ class SensorModel(Plugin):
     check: Callable[[Any], None] | None = None
     in_section: bool = False
     scales: bool = False
+    claims_truth: bool = False
     has_threshold: bool = False
     numbers: Callable[[Any], tuple[str, ...]] = _one_energy
     warnings: Callable[[Any], list[str]] | None = None

@@ -80,6 +80,7 @@ energies = register(
         check=check,
         in_section=True,
         scales=True,
+        claims_truth=True,
         about="energies are drawn from measured ones (--energies FILE)",
     )
 )
