@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import sensors, strategies
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import claimed_rates, claims_differ, rates
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.static_analysis import told
@@ -15,12 +16,14 @@ from vibroswarm.strategies.static_analysis import told
 
 def claims_notes(scenarios: Iterable[Scenario]) -> list[str]:
     """Return a sentence for each sensor whose claimed rates are not true, and by whose rates robots go."""
-    wrong = {
-        scenario.sensor: None
-        for scenario in scenarios
-        if goes_by_rates(scenario) and claims_differ(scenario.sensor)
-    }
-    return [f"Robots are wrong about their sensor: {_words(claimed_rates(s), rates(s))}." for s in wrong]
+    asked = dict.fromkeys(
+        (scenario.sensor, grid_of(scenario)) for scenario in scenarios if goes_by_rates(scenario)
+    )
+    return [
+        f"Robots are wrong about their sensor: {_words(claimed_rates(*each), rates(*each))}."
+        for each in asked
+        if claims_differ(*each)
+    ]
 
 
 def claims_warnings(scenario: Scenario) -> list[str]:

@@ -334,7 +334,7 @@ class ClosedLoop:
             own = [column[new][part] for column in columns]
             energy = energies_at(self.scenario, ground, self.seed, run, *own)
             self.log_ratios[new][part] = log_ratios(
-                self.scenario.sensor, buffer.observation[new][part], energy
+                self.scenario.sensor, buffer.observation[new][part], energy, ground.place
             )
 
     def _sense(self, new: slice) -> None:

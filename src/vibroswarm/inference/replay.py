@@ -22,6 +22,7 @@ from vibroswarm.inference.reports import report_frame
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.scenario import Scenario
@@ -246,7 +247,7 @@ def _log_ratios(
         return NO_VALUES
     if energy is None:
         raise ValueError("the strategy reads energies, and the observation table has none")
-    return log_ratios(scenario.sensor, observation, energy)
+    return log_ratios(scenario.sensor, observation, energy, grid_of(scenario))
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

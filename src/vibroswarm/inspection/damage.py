@@ -57,7 +57,7 @@ def tables_of(law: Law, bits: bool) -> Table:
     """Return the tables of a law; with ``bits`` the log ratios are those of the readings that values give."""
     # Denser at the ends of (0, 1), where quantiles change most.
     u = ndtr(np.linspace(-4.5, 4.5, POINTS))
-    still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (0, 1))
+    still, vibrating = (energy_of(law.sensor, kind, u, law.place).astype(np.float64) for kind in (0, 1))
     low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
     value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
     few = np.unique((still, vibrating))
@@ -89,7 +89,7 @@ def _drawn_quantiles(law: Law) -> list[tuple[Floats, Floats, Floats]]:
     """Return u, and the quantiles at u on still and on vibrating places, of each law in ``Law.draws``."""
     u = tables_of(law, False).u
     return [
-        (u, *(energy_of(drawn, kind, u).astype(np.float64) for kind in (0, 1)))  # type: ignore[misc]
+        (u, *(energy_of(drawn, kind, u, law.place).astype(np.float64) for kind in (0, 1)))  # type: ignore[misc]
         for drawn in law.draws
     ]
 

@@ -32,6 +32,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import SELF_JUDGED, Law, session_hash
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import robot_clusters
@@ -194,7 +195,8 @@ def _measured(path: Path, draws: int) -> FittedLaw:
 
 def law_of_scenario(scenario: Scenario, words: str) -> FittedLaw:
     """Return the law and the camera that a scenario states, as if they were exact."""
-    return FittedLaw(Law(scenario.sensor, f"stated by {words}", scenario.hash), Camera.of(scenario))
+    law = Law(scenario.sensor, f"stated by {words}", scenario.hash, place=grid_of(scenario))
+    return FittedLaw(law, Camera.of(scenario))
 
 
 def known_from(scenario: Scenario, words: str) -> FittedLaw:

@@ -20,6 +20,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.place import Place
 from vibroswarm.observation.energy_model import (
     claimed_rates,
     energy_of,
@@ -66,6 +67,8 @@ class Law(NotebookView):
     """``session_hash`` of each session that it was fitted to; empty: none."""
     draws: tuple[Sensor, ...] = ()
     """Laws fitted to resampled references, which say how sure it is; empty: its error is not known."""
+    place: Place | None = None
+    """Grid of the floor, if the scenario states the law: that of a sensor that measures at each place depends on it."""
 
 
 class PlaceErrors(NamedTuple):
@@ -174,10 +177,10 @@ def ratios_of_values(law: Law, value: Floats, *, bits: bool = False) -> Floats:
         value: energies, or readings of 0 and 1 with ``bits``; classes, if the law has more than two kinds of tile.
     """
     if law.sensor.kinds > 2:
-        return log_ratios_of_classes(law.sensor, value)
+        return log_ratios_of_classes(law.sensor, value, place=law.place)
     if bits:
-        return log_ratios_of_bits(law.sensor, value)
-    return log_ratios_of_energies(law.sensor, value.astype(np.float32))
+        return log_ratios_of_bits(law.sensor, value, place=law.place)
+    return log_ratios_of_energies(law.sensor, value.astype(np.float32), place=law.place)
 
 
 def check_law(law: Law) -> None:
@@ -187,11 +190,11 @@ def check_law(law: Law) -> None:
         InputError: the distributions on still and vibrating places overlap wholly.
     """
     if law.sensor.kinds > 2:
-        each = log_ratios_of_classes(law.sensor, np.arange(law.sensor.readings))
-        told = float(claimed_rates(law.sensor)[1:].mean(axis=0) @ each)
+        each = log_ratios_of_classes(law.sensor, np.arange(law.sensor.readings), place=law.place)
+        told = float(claimed_rates(law.sensor, law.place)[1:].mean(axis=0) @ each)
     else:
         u = (np.arange(400) + 0.5) / 400
-        told = float(ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64)).mean())
+        told = float(ratios_of_values(law, energy_of(law.sensor, 1, u, law.place).astype(np.float64)).mean())
     if told < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
         raise InputError(
             "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "

@@ -23,7 +23,9 @@ A sensor whose values depend on the place, as acceleration does, has in place of
     def sense(samples, p): ...             # (samples, numbers) values: of ``Samples``, each of up to 16 numbers
 
 and its ``reading`` gets all numbers of each value; the first is the energy of the tables. Its laws are those at
-uniformly random places on floors of ``REFERENCE``, with all kinds in equal shares (``reference_values``).
+uniformly random places on random floors of the scenario's grid, ``p.place``, with all kinds in equal shares
+(``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k classes j, the share is
+(n_ij + 1/2) / (n_i + k/2).
 
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
 follows from this exactly, without random numbers (``shares_up_to``). What is measured and what robots claim are two
@@ -45,7 +47,7 @@ from pydantic import BaseModel
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
-from vibroswarm.core.rng import Purpose, uniforms
+from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.patches import mixed
@@ -62,11 +64,14 @@ Values = NDArray[np.float64]
 
 MOST_NUMBERS: Final = 16
 """Most numbers that a sample measures."""
-REFERENCE: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
-"""Grid of the floors on which the laws of sensors that depend on the place are found: that of the study."""
-REFERENCE_RUNS: Final = 40
+STUDY_GRID: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
+"""Grid of the study's floors, on which the laws of sensors that depend on the place are found if no other is known."""
+REFERENCE_RUNS: Final = 400
 REFERENCE_SAMPLES: Final = 250
-"""Number of these floors, and of samples on each."""
+"""Number of floors on which these laws are found, and of samples on each."""
+REFERENCE_SEED: Final = SEED_LIMIT - 1
+FIRST_REFERENCE_RUN: Final = 2**31
+"""Seed and number of the first of these floors, which no simulation has."""
 
 
 class Samples(NamedTuple):
@@ -220,8 +225,22 @@ class SensorModel(Plugin):
         return values
 
     def reference_values(self, p: BaseModel) -> tuple[Values, ...]:
-        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each."""
-        return _reference_values(self, p)
+        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each.
+
+        Args:
+            p: the parameters, with the grid as ``place`` (``at_place``); else it is ``STUDY_GRID``.
+        """
+        return _reference_values(self, p, getattr(p, "place", STUDY_GRID))
+
+    def at_place(self, p: Any, place: Place | None) -> Any:
+        """Return parameters with the grid of the floors on which the laws of ``sense`` are found, as ``place``.
+
+        Args:
+            p: the parameters. place: None: not known.
+        """
+        if self.sense is None or place is None:
+            return p
+        return p.model_copy(update={"place": place})
 
     def values_at(self, contrast: Values | float, u: Values, p: BaseModel) -> Values:
         """Return what samples measure at a contrast between the kinds 0 and 1 (``floors.patches``), in the shape of u.
@@ -264,7 +283,9 @@ class SensorModel(Plugin):
             CodeError: the reading falls as u grows.
         """
         if factors.tolist() == [1.0]:
-            return _shares_of_values(self, kind, p, getattr(p, "rms_threshold", None))
+            return _shares_of_values(
+                self, kind, p, getattr(p, "rms_threshold", None), getattr(p, "place", None)
+            )
         return self._shares_of(kind, factors, p)
 
     def _shares_of(self, kind: int, factors: Values, p: BaseModel) -> Values:
@@ -272,7 +293,9 @@ class SensorModel(Plugin):
         borders = range(1, self.number_of("readings", p))
         if self.measure is None:
             classes = self.classes(self.reference_values(p)[kind], p)
-            return np.array([[(classes < border).mean() for border in borders]] * factors.size)
+            count = len(borders) + 1
+            below = np.array([np.count_nonzero(classes < border) + 0.5 * border for border in borders])
+            return np.tile(below / (classes.size + 0.5 * count), (factors.size, 1))
         # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
         if (np.diff(self.classes(self.values(kind, TRIED, p), p)) < 0).any():
             raise CodeError(
@@ -314,11 +337,14 @@ class SensorModel(Plugin):
 
 
 @lru_cache(maxsize=256)
-def _shares_of_values(model: SensorModel, kind: int, p: BaseModel, threshold: float | None) -> Values:
+def _shares_of_values(
+    model: SensorModel, kind: int, p: BaseModel, threshold: float | None, place: Place | None
+) -> Values:
     """Return ``SensorModel.shares_up_to`` with the factor 1; cached, because every run needs them.
 
     Args:
-        threshold: that of ``p`` (``has_threshold``). It is no field of it, so parameters compare equal without it.
+        threshold, place: those of ``p`` (``has_threshold``, ``at_place``). They are no fields of it, so parameters
+            compare equal without them.
     """
     shares = model._shares_of(kind, np.ones(1), p)
     shares.setflags(write=False)
@@ -326,24 +352,23 @@ def _shares_of_values(model: SensorModel, kind: int, p: BaseModel, threshold: fl
 
 
 @lru_cache(maxsize=16)
-def _reference_values(model: SensorModel, p: BaseModel) -> tuple[Values, ...]:
+def _reference_values(model: SensorModel, p: BaseModel, place: Place) -> tuple[Values, ...]:
     """Return ``SensorModel.reference_values``; cached, because every scenario with this sensor needs them."""
-    kinds, tiles = model.number_of("kinds", p), REFERENCE.rows * REFERENCE.columns
+    kinds, tiles, seed = model.number_of("kinds", p), place.rows * place.columns, REFERENCE_SEED
     below: list[NDArray[np.uint8]] = []
     found: list[Values] = []
     number = np.arange(REFERENCE_SAMPLES)
-    for run in range(REFERENCE_RUNS):
+    time_s = np.asarray(3.0 * number, dtype=np.float64)
+    for run in range(FIRST_REFERENCE_RUN, FIRST_REFERENCE_RUN + REFERENCE_RUNS):
         # Kinds in turn, in random order; the first one is another in each run, as the shares cannot be quite equal.
-        order = np.argsort(uniforms(0, run, 0, Purpose.FLOOR, tiles), kind="stable")
+        order = np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, tiles), kind="stable")
         floor = ((order + run) % kinds).astype(np.uint8)
-        x_m, y_m = (uniforms(0, run, axis, Purpose.PLACEMENT, REFERENCE_SAMPLES) for axis in (0, 1))
-        samples = Samples(
-            REFERENCE, floor, x_m, y_m, np.asarray(3.0 * number), np.zeros_like(number), number, seed=0, run=run
-        )  # fmt: skip
+        right, down = (uniforms(seed, run, axis, Purpose.PLACEMENT, REFERENCE_SAMPLES) for axis in (0, 1))
+        column, row = right * place.columns, down * place.rows
+        x_m, y_m = place.left_m + column * place.width_m, place.top_m - row * place.height_m
+        samples = Samples(place, floor, x_m, y_m, time_s, np.zeros_like(number), number, seed, run)
         found.append(model.sensed(samples, p))
-        column = (x_m / REFERENCE.width_m).astype(np.int64)
-        row = REFERENCE.rows - 1 - (y_m / REFERENCE.height_m).astype(np.int64)
-        below.append(floor[row * REFERENCE.columns + column])
+        below.append(floor[row.astype(np.int64) * place.columns + column.astype(np.int64)])
     values, kind = np.concatenate(found), np.concatenate(below)
     return tuple(values[kind == one] for one in range(kinds))
 

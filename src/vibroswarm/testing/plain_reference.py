@@ -30,6 +30,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.fault_draws import onset_s, working
@@ -170,7 +171,7 @@ class _Plain:
         self.log_ratios = [math.nan] * samples.height
         if reads_energies(scenario):
             bits, energy = (observations[name].to_numpy() for name in ("observation", "energy"))
-            self.log_ratios = log_ratios(scenario.sensor, bits, energy).tolist()
+            self.log_ratios = log_ratios(scenario.sensor, bits, energy, grid_of(scenario)).tolist()
         self.rows: list[dict[str, Any]] = []
         # The number of samples of all robots gives the size of ``world.beliefs``, a cache of beliefs by their counts.
         world = world_of(scenario, samples.height)
