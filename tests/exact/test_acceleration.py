@@ -19,7 +19,7 @@ from vibroswarm.export.c_library import library_files
 from vibroswarm.floors.place import Place, place_at
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import error_rates, rates, sensor_warnings
-from vibroswarm.observation.observe import measured_numbers, sense_program
+from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
@@ -244,7 +244,7 @@ def test_strategies_of_energies_use_its_law() -> None:
     ratios = v.simulate(one, 1, 1).observations
     assert ratios["energy"].null_count() == 0
     p = one.sensor.params
-    values = np.linspace(0.2, 6.0, 30)
+    values = np.linspace(0.2, 6.0, 30)[:, None]
     still, vibrating = (MODEL.likelihood(kind, values, p) for kind in (0, 1))  # type: ignore[misc]
     assert vibrating[-1] > 20 * still[-1]
     assert still[2] > 5 * vibrating[2]
@@ -465,16 +465,14 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     assert found["crossings_hz"] == pytest.approx(100.0, abs=2.0)
 
 
-def test_numbers_are_measured_again_from_a_result() -> None:
+def test_numbers_are_columns_of_the_observations(tmp_path: Path) -> None:
     one = scenario(features=("peak_hz", "band_165")).with_values({"run.t_end_s": 100.0})
     result = v.simulate(one, 2, 2)
-    found = measured_numbers(one, 2, result.motion, {run: result.floor(run) for run in range(2)})
-    assert found.columns == ["run", "robot", "sample", "energy", "peak_hz", "band_165"]
-    assert np.array_equal(found["energy"].cast(pl.Float32), result.observations["energy"])
-    loud = found.filter(pl.col("energy") > 2.0)
+    assert result.observations.columns[-2:] == ["peak_hz", "band_165"]
+    loud = result.observations.filter(pl.col("energy") > 2.0)
     assert loud["peak_hz"].median() == pytest.approx(165.0, abs=1.0)
-    with pytest.raises(InputError, match="measures one energy"):
-        measured_numbers(Scenario(), 2, result.motion, {run: result.floor(run) for run in range(2)})
+    result.write(tmp_path / "result")
+    assert v.Result.read(tmp_path / "result").same_tables(result)
 
 
 def test_a_robot_with_other_rates_is_exported() -> None:

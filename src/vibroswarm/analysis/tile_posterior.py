@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
+from vibroswarm.inference.replay import bits_and_energies
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import (
     MOST_EXACT,
@@ -71,12 +72,12 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
             f"the likelihood of '{sensor.model}' is what robots claim, and not the true law; leave energies out",
             field="energies",
         )
-    energy = result.observations["energy"]
-    if energy.null_count():
+    _, energy = bits_and_energies(result.observations)
+    if energy is None:
         raise InputError(
             "this result holds no energies; simulate with energies, or leave them out", field="energies"
         )
-    return log_ratios_of_energies(sensor, energy.to_numpy(), MOST_EXACT, place)
+    return log_ratios_of_energies(sensor, energy, MOST_EXACT, place)
 
 
 def log_prior(prior: Prior, tiles: int) -> Values:

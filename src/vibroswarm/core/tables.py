@@ -90,6 +90,8 @@ class Schema:
     """Names of the columns that may be null."""
     key: tuple[str, ...] = ()
     """Names of the columns that together identify a row; empty: rows may repeat."""
+    further: Any = None
+    """Type of further columns, of any name, which may be null; None: there are no others."""
 
     @cached_property
     def faults(self) -> dict[str, pl.Expr]:
@@ -189,7 +191,7 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
             two rows have the same key.
     """
     _check_columns(frame, schema, name, what)
-    frame = frame.select(list(schema.columns))
+    frame = frame.select([*schema.columns, *(name for name in frame.columns if name not in schema.columns)])
     # One query over all columns; only a column that fails is looked at again, for the message.
     faults = frame.select(wrong.any().alias(column) for column, wrong in schema.faults.items())
     for column, fails in faults.row(0, named=True).items() if frame.height else ():
@@ -211,7 +213,11 @@ def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) ->
             raise InputError(f"{has_not}: '{column}' is missing", field=name)
         if found[column] != kind:
             raise InputError(f"{has_not}: '{column}' is {found[column]}, expected {_kind(kind)}", field=name)
-    unexpected = [column for column in found if column not in schema.columns]
+    unexpected = [
+        column
+        for column, kind in found.items()
+        if column not in schema.columns and (schema.further is None or kind != schema.further)
+    ]
     if unexpected:
         raise InputError(f"{has_not}: '{unexpected[0][:40]}' is unexpected", field=name)
 

@@ -265,8 +265,9 @@ def log_ratios(
     """Return the log ratio L of each sample, (samples,): L of its energy or, if a fault changed the bit, L of its bit.
 
     Args:
-        observation, energy: (samples,): bit and energy of each sample. The bit contradicts the energy (it is not the
-            one that the sensor reads from it) only if a fault changed it. place: the grid.
+        observation, energy: (samples,): bit and energy of each sample; of a sensor that measures at each place all
+            numbers, (samples, numbers). The bit contradicts the energy (it is not the one that the sensor reads from
+            it) only if a fault changed it. place: the grid.
     """
     without_fault = readings_of(sensor, energy)  # in the precision of the table
     return np.where(
@@ -277,10 +278,21 @@ def log_ratios(
 
 
 def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return what the sensor reads, without a fault, where it measures each energy."""
+    """Return what the sensor reads, without a fault, where it measures each energy (or row of numbers)."""
+    return model_of(sensor).classes(_values(sensor, energy), sensor.params).astype(np.uint8)
+
+
+def _values(sensor: Sensor, energy: NDArray[Any]) -> NDArray[Any]:
+    """Return values as the functions of the sensor take them: energies or, of ``sense``, rows of all numbers.
+
+    Args:
+        energy: (samples,), or (samples, numbers). Numbers beyond the energy that are not known become nan.
+    """
     model = model_of(sensor)
-    value = energy if model.sense is None else energy[:, None]
-    return model.classes(value, sensor.params).astype(np.uint8)
+    if model.sense is None or energy.ndim == 2:
+        return energy
+    unknown = len(model.names_of_numbers(sensor.params)) - 1
+    return np.pad(energy[:, None], ((0, 0), (0, unknown)), constant_values=np.nan)
 
 
 def log_ratios_of_bits(
@@ -319,7 +331,7 @@ def log_ratios_of_classes(
 def log_ratios_of_energies(
     sensor: Sensor, energy: NDArray[np.float32], most: float = MOST, place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return L of each energy, limited to +-``most``; 0 for one whose density is 0 on both kinds of tile."""
+    """Return L of each energy (or row of numbers), limited to +-``most``; 0 where the density is 0 on both kinds."""
     exact = energy.astype(np.float64)
     still, vibrating = (log_likelihood(sensor, kind, exact, place) for kind in (0, 1))
     with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
@@ -330,7 +342,7 @@ def log_ratios_of_energies(
 def log_likelihood(
     sensor: Sensor, kind: int, energy: NDArray[np.float64], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return ln of the likelihood of energies on a kind of tile, in the shape of ``energy``; -inf where it is 0.
+    """Return ln of the likelihood of energies (or rows of numbers) on a kind of tile, (samples,); -inf where it is 0.
 
     If tiles or robots differ, the likelihood is the mean over the distribution of their factors.
 
@@ -341,9 +353,10 @@ def log_likelihood(
     factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
     if factors_differ(sensor):
         factors, weights = typical_factors(sensor)
-    total = np.zeros(energy.shape)
+    value = _values(sensor, energy)
+    total = np.zeros(len(value))
     for factor, weight in zip(factors.tolist(), weights.tolist(), strict=True):
         # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
-        total += weight * (model.densities(kind, energy / factor, p) / factor)
+        total += weight * (model.densities(kind, value / factor, p) / factor)
     with np.errstate(divide="ignore"):  # ln 0 is -inf
         return np.log(total)

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of, tile_below
 from vibroswarm.floors.surfaces import PLAIN
@@ -178,7 +177,9 @@ OBSERVATIONS: Final[dict[str, Any]] = {
     "energy": pl.Float32,
     "observation": pl.UInt8,
 }
-"""Columns of the table of observations."""
+"""Columns of the table of observations. If a sample measures several numbers, the first is the energy, and the others
+are further columns of the type ``MEASURED``, by their names."""
+MEASURED: Final[Any] = pl.Float32
 
 
 def kinds_at(floor: Floor, tile: NDArray[np.integer[Any]], time_s: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -282,29 +283,6 @@ def values_at(
         place, tiles, x_m, y_m, time_s, robot.astype(np.int64), sample.astype(np.int64), seed, run
     )
     return model_of(sensor).sensed(samples, sensor.params)
-
-
-def measured_numbers(
-    scenario: Scenario, seed: int, samples: pl.DataFrame, floors: Mapping[int, Floor]
-) -> pl.DataFrame:
-    """Return all numbers that a sensor that depends on the place measures, computed again from their addresses.
-
-    Args:
-        samples: the motion table. floors: the floor of each run, by run number.
-    Returns: a row for each sample with run, robot, sample, and the numbers by name; the first is the column ``energy``.
-    Raises:
-        InputError: the sensor measures energies only.
-    """
-    if not is_sensed(scenario.sensor):
-        raise InputError(
-            f"'{scenario.sensor.model}' measures one energy a sample, which is in the observations",
-            field="sensor.model",
-        )
-    values = Places(seed, samples).read(scenario, floors).values
-    names = model_of(scenario.sensor).numbers(scenario.sensor.params)
-    return samples.select("run", "robot", "sample").with_columns(
-        **{name: pl.Series(values[:, k]) for k, name in enumerate(names)}
-    )
 
 
 def classes_of(sensor: Sensor, values: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -585,7 +563,7 @@ def energies_at(
     y_m: NDArray[np.float64],
     time_s: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Return the energies of samples of one run, (samples,), equal to those in the table of ``observe``.
+    """Return what samples of one run measure, equal to the table of ``observe``: see ``energies_read``.
 
     Args:
         ground: floor and sensors of the run.
@@ -595,7 +573,7 @@ def energies_at(
         values = values_at(
             scenario.sensor, ground.tiles, ground.place, seed, run, robot, sample, x_m, y_m, time_s
         )
-        return values[:, 0].astype(np.float32)
+        return values.astype(np.float32)
     kinds = np.empty(robot.size, dtype=np.uint8)
     numbers, factors = np.empty(robot.size), np.empty(robot.size)
     for k in range(robot.size):
@@ -613,13 +591,13 @@ def energies_at(
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
-    """Return the energies of readings, (rows,).
+    """Return the energies of readings, (rows,); of a sensor that depends on the place all numbers, (rows, numbers).
 
     Args:
         read: readings for which energies were requested, so that ``kinds`` and ``factors`` are filled.
     """
     if is_sensed(scenario.sensor):
-        return read.values[:, 0].astype(np.float32)
+        return read.values.astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
     return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.contrasts)
 
@@ -631,18 +609,21 @@ def observation_frame(
 
     Args:
         samples: the motion table. read: the readings of its samples. energies: whether to compute the energies, for
-            which they must have been requested when reading; if false, energies are null.
+            which they must have been requested when reading; if false, what is measured is null.
     """
+    names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
     if energies:
-        energy = pl.Series("energy", energies_read(scenario, read))
+        columns = energies_read(scenario, read).reshape(samples.height, len(names)).T
+        measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
     else:
-        energy = pl.repeat(None, samples.height, dtype=pl.Float32, eager=True).alias("energy")
+        measured = [pl.repeat(None, samples.height, dtype=MEASURED, eager=True).alias(name) for name in names]
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),
             pl.Series("tile", read.tile),
-            energy,
+            measured[0].alias("energy"),
             pl.Series("observation", read.observation),
+            *measured[1:],
         ]
     )
 

@@ -523,7 +523,7 @@ def reading(value: Values, p: Any) -> NDArray[np.int64]:
 def likelihood(kind: int, value: Values, p: Any) -> Values:
     """Return the density of energies on a kind of tile, from a histogram of those at reference places."""
     edges, densities = _histogram(p, getattr(p, "place", STUDY_GRID))
-    return densities[kind][np.searchsorted(edges, value, side="right")]
+    return densities[kind][np.searchsorted(edges, value[:, 0], side="right")]
 
 
 @lru_cache(maxsize=16)

@@ -22,9 +22,11 @@ A sensor whose values depend on the place, as acceleration does, has in place of
 
     def sense(samples, p): ...             # (samples, numbers) values: of ``Samples``, each of up to 16 numbers
 
-and its ``reading`` gets all numbers of each value; the first is the energy of the tables. Its laws are those at
-uniformly random places on random floors of the scenario's grid, ``p.place``, with all kinds in equal shares
-(``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k classes j, the share is
+    def numbers(p): ...                    # names of these numbers (if omitted, one)
+
+and its ``reading`` and ``likelihood`` get all numbers of each value; the first is the energy of the tables. Its laws
+are those at uniformly random places on random floors of the scenario's grid, ``p.place``, with all kinds in equal
+shares (``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k classes j, the share is
 (n_ij + 1/2) / (n_i + k/2).
 
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
@@ -64,6 +66,8 @@ Values = NDArray[np.float64]
 
 MOST_NUMBERS: Final = 16
 """Most numbers that a sample measures."""
+OTHER_COLUMNS: Final = frozenset({"run", "robot", "sample", "tile", "energy", "observation"})
+"""Columns of the table of observations beside those of the numbers beyond the first."""
 STUDY_GRID: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
 """Grid of the study's floors, on which the laws of sensors that depend on the place are found if no other is known."""
 REFERENCE_RUNS: Final = 400
@@ -112,7 +116,8 @@ class SensorModel(Plugin):
     Args:
         measure, sense, reading, kinds, readings, likelihood: the functions of the module's docstring.
         has_threshold: whether the parameters, in a table of their own, have ``rms_threshold`` of the section beside.
-        numbers: names of the numbers of a value, a function of the parameters; the first is the energy of the tables.
+        numbers: names of the numbers of a value, a function of the parameters. In tables the first is the column
+            ``energy``, and the others are columns of their names.
         warnings: optional, a function of the parameters that returns sentences on what robots cannot tell apart.
         share_at_most: optional, a function (kind, thresholds, p) for sensors whose reading is 1 above
             ``sensor.rms_threshold``: the share of values of a kind at or below each threshold, if that has a formula.
@@ -163,9 +168,32 @@ class SensorModel(Plugin):
             )
         return count
 
+    def names_of_numbers(self, p: BaseModel) -> tuple[str, ...]:
+        """Return the names of the numbers of a value.
+
+        Raises:
+            CodeError: they are not 1 to ``MOST_NUMBERS`` different names, or those of other columns, or the user's
+                function raised an error.
+        """
+        with errors_in(self.code):
+            names = self.numbers(p)
+        if (
+            not isinstance(names, tuple)
+            or not all(isinstance(name, str) and name.isprintable() for name in names)
+            or not 1 <= len(names) == len(set(names)) <= MOST_NUMBERS
+            or not OTHER_COLUMNS.isdisjoint(names[1:])
+        ):
+            raise CodeError(
+                f"sensor '{self.name}', numbers: returned {shown(names)}; return a tuple of 1 to {MOST_NUMBERS} "
+                f"different names; beyond the first, {', '.join(sorted(OTHER_COLUMNS))} are taken"
+            )
+        return names
+
     def densities(self, kind: int, value: Values, p: BaseModel) -> Values:
         """Return the likelihood that robots claim of values on a kind of tile, in the shape of ``value``.
 
+        Args:
+            value: of ``sense``, (samples, numbers), a likelihood for each row; nan where a number is not known.
         Raises:
             InputError: the sensor states none.
             CodeError: ``likelihood`` returned another shape, or what is no density.
@@ -176,7 +204,18 @@ class SensorModel(Plugin):
             )
         with errors_in(self.code):
             found = np.asarray(self.likelihood(kind, value, p), dtype=np.float64)
-        if found.shape != value.shape or not (found >= 0.0).all():
+        if found.shape != (value.shape if self.sense is None else value.shape[:1]):
+            raise CodeError(
+                f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
+                "value"
+            )
+        if np.isnan(found).any() and np.isnan(value).any():
+            raise InputError(
+                f"the likelihood of '{self.name}' needs {', '.join(self.names_of_numbers(p))}, and only the first is "
+                "known of these samples",
+                field="sensor.model",
+            )
+        if not (found >= 0.0).all():
             raise CodeError(
                 f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
                 "value"
@@ -217,7 +256,7 @@ class SensorModel(Plugin):
         }
         with errors_in(self.code):
             values = np.asarray(self.sense(samples._replace(**arrays), p), dtype=np.float64)
-        shape = (samples.x_m.size, len(self.numbers(p)))
+        shape = (samples.x_m.size, len(self.names_of_numbers(p)))
         if values.shape != shape or not np.isfinite(values).all():
             raise CodeError(
                 f"sensor '{self.name}', sense: returned {shown(values)}; return finite numbers of the shape {shape}"

@@ -310,7 +310,10 @@ def samples_of(
     Args:
         motion, observations, inference: tables of the same samples in the same order. cells: numbers of the cells.
     """
-    others = (table.drop("run", "robot", "sample") for table in (observations, inference))
+    others = (
+        table.select(name for name in own if name not in MOTION)
+        for table, own in ((observations, OBSERVATIONS), (inference, INFERENCE))
+    )
     rows = pl.concat([motion, *others], how="horizontal")
     columns = [name for name in SAMPLES if name != "cell"]
     return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *columns) for cell in cells]

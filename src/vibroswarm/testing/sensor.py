@@ -109,8 +109,7 @@ def _likelihoods(name: str) -> Iterator[str]:
     if model.likelihood is None:
         return
     for kind in range(model.number_of("kinds", p)):
-        values = model.values(kind, U, p)
-        if np.isinf(model.densities(kind, values, p)).any():
+        if np.isinf(model.densities(kind, _values(model, kind, p), p)).any():
             yield f"on kind {kind} likelihood is infinite"
 
 
