@@ -95,18 +95,39 @@ def leader(counts: Row) -> int:
 def is_most_common(counts: Row, kind: int, w: World) -> bool:
     """Return whether P_j > p_c for j = ``kind``, a kind with the largest count.
 
-    P_j lies between bounds that follow from pairs of kinds; the integral is computed only if p_c is between them.
+    The integral is computed only if p_c is between bounds of P_j.
     """
-    least, most = 1.0, 1.0
-    for other in range(counts.size):
-        if other != kind:
-            larger = pair_belief(counts, other, kind, w)  # P(share of ``other`` > share of ``kind``)
-            least, most = least - larger, min(most, 1.0 - larger)
     if counts.size == 2:
         return bool(belief_in(counts, kind, w) > w.credible_threshold)
-    if most <= w.credible_threshold or least > w.credible_threshold:
-        return bool(least > w.credible_threshold)
+    if most_belief(counts, kind, w) <= w.credible_threshold:
+        return False
+    if least_belief(counts, kind, w) > w.credible_threshold:
+        return True
     return most_common_belief(counts, kind) > w.credible_threshold
+
+
+@inner
+def most_belief(counts: Row, kind: int, w: World) -> float:
+    """Return an upper bound of P_j for j = ``kind``: the least probability of a larger share than another kind's."""
+    most = 1.0
+    for other in range(counts.size):
+        if other != kind:
+            most = min(most, pair_belief(counts, kind, other, w))
+    return most
+
+
+@inner
+def least_belief(counts: Row, kind: int, w: World) -> float:
+    """Return a lower bound of P_j for j = ``kind``: the product of the probabilities of a larger share than each other.
+
+    If the kind's Gamma variable is x, the others are below it independently, with probabilities that all rise with x.
+    So they are positively correlated (Chebyshev's inequality).
+    """
+    least = 1.0
+    for other in range(counts.size):
+        if other != kind:
+            least *= pair_belief(counts, kind, other, w)
+    return least
 
 
 @inner
