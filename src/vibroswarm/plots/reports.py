@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.errors import InputError
+from vibroswarm.inference.agents import strategy_used
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure
-from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
+from vibroswarm.result import Result
+from vibroswarm.strategies.base import arrays_of
 
 MOST_PANELS: Final = 6
 """Most values that are drawn, the first ones."""
@@ -24,16 +30,77 @@ POINTS: Final = 121
 """Times at which quartiles are drawn."""
 
 
+def reports_over_time(result: Result, run: int = 0) -> pl.DataFrame:
+    """Return what the robots of a run reported over time: name, robot, time_s, value; null values are left out.
+
+    Places of an array have names such as ``trust 3``. Arrays that are reported at the end of a run only are left out.
+    """
+    columns = ("name", "robot", "time_s", "value")
+    if result.reports is None:
+        return pl.DataFrame(
+            schema=dict(zip(columns, (pl.String, pl.UInt16, pl.Float64, pl.Float64), strict=True))
+        )
+    once = list(arrays_of(strategy_used(result.scenario).arrays))
+    told = result.reports.filter(
+        pl.col("run") == run, pl.col("value").is_not_null(), ~pl.col("name").is_in(once)
+    )
+    places = pl.format("{} {}", "name", "index")
+    is_array = pl.col("index").max().over("name") > 0
+    told = told.with_columns(pl.when(is_array).then(places).otherwise("name").alias("name"))
+    times = result.motion.select("run", "robot", "sample", "time_s")
+    return told.join(times, on=["run", "robot", "sample"], maintain_order="left").select(columns)
+
+
+def report_headings(result: Result, names: Iterable[str]) -> dict[str, str]:
+    """Return names and units in words, by names as in ``reports_over_time``."""
+    reported = strategy_used(result.scenario).reported
+    found = {}
+    for name in names:
+        field, _, place = name.partition(" ")
+        unit = reported[field].unit if field in reported else ""
+        found[name] = (
+            field.replace("_", " ") + (f" {place}" if place else "") + (f" ({unit})" if unit else "")
+        )
+    return found
+
+
+def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> Picture:
+    """Draw what the robots of a run reported over time (``draw_reports``), with the units of reports.
+
+    Raises:
+        InputError: they reported nothing, or nothing but arrays at the end.
+    """
+    told = reports_over_time(result, run)
+    headings = report_headings(result, told["name"].unique().to_list())
+    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
+    reported = strategy_used(result.scenario).reported.values()
+    estimates = ["estimate", *(one.name for one in reported if one.estimates)]
+    return draw_reports(told, truth=truth, estimates=estimates, headings=headings, style=style)
+
+
+def write_reports_picture(result: Result, path: Path, run: int = 0) -> None:
+    """Write the picture of what robots reported to a file, in the format of its suffix; an older one is replaced."""
+    save_figure(lambda: draw_run_reports(result, run, style="page").figure, path)
+
+
 @drawn
 def draw_reports(
-    frame: pl.DataFrame, *, truth: float | None = None, title: str = "", style: str = "column"
+    frame: pl.DataFrame,
+    *,
+    truth: float | None = None,
+    estimates: Collection[str] = ("estimate",),
+    headings: Mapping[str, str] = MappingProxyType({}),
+    title: str = "",
+    style: str = "column",
 ) -> Picture:
     """Draw what the robots of a run reported over time.
 
     Args:
         frame: one row per report with the columns ``name``, ``robot``, ``time_s`` and ``value`` (null: nothing yet).
-        truth: the true number, drawn as a line in the panel of the value ``estimate``; None: there is none.
-        title: above the picture. style: "column", "page" or "slide".
+        truth: the true number, drawn as a line in panels of ``estimates``; None: there is none.
+        estimates: names of the values that estimate it.
+        headings: of panels, by name; those of others are their names. title: above the picture.
+        style: "column", "page" or "slide".
 
     Returns:
         Picture; its numbers are ``name, robot, time_s, value``.
@@ -52,9 +119,9 @@ def draw_reports(
     panels: Any = np.ravel(figure.subplots(down, across, squeeze=False, sharex=True))
     for axes, name in zip(panels, names, strict=False):
         _draw_panel(axes, frame.filter(pl.col("name") == name), sizes.line_pt)
-        if name == "estimate" and truth is not None:
+        if name in estimates and truth is not None:
             axes.axhline(truth, color=INK, lw=sizes.line_pt * 0.8, ls=(0, (4, 2)))
-        axes.set_title(name.replace("_", " "), fontsize=sizes.small_pt)
+        axes.set_title(headings.get(name, name.replace("_", " ")), fontsize=sizes.small_pt)
         axes.tick_params(labelsize=sizes.small_pt)
         few_ticks(axes.xaxis, sizes)
         axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
@@ -64,7 +131,9 @@ def draw_reports(
     lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
     caption = f"what {robots} robots reported after their samples; {lines}"
     caption += (
-        f"; dashed: the true number, {truth:.4g}." if truth is not None and "estimate" in names else "."
+        f"; dashed: the true number, {truth:.4g}."
+        if truth is not None and set(names) & set(estimates)
+        else "."
     )
     return Picture(figure, frame.select("name", "robot", "time_s", "value"), caption)
 
