@@ -14,10 +14,11 @@ from scipy.stats import t as t_law
 
 from vibroswarm import Result, Scenario, Study, preset, simulate
 from vibroswarm.analysis.figures import BY_NAME, Swarms
+from vibroswarm.analysis.reports_over_time import reports_over_time
 from vibroswarm.errors import InputError
 from vibroswarm.inference.reports import reported_last
 from vibroswarm.observation.energy_model import error_rates
-from vibroswarm.plots.reports import draw_run_reports, reports_over_time
+from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.strategies import Report, Strategy, array, register, strategy
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.summary import outcome_of, reported_table, write_outcome

@@ -10,6 +10,7 @@ import polars as pl
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
+from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,
@@ -26,7 +27,7 @@ from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
 from vibroswarm.observation.decision_boundary import expected_classes_on
-from vibroswarm.plots.reports import draw_run_reports, report_headings, reports_over_time
+from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.plots.run import draw_run
 from vibroswarm.result import Result
 from vibroswarm.scenario.change_fields import change_words

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -11,14 +11,13 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.errors import InputError
-from vibroswarm.inference.agents import strategy_used
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure
 from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
 from vibroswarm.result import Result
-from vibroswarm.strategies.base import arrays_of
 
 MOST_PANELS: Final = 6
 """Most values that are drawn, the first ones."""
@@ -30,40 +29,6 @@ POINTS: Final = 121
 """Times at which quartiles are drawn."""
 
 
-def reports_over_time(result: Result, run: int = 0) -> pl.DataFrame:
-    """Return what the robots of a run reported over time: name, robot, time_s, value; null values are left out.
-
-    Places of an array have names such as ``trust 3``. Arrays that are reported at the end of a run only are left out.
-    """
-    columns = ("name", "robot", "time_s", "value")
-    if result.reports is None:
-        return pl.DataFrame(
-            schema=dict(zip(columns, (pl.String, pl.UInt16, pl.Float64, pl.Float64), strict=True))
-        )
-    once = list(arrays_of(strategy_used(result.scenario).arrays))
-    told = result.reports.filter(
-        pl.col("run") == run, pl.col("value").is_not_null(), ~pl.col("name").is_in(once)
-    )
-    places = pl.format("{} {}", "name", "index")
-    is_array = pl.col("index").max().over("name") > 0
-    told = told.with_columns(pl.when(is_array).then(places).otherwise("name").alias("name"))
-    times = result.motion.select("run", "robot", "sample", "time_s")
-    return told.join(times, on=["run", "robot", "sample"], maintain_order="left").select(columns)
-
-
-def report_headings(result: Result, names: Iterable[str]) -> dict[str, str]:
-    """Return names and units in words, by names as in ``reports_over_time``."""
-    reported = strategy_used(result.scenario).reported
-    found = {}
-    for name in names:
-        field, _, place = name.partition(" ")
-        unit = reported[field].unit if field in reported else ""
-        found[name] = (
-            field.replace("_", " ") + (f" {place}" if place else "") + (f" ({unit})" if unit else "")
-        )
-    return found
-
-
 def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> Picture:
     """Draw what the robots of a run reported over time (``draw_reports``), with the units of reports.
 
@@ -73,9 +38,7 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
     told = reports_over_time(result, run)
     headings = report_headings(result, told["name"].unique().to_list())
     truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
-    reported = strategy_used(result.scenario).reported.values()
-    estimates = ["estimate", *(one.name for one in reported if one.estimates)]
-    return draw_reports(told, truth=truth, estimates=estimates, headings=headings, style=style)
+    return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)
 
 
 def write_reports_picture(result: Result, path: Path, run: int = 0) -> None:
