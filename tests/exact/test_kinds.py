@@ -268,7 +268,12 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
         ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),
         ({"sensor.edge_reach_m": 0.01}, "sensor.edge_reach_m", "two kinds"),
         ({"sensor.tile_spread": 0.1}, "sensor.tile_spread", "strengths"),
-        ({"faults.biased": 0.2}, "faults.biased", "two kinds"),
+        (
+            {"faults.biased": 0.2, "faults.false_positive_shift": 0.1},
+            "faults.false_positive_shift",
+            "two kinds",
+        ),
+        ({"faults.stuck": 0.2, "faults.stuck_class": 3}, "faults.stuck_class", "from 0 to 2, and never 3"),
         ({"decision.boundary_of": "tiles"}, "decision.boundary_of", "two kinds"),
         ({"sensor.confusion.rates": [[0.5, 0.4], [0.5, 0.5]]}, "sensor.confusion.rates", "sums to 0.9"),
         ({"sensor.model": "colour"}, "sensor.model", "there is no sensor 'colour'"),

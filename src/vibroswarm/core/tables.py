@@ -190,6 +190,7 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
         InputError: columns are missing, unexpected or of the wrong type; a value is missing, out of range or NaN; or
             two rows have the same key.
     """
+    frame = _with_all_words(frame, schema)
     _check_columns(frame, schema, name, what)
     frame = frame.select([*schema.columns, *(name for name in frame.columns if name not in schema.columns)])
     # One query over all columns; only a column that fails is looked at again, for the message.
@@ -202,6 +203,19 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
         keys = ", ".join(f"{key} {value}" for key, value in twice.items())
         raise InputError(f"{keys} appears twice in the table '{what}'", field=name)
     return frame
+
+
+def _with_all_words(frame: pl.DataFrame, schema: Schema) -> pl.DataFrame:
+    """Return a table whose enumerations have all words of the schema: an older file may know fewer."""
+    found = frame.schema
+    fewer = {
+        column: kind
+        for column, kind in schema.columns.items()
+        if isinstance(kind, pl.Enum)
+        and isinstance(had := found.get(column), pl.Enum)
+        and set(had.categories) < set(kind.categories)
+    }
+    return frame.with_columns(pl.col(column).cast(kind) for column, kind in fewer.items()) if fewer else frame
 
 
 def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> None:

@@ -41,7 +41,7 @@ from vibroswarm.observation.edge_response import (
 )
 from vibroswarm.observation.energy_model import energies_of, factors_differ, is_sensed, model_of
 from vibroswarm.robot.sensing import SenseProgram
-from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run, sensor_faults
+from vibroswarm.scenario.fault_draws import SensorFaults, apply_faults, observation_of, of_run, sensor_faults
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples
@@ -140,7 +140,12 @@ def read(
     row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
     shares = ground.response.shares_below
-    return tile, observation_of(ground.faults, 0, robot, time_s, kind, u, shares, row), kind, row
+    return (
+        tile,
+        observation_of(ground.faults, 0, robot, time_s, kind, u, shares, row, seed, run, sample),
+        kind,
+        row,
+    )
 
 
 @inner
@@ -255,7 +260,7 @@ def read_samples(
                 sensed[k] = at
             kind, row = kind_of(own, at), factor_row(response, r, i, at)
             observation[k] = observation_of(
-                faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
+                faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row, seed, runs[r], number
             )
             if with_kinds:
                 kinds[k], factors[k] = kind, response.factors[row]
@@ -290,24 +295,6 @@ def classes_of(sensor: Sensor, values: NDArray[np.float64]) -> NDArray[np.uint8]
     return model_of(sensor).classes(values, sensor.params).astype(np.uint8)
 
 
-def with_stuck_sensors(
-    observation: NDArray[np.uint8],
-    faults: SensorFaults,
-    run_index: NDArray[np.int64],
-    robot: NDArray[np.uint16],
-    time_s: NDArray[np.float64],
-) -> NDArray[np.uint8]:
-    """Return readings, (samples,), with those of sensors that are stuck by then replaced.
-
-    Args:
-        run_index: (samples,), rows of the runs in ``faults``.
-    """
-    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
-        return observation
-    at_0, at_1 = (since[run_index, robot] <= time_s for since in (faults.at_0_from_s, faults.at_1_from_s))
-    return np.where(at_1, 1, np.where(at_0, 0, observation)).astype(np.uint8)
-
-
 @kernel
 def read_patches(
     seed: int,
@@ -336,7 +323,17 @@ def read_patches(
             if kind > 0:
                 row = factor_row(response, r, i, signed(tile[k]))
                 observation[k] = observation_of(
-                    faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
+                    faults,
+                    r,
+                    i,
+                    time_s[k],
+                    kind,
+                    numbers[k],
+                    response.shares_below,
+                    row,
+                    seed,
+                    runs[r],
+                    number,
                 )
                 if kinds.size > 0:
                     kinds[k] = kind
@@ -442,9 +439,11 @@ class Places:
             )  # fmt: skip
         if is_sensed(scenario.sensor):
             run_index = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
-            readings.observation[:] = with_stuck_sensors(
-                classes_of(scenario.sensor, readings.values), faults, run_index, self._robot, self._time_s
-            )
+            readings.observation[:] = classes_of(scenario.sensor, readings.values)
+            apply_faults(
+                faults, run_index, self._robot, self._sample, self._time_s, scenario.sensor.readings, self.seed,
+                self.runs, readings.observation,
+            )  # fmt: skip
         return readings
 
     def _read_stages(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool) -> Readings:

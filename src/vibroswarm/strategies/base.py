@@ -140,7 +140,7 @@ class Strategy(Plugin):
 
     Args:
         state, message, arrays: classes of fields. begin to opposite: the hooks; without ``opposite``, the opposite of a
-            message has the other ``bit``.
+            message has the other ``bit``, or the next ``kind`` of tile (kind 0 after the last).
         decides: "once", or "opinion": opinions may change, and the swarm has decided when all robots have agreed for
             ``decision.hold_s``.
         bytes_on_air: size of one message, at most 144.
@@ -277,8 +277,8 @@ class Strategy(Plugin):
 
     @property
     def has_opposite(self) -> bool:
-        """Whether its messages have an opposite: by the hook, or because they have a ``bit``."""
-        return self.opposite is not None or "bit" in (self.message_type.names or ())
+        """Whether its messages have an opposite: by the hook, or because they have a ``bit`` or a ``kind``."""
+        return self.opposite is not None or not {"bit", "kind"}.isdisjoint(self.message_type.names or ())
 
     @property
     def message_type(self) -> np.dtype[np.void]:

@@ -362,8 +362,10 @@ class _Plain:
         if tick * self.tick_ms / 1000.0 >= self.opposite_s[robot.number]:
             if self.strategy.opposite is not None:
                 self.strategy.opposite(content)
-            else:
+            elif hasattr(content, "bit"):
                 content.bit = 1 - content.bit
+            else:
+                content.kind = (content.kind + 1) % robot.world.kinds
         return bool(sends) and not self.is_silent(robot, tick)
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
