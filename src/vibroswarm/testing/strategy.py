@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from vibroswarm.errors import CodeError
 from vibroswarm.inference import replayer
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -23,6 +24,12 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "twelve": {"swarm.robots": 12},
 }
 """Fields of the scenarios of the checks, by the description of each scenario."""
+THREE_KINDS: Final[dict[str, Any]] = {
+    "swarm.robots": 4,
+    "sensor.model": "confusion",
+    "floor.source": "random:0.4,0.36,0.24",
+}
+"""Fields of a further scenario, for strategies that read more than two classes."""
 LONG: Final[dict[str, Any]] = {"run.t_end_s": 1200.0, "floor.source": "random:0.2", "swarm.robots": 5}
 """Fields of a scenario with an easy floor and much time, in which a robot should decide by any strategy."""
 
@@ -41,17 +48,29 @@ def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
 
     Robots know their true places, because ``plain_run`` does not replay localisation.
     """
-    base = preset("paper").with_values({**SHORT, "strategy.name": name, "localisation.method": "true"})
+    own = {**SHORT, "strategy.name": name, "localisation.method": "true"}
     for words, values in SETTINGS.items():
-        yield words, base.with_values(values)
+        yield words, preset("paper").with_values(own | values)
+    strategy = strategy_of(name)
+    if strategy.many_readings:
+        task = "majority" if strategy.answers_kinds else "fill_ratio"
+        yield "three kinds of tile", preset("paper").with_values(own | THREE_KINDS | {"task.name": task})
 
 
 def _runs(name: str) -> Iterator[str]:
-    """Check that runs can be simulated, and that decisions are -1, 0 or 1, and beliefs from 0 to 1, at all samples."""
+    """Check that runs can be simulated, and that decisions are -1 or answers, and beliefs from 0 to 1, at all samples.
+
+    Answers are 0 and 1 or, of a strategy that ``answers_kinds``, the kinds of tile.
+    """
     for words, scenario in _scenarios(name):
-        result = simulate(scenario, SEED, 2)
-        if not result.inference["decision"].is_in([-1, 0, 1]).all():
-            yield f"{words}: a decision is not -1, 0 or 1"
+        try:
+            result = simulate(scenario, SEED, 2)
+        except CodeError as error:
+            yield f"{words}: {error}"
+            continue
+        answers = scenario.sensor.kinds if strategy_of(name).answers_kinds else 2
+        if not result.inference["decision"].is_in(range(-1, answers)).all():
+            yield f"{words}: a decision is not from -1 to {answers - 1}"
         if not _beliefs_are_shares(result):
             yield f"{words}: a belief is outside of 0 to 1"
 
