@@ -7,6 +7,7 @@
 | decision | d | - | the kind j with P_j > p_c, and -1 while undecided (Eq. 13) |
 
 With two kinds it is ``none``, bit by bit. Readings are taken at face value: a class is counted as the kind of its tile.
+A class beyond the last kind is no reading: it is neither counted nor sent.
 
 ``s`` is the robot's state, ``a`` its arrays, ``x`` its reading, ``m`` a message heard, ``out`` the message to fill in,
 ``d`` random numbers, ``p`` the parameters (none), ``w`` what the robot knows.
@@ -62,7 +63,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     """Count the reading, decide, and send the reading."""
     observe_and_decide(s, a, x, w)
     out.kind = x.reading
-    return True
+    return x.reading < w.kinds
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
@@ -72,9 +73,10 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
 
 @inner
 def observe_and_decide(s: Row, a: Row, x: Reading, w: World) -> None:
-    """Add an own reading to the posterior; decide, if undecided and with enough observations."""
-    a.counts[x.reading] += 1
-    s.own += 1
+    """Add an own reading, if it is one, to the posterior; decide, if undecided and with enough observations."""
+    if x.reading < w.kinds:
+        a.counts[x.reading] += 1
+        s.own += 1
     if s.decision == -1 and enough(s.own, s.received, w):
         kind = leader(a.counts)
         if is_most_common(a.counts, kind, w):

@@ -51,6 +51,8 @@ __all__ = [
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Count the reading, decide, and send a random kind, drawn by the reading and the posterior."""
     observe_and_decide(s, a, x, w)
+    if x.reading >= w.kinds:
+        return False
     if w.kinds == 2:
         below = belief_below(a.counts[1], a.counts[0], w)
         out.kind = message(x.reading, a.counts[1], a.counts[0], below, p.eta, p.kappa, u(d, 0))

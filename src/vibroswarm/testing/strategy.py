@@ -15,6 +15,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.testing.plain_reference import plain_run
 from vibroswarm.testing.runs import SEED, SHORT, Finding, equals_plain, in_pieces, run_checks, same_again
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
@@ -101,6 +102,20 @@ def _counts_equal_messages(name: str) -> Iterator[str]:
             yield f"{words}: on_counts differs for many messages at once and for one at a time"
 
 
+def _no_reading(name: str) -> Iterator[str]:
+    """Check, in plain Python, that a class beyond the last kind of tile does no harm: compiled, it may spoil memory."""
+    if not strategy_of(name).many_readings:
+        return
+    (scenario,) = (one for words, one in _scenarios(name) if words == "three kinds of tile")
+    rates = ((0.4, 0.1, 0.1, 0.4), (0.1, 0.4, 0.1, 0.4), (0.1, 0.1, 0.4, 0.4))
+    asked = scenario.with_values({"sensor.confusion.rates": rates})
+    seen = simulate(asked.with_values({"strategy.name": "dirichlet", "task.name": "majority"}), SEED, [0])
+    try:
+        plain_run(asked, SEED, seen.motion, seen.ends, seen.observations, seen.moves)
+    except IndexError as error:
+        yield f"three kinds, and class 3: {error}; leave out what is not below w.kinds, or declare arrays of readings"
+
+
 def _decides(name: str) -> Iterator[str]:
     """Check that at least one robot decides in long runs on an easy floor."""
     result = simulate(preset("paper").with_values({**LONG, "strategy.name": name}), SEED, 3)
@@ -115,6 +130,7 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "compiled as in plain Python": lambda name: equals_plain(_scenarios(name)),
     "in pieces as in one": lambda name: in_pieces(_scenarios(name)),
     "counts as messages one by one": _counts_equal_messages,
+    "it stands a class that is no kind": _no_reading,
     "it decides": _decides,
 }
 """All checks of a strategy, in order, by what each requires."""
