@@ -30,7 +30,7 @@ from vibroswarm.paper.reproduce import all_items, reproduce
 from vibroswarm.recordings.recording import read_result
 from vibroswarm.result import Result
 from vibroswarm.sensors import Samples, sensor
-from vibroswarm.sensors.base import REFERENCE
+from vibroswarm.sensors.base import STUDY_GRID
 
 PHYSICS = "physics"
 CASES: tuple[tuple[str, str, float, dict[str, Any]], ...] = (
@@ -224,7 +224,7 @@ def labelled(name: str, floors: int, seed: int = 5, **fields: Any) -> Labelled:
     for run in range(floors):
         tiles = rng.permutation(np.resize(kinds, 25)).astype(np.uint8)
         x_m, y_m = rng.random(200), rng.random(200)
-        place = (REFERENCE, tiles, x_m, y_m, 3.0 * number)
+        place = (STUDY_GRID, tiles, x_m, y_m, 3.0 * number)
         values = model.sensed(Samples(*place, robot=number, sample=number, seed=seed, run=run), params)
         below = tiles[(4 - (y_m / 0.2).astype(int)) * 5 + (x_m / 0.2).astype(int)].astype(np.int64)
         parts.append((below, to_other_m(tiles, below, x_m, y_m), model.classes(values, params), values))

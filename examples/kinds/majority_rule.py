@@ -37,7 +37,8 @@ def on_message(s, a, m, sender, t_s, d, p, w):
 
 
 def on_sample(s, a, x, out, d, p, w):
-    a.votes[x.reading] += p.weight
+    if x.reading < w.kinds:  # a class beyond the kinds is no reading
+        a.votes[x.reading] += p.weight
     out.kind = s.opinion
     return True
 

@@ -32,7 +32,7 @@ from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.inference.reports import REPORTS
 from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS
-from vibroswarm.observation.observe import OBSERVATIONS
+from vibroswarm.observation.observe import MEASURED, OBSERVATIONS
 from vibroswarm.result_validation import check_result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
@@ -125,7 +125,11 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "failures": ("run",),
 }
 """Columns that identify a row of each table; empty if the table has no such columns."""
-SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, columns in TABLES.items()}
+FURTHER: Final[dict[str, Any]] = {"observations": MEASURED}
+"""Type of further columns of tables that may have some."""
+SCHEMAS: Final = {
+    name: Schema(columns, NULLABLE[name], KEYS[name], FURTHER.get(name)) for name, columns in TABLES.items()
+}
 """Columns, nullable columns and keys of each table."""
 
 

@@ -18,6 +18,7 @@ import polars as pl
 from vibroswarm import sensors, tasks
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import DIGITS, KIND_LIMIT, TILE_LIMIT
+from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import known
 
@@ -66,6 +67,7 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     _check_floors(tables, folder)
     _check_changes(tables, scenario, folder)
     _check_kinds(tables, scenario, folder)
+    _check_numbers(tables["observations"], scenario, folder)
     _check_outcomes(tables, scenario, folder)
 
 
@@ -283,6 +285,23 @@ def _check_changes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
     kinds = scenario.sensor.kinds if scenario.sensor.model in sensors.known() else KIND_LIMIT
     if (changes["kind"] >= kinds).any():
         raise InputError(f"column 'kind' holds more than {kinds - 1}, the last of this scenario", field=name)
+
+
+def _check_numbers(observations: pl.DataFrame, scenario: Scenario, folder: Path) -> None:
+    """Check that what is measured beside energies is what the sensor measures, and is a number."""
+    further = [name for name in observations.columns if name not in OBSERVATIONS]
+    model = sensors.known().get(scenario.sensor.model)
+    name = _file(folder, "observations")
+    if model is not None and further:  # a recording may lack them
+        numbers = list(model.names_of_numbers(scenario.sensor.params)[1:])
+        if further != numbers:
+            raise InputError(
+                f"has the numbers {', '.join(further)}, and the sensor has {', '.join(numbers) or 'none'}",
+                field=name,
+            )
+    for column in further:
+        if not observations[column].fill_null(0.0).is_finite().all():
+            raise InputError(f"column '{column}' holds what is no number", field=name)
 
 
 def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:

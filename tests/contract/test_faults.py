@@ -76,6 +76,77 @@ def test_every_way_gives_the_same_run(case: str, strategy: str, network: str) ->
         np.testing.assert_array_equal(getattr(found, name), getattr(by_tables, name), err_msg=name)
 
 
+MOTORS = {"sensor.model": "acceleration", "sensor.acceleration.motor_hz": [90.0, 140.0]}
+OF_KINDS = {"strategy.name": "dirichlet", "task.name": "majority", "floor.source": "random:0.4,0.36,0.24"}
+ALL_SENSORS = {
+    "stuck": [1],
+    "stuck_class": 2,
+    "biased": [0, 3],
+    "misread_shift": 0.3,
+    "misread_drift_per_h": 20.0,
+}
+
+
+@pytest.mark.parametrize("sensor", [{"sensor.model": "confusion"}, MOTORS], ids=["law", "places"])
+def test_every_way_gives_the_same_run_of_three_kinds(sensor: dict[str, Any]) -> None:
+    faults = ALL_SENSORS | {"opposite": [4], "sensor_from_s": 20.0}
+    values = OF_KINDS | sensor | {f"faults.{name}": value for name, value in faults.items()}
+    scenario = faulty({}).with_values(values)
+    result = simulate(scenario, 8, [3])
+    plain = plain_run(scenario, 8, result.motion, result.ends, result.observations)
+    assert list(differences(result, plain)) == []
+    assert list(in_pieces([("", scenario)])) == []
+    (found,) = outcomes_of([scenario], 8, [3, 4])
+    by_tables = from_result(simulate(scenario, 8, [3, 4], energies=False))
+    np.testing.assert_array_equal(found.decision, by_tables.decision)
+
+
+@pytest.mark.parametrize("sensor", [{"sensor.model": "confusion"}, MOTORS], ids=["law", "places"])
+def test_sensors_of_any_kind_fail_as_they_are_asked_to(sensor: dict[str, Any]) -> None:
+    base = faulty({}, run__t_end_s=1000.0).with_values(OF_KINDS | sensor)
+    faults = {f"faults.{name}": value for name, value in ALL_SENSORS.items()} | {
+        "faults.sensor_from_s": 100.0
+    }
+    fine, failed = (simulate(one, 8, range(4)) for one in (base, base.with_values(faults)))
+    robot, time_s = (fine.motion[name].to_numpy() for name in ("robot", "time_s"))
+    right, read = (one.observations["observation"].to_numpy() for one in (fine, failed))
+    assert (read == right)[(time_s < 100.0) | np.isin(robot, [2, 4])].all()
+    assert (read[(robot == 1) & (time_s >= 100.0)] == 2).all()
+    biased = np.isin(robot, [0, 3]) & (time_s >= 100.0)
+    share = np.clip(0.3 + 20.0 / 3600.0 * (time_s - 100.0), 0.0, 1.0)[biased]
+    misread = (read != right)[biased]
+    # Early and late samples apart: the share drifts from 0.3 to 1.
+    for part in (share < 0.6, share > 0.9):
+        expected, count = share[part].mean(), part.sum()
+        assert (
+            abs(misread[part].mean() - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / count) + 1e-9
+        )
+        assert count > 100
+    # Both other classes are read equally often.
+    ahead = ((read.astype(int) - right) % 3)[biased][misread]
+    assert abs((ahead == 1).mean() - 0.5) < 4.0 * 0.5 / np.sqrt(ahead.size)
+    # A control: without the drift it is another share.
+    assert abs(misread[share > 0.9].mean() - 0.3) > 0.3
+
+
+def test_the_opposite_of_one_kind_of_two_is_the_other_and_of_three_another() -> None:
+    fault = faulty({"opposite": [0, 2]})
+    bits = simulate(fault.with_values({"strategy.name": "none"}), 8, [3])
+    kinds = simulate(fault.with_values({"strategy.name": "dirichlet", "task.name": "majority"}), 8, [3])
+    columns = ["belief_below", "decision", "messages_received"]
+    assert kinds.inference.select(columns).equals(bits.inference.select(columns))
+    three = faulty({"opposite": 1.0}).with_values(OF_KINDS | {"sensor.model": "confusion", "swarm.robots": 2})
+    for name in ("dirichlet", "dirichlet_positive", "dirichlet_soft", "places"):
+        changed = three.with_values({"strategy.name": name})
+        found = simulate(changed, 8, [3])
+        if name != "places":  # whose localisation is not replayed in plain Python
+            plain = plain_run(changed, 8, found.motion, found.ends, found.observations)
+            assert list(differences(found, plain)) == []
+        honest = simulate(changed.with_values({"faults.opposite": 0.0}), 8, [3])
+        assert found.reports is not None
+        assert not found.reports.equals(honest.reports)
+
+
 @pytest.mark.parametrize("case", ["radio", "all"])
 def test_dead_radios_on_a_network_that_knows_places(case: str) -> None:
     """Messages of such networks have times of arrival, which another loop reads."""

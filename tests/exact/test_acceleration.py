@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -15,14 +16,15 @@ import vibroswarm as v
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.export.c_library import library_files
-from vibroswarm.floors.place import Place
-from vibroswarm.observation.energy_model import error_rates, sensor_warnings
-from vibroswarm.observation.observe import measured_numbers, sense_program
+from vibroswarm.floors.place import Place, place_at
+from vibroswarm.observation.decision_boundary import grid_of
+from vibroswarm.observation.energy_model import error_rates, rates, sensor_warnings
+from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
 from vibroswarm.sensors.acceleration import GRAVITY_M_S2, accelerations, response, sensing
-from vibroswarm.sensors.base import REFERENCE
+from vibroswarm.sensors.base import STUDY_GRID
 from vibroswarm.testing.runs import in_pieces
 from vibroswarm.testing.sensor import check_sensor
 
@@ -242,7 +244,7 @@ def test_strategies_of_energies_use_its_law() -> None:
     ratios = v.simulate(one, 1, 1).observations
     assert ratios["energy"].null_count() == 0
     p = one.sensor.params
-    values = np.linspace(0.2, 6.0, 30)
+    values = np.linspace(0.2, 6.0, 30)[:, None]
     still, vibrating = (MODEL.likelihood(kind, values, p) for kind in (0, 1))  # type: ignore[misc]
     assert vibrating[-1] > 20 * still[-1]
     assert still[2] > 5 * vibrating[2]
@@ -355,7 +357,7 @@ def confusion(
         tiles = rng.permutation(np.resize(kinds, 25)).reshape(5, 5).astype(np.uint8)
         x_m, y_m, number = rng.random(count), rng.random(count), np.arange(count)
         samples = Samples(
-            REFERENCE, tiles.ravel(), x_m, y_m, 3.0 * number, np.zeros_like(number), number, 5, run
+            STUDY_GRID, tiles.ravel(), x_m, y_m, 3.0 * number, np.zeros_like(number), number, 5, run
         )
         read = MODEL.classes(MODEL.sensed(samples, one.sensor.params), one.sensor.params)
         column, row = (x_m / 0.2).astype(int), 4 - (y_m / 0.2).astype(int)
@@ -364,6 +366,44 @@ def confusion(
         right[True] += is_right[from_edge_m >= 0.03].tolist()
         right[False] += is_right[from_edge_m < 0.01].tolist()
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
+
+
+def read_on_floors(tiles: int, kinds: int, floors: int, values: dict[str, Any]) -> tuple[Any, Any]:
+    """Share of samples on each kind that read as each class, (floors, kinds, classes), and the claimed rates.
+
+    Floors, places and chance are others than those from which rates are claimed.
+    """
+    one = scenario().with_values(values | {"floor.rows": tiles, "floor.columns": tiles})
+    grid, count, rng = grid_of(one), 250, np.random.default_rng(8)
+    number, p = np.arange(count), one.sensor.params
+    found = np.zeros((floors, kinds, kinds))
+    for run in range(floors):
+        below = rng.permutation(np.arange(run, run + tiles**2) % kinds).astype(np.uint8)
+        x_m, y_m = rng.random((2, count))
+        chance = (3.0 * number, np.zeros_like(number), number, 12, run)
+        read = MODEL.classes(MODEL.sensed(Samples(grid, below, x_m, y_m, *chance), p), p)
+        at = (tiles - 1 - (y_m * tiles).astype(int)) * tiles + (x_m * tiles).astype(int)
+        np.add.at(found[run], (below[at], read), 1.0)
+    return found, rates(one.sensor, grid)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tiles", [5, 10])
+@pytest.mark.parametrize("motor_hz", [(165.0,), (90.0, 140.0)])
+def test_claimed_rates_are_those_of_other_samples(tiles: int, motor_hz: tuple[float, ...]) -> None:
+    """Floors differ, so that the error is that of a mean over 1,000 floors, beside that of the claim itself."""
+    values = {"sensor.acceleration.motor_hz": motor_hz}
+    if len(motor_hz) > 1:
+        values |= {"strategy.name": "dirichlet", "task.name": "majority"}
+    found, claimed = read_on_floors(tiles, len(motor_hz) + 1, 1000, values)
+    total = found.sum(axis=0)
+    share = total / total.sum(axis=1, keepdims=True)
+    apart = found - share * found.sum(axis=2, keepdims=True)  # of each floor from what the share says
+    error = apart.std(axis=0) * np.sqrt(len(found)) / total.sum(axis=1, keepdims=True)
+    assert (np.abs(share - claimed) < 5.0 * error * math.sqrt(1.0 + 1000 / 400) + 1e-4).all()
+    # A control: the rates on tiles of another size are others.
+    other = rates(scenario().with_values(values).sensor, place_at((20, 20, 0.05, 0.05, 0.0, 0.0)))
+    assert (np.abs(share - other) > 10.0 * error).any()
 
 
 def test_three_motors_are_told_apart_by_their_frequency() -> None:
@@ -425,16 +465,14 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     assert found["crossings_hz"] == pytest.approx(100.0, abs=2.0)
 
 
-def test_numbers_are_measured_again_from_a_result() -> None:
+def test_numbers_are_columns_of_the_observations(tmp_path: Path) -> None:
     one = scenario(features=("peak_hz", "band_165")).with_values({"run.t_end_s": 100.0})
     result = v.simulate(one, 2, 2)
-    found = measured_numbers(one, 2, result.motion, {run: result.floor(run) for run in range(2)})
-    assert found.columns == ["run", "robot", "sample", "energy", "peak_hz", "band_165"]
-    assert np.array_equal(found["energy"].cast(pl.Float32), result.observations["energy"])
-    loud = found.filter(pl.col("energy") > 2.0)
+    assert result.observations.columns[-2:] == ["peak_hz", "band_165"]
+    loud = result.observations.filter(pl.col("energy") > 2.0)
     assert loud["peak_hz"].median() == pytest.approx(165.0, abs=1.0)
-    with pytest.raises(InputError, match="measures one energy"):
-        measured_numbers(Scenario(), 2, result.motion, {run: result.floor(run) for run in range(2)})
+    result.write(tmp_path / "result")
+    assert v.Result.read(tmp_path / "result").same_tables(result)
 
 
 def test_a_robot_with_other_rates_is_exported() -> None:

@@ -18,11 +18,14 @@ from vibroswarm.analysis.decidability import decidability
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
+from vibroswarm.inference.agents import world_of
 from vibroswarm.observation.energy_model import energies_of, rates, shares_below
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.robot.most_common import gamma_below, most_common_belief
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import sensor as sensor_of
+from vibroswarm.strategies.dirichlet import least_belief, most_belief
+from vibroswarm.strategies.dirichlet_soft import drawn_kind
 from vibroswarm.tasks import Asked, task
 
 PAPER = preset("paper")
@@ -92,6 +95,29 @@ def test_distribution_function_of_gamma(a: int) -> None:
 
     for x in np.r_[1e-9, a * np.array([0.2, 0.9, 1.0, 1.1, 2.5])]:
         assert gamma_below(a, float(x)) == pytest.approx(float(gammainc(a, x)), abs=1e-12)
+
+
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(st.lists(st.integers(1, 400), min_size=3, max_size=6), st.integers(0, 5), st.floats(0.0, 1.0))
+def test_bounds_of_beliefs_hold_and_draw_what_the_exact_beliefs_draw(
+    counts: list[int], reading: int, free: float
+) -> None:
+    """Numbers are tried at both sides of each border between kinds as well, where bounds do not tell."""
+    a, kinds, w = np.array(counts), len(counts), world_of(PAPER, 0)
+    exact = np.array([most_common_belief(a, kind) for kind in range(kinds)])
+    first = int(np.argmax(counts))
+    for kind in range(kinds):
+        assert least_belief(a, kind, w) - 1e-12 <= exact[kind] <= most_belief(a, kind, w) + 1e-12
+    # The rule as the module states it.
+    eta, kappa, read = 5.0, 1.0, reading % kinds
+    share = a[first] / a.sum()
+    delta = np.exp(-eta * share * (1 - share) / (a.sum() + 1)) * max(exact[first] - 1 / kinds, 0.0) ** kappa
+    sent = delta * exact + (1 - delta) * (np.arange(kinds) == read)
+    borders = sent[::-1].cumsum()[:-1]
+    for number in (free, *(borders - 1e-9), *(borders + 1e-9)):
+        if np.abs(borders - number).min() > 1e-10 and 0.0 < number < 1.0:
+            drawn = drawn_kind(read, a, eta, kappa, float(number), w)
+            assert drawn == kinds - 1 - int((borders <= number).sum())
 
 
 @pytest.mark.parametrize("ours", ["none", "positive", "soft"])
@@ -242,7 +268,12 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
         ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),
         ({"sensor.edge_reach_m": 0.01}, "sensor.edge_reach_m", "two kinds"),
         ({"sensor.tile_spread": 0.1}, "sensor.tile_spread", "strengths"),
-        ({"faults.biased": 0.2}, "faults.biased", "two kinds"),
+        (
+            {"faults.biased": 0.2, "faults.false_positive_shift": 0.1},
+            "faults.false_positive_shift",
+            "two kinds",
+        ),
+        ({"faults.stuck": 0.2, "faults.stuck_class": 3}, "faults.stuck_class", "from 0 to 2, and never 3"),
         ({"decision.boundary_of": "tiles"}, "decision.boundary_of", "two kinds"),
         ({"sensor.confusion.rates": [[0.5, 0.4], [0.5, 0.5]]}, "sensor.confusion.rates", "sums to 0.9"),
         ({"sensor.model": "colour"}, "sensor.model", "there is no sensor 'colour'"),

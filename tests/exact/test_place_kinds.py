@@ -198,7 +198,6 @@ def test_the_plain_account_does_the_same(values: dict[str, Any]) -> None:
         ({"strategy.places.prior_median": 0.2}, "strategy.places.prior_median", "most common"),
         ({"decision.decision_boundary": 0.3}, "decision.decision_boundary", "most common"),
         ({"task.name": "fill_ratio"}, "task.name", "decides among 3"),
-        ({"faults.opposite": 0.4}, "faults.opposite", "no opposite"),
         ({"strategy.name": "explore"}, "strategy.name", "reads 0 or 1"),
     ],
 )

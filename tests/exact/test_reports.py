@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
+from scipy.stats import t as t_law
 
-from vibroswarm import Result, preset, simulate
+from vibroswarm import Result, Scenario, Study, preset, simulate
 from vibroswarm.analysis.figures import BY_NAME, Swarms
+from vibroswarm.analysis.reports_over_time import reports_over_time
 from vibroswarm.errors import InputError
+from vibroswarm.inference.reports import reported_last
 from vibroswarm.observation.energy_model import error_rates
-from vibroswarm.strategies import Strategy, strategy
+from vibroswarm.plots.reports import draw_run_reports
+from vibroswarm.strategies import Report, Strategy, array, register, strategy
+from vibroswarm.strategies.base import forget
+from vibroswarm.study.summary import outcome_of, reported_table, write_outcome
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0})
 RUNS, ROBOTS = 4000, 5
@@ -110,3 +118,106 @@ def test_a_report_that_is_nowhere_declared_is_refused() -> None:
         InputError, match="'estimat' is neither a field of State nor an array, did you mean 'estimate'"
     ):
         Strategy(name="other", on_message=given.on_message, reports=("estimat",), **parts).check_hooks()
+
+
+class Counted:
+    """Own readings, their share of ones, and how often each other robot agreed with the last one."""
+
+    ones: int
+    seen: int
+    share: float
+    agreed = array("int64", 3)
+    last: int
+    decision: int
+
+
+def begin(s: Any, a: Any, d: Any, p: Any, w: Any) -> None:
+    s.decision, s.share = -1, math.nan
+
+
+def on_message(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
+    if sender < 3:
+        s.agreed[sender] += m.bit == s.last
+
+
+def on_sample(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
+    s.ones, s.seen, s.last = s.ones + x.reading, s.seen + 1, x.reading
+    s.share = s.ones / s.seen
+    if s.decision == -1 and s.seen >= 8:
+        s.decision = int(s.share > 0.5)
+    out.bit = x.reading
+    return True
+
+
+def decision(s: Any, a: Any, p: Any, w: Any) -> int:
+    kept: int = s.decision
+    return kept
+
+
+@pytest.fixture(scope="module")
+def counted() -> Iterator[Scenario]:
+    """Robots that report an estimate by another name, in percent of tiles, and an array of their state."""
+    register(
+        Strategy(
+            name="counted", state=Counted, begin=begin, on_message=on_message, on_sample=on_sample, decision=decision,
+            reports=("agreed", Report("share", "of tiles", estimates=True)),
+        )
+    )  # fmt: skip
+    yield PAPER.with_values({"strategy.name": "counted", "run.t_end_s": 80.0, "swarm.robots": 3})
+    forget("counted")
+
+
+def test_an_array_of_the_state_is_reported_after_each_sample(counted: Scenario) -> None:
+    result = simulate(counted, seed=4, runs=1)
+    assert result.reports is not None
+    agreed = result.reports.filter(pl.col("name") == "agreed")
+    assert agreed.height == 3 * result.motion.height
+    assert agreed["index"].unique().to_list() == [0, 1, 2]
+    # A robot never hears itself, and counts only rise.
+    assert (agreed.filter(pl.col("robot") == pl.col("index"))["value"] == 0).all()
+    rises = agreed.select(pl.col("value").diff().over("robot", "index").min()).item()
+    assert rises >= 0
+    assert agreed["value"].max() > 3
+    drawn = reports_over_time(result)
+    assert drawn["name"].unique().sort().to_list() == ["agreed 0", "agreed 1", "agreed 2", "share"]
+    picture = draw_run_reports(result)
+    assert [axes.get_title() for axes in picture.figure.axes if axes.get_title()][-1] == "share (of tiles)"
+    assert "dashed: the true number, 0.48" in picture.caption
+
+
+@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
+def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_path: Path) -> None:
+    scenario = counted.with_values({"run.stop": stop})
+    runs = 6
+    outcome = outcome_of(Study(scenario, runs=runs, seed=4).run(tmp_path / "study"), compare=False)
+    (row,) = reported_table(outcome).filter(pl.col("report") == "share").to_dicts()
+    # An estimate depends on own samples only, so that the last report is that at the end.
+    reports = simulate(scenario, seed=4, runs=runs).reports
+    assert reports is not None
+    last = reports.filter(pl.col("name") == "share").group_by("run", "robot", maintain_order=True).last()
+    by_run = last.group_by("run", maintain_order=True).agg(
+        value=pl.col("value").mean(), error=(pl.col("value") - 0.48).abs().mean()
+    )
+    for figure in ("value", "error"):
+        values = by_run[figure].to_numpy()
+        assert row[figure] == pytest.approx(values.mean(), abs=1e-12)
+        half = t_law.ppf(0.975, runs - 1) * values.std(ddof=1) / math.sqrt(runs)
+        assert row[f"{figure}_high"] - row[figure] == pytest.approx(half, rel=1e-9)
+    assert (row["unit"], row["runs"]) == ("of tiles", runs)
+    others = reported_table(outcome).filter(pl.col("report") == "agreed")
+    assert others["index"].to_list() == [0, 1, 2]
+    assert others["error"].null_count() == 3
+    write_outcome(outcome, tmp_path)
+    assert (tmp_path / "reported.csv").is_file()
+
+
+def test_robots_without_a_value_are_left_out_of_its_mean(counted: Scenario) -> None:
+    """Before its first sample a robot has nothing to report."""
+    early = counted.with_values({"run.t_end_s": 6.0})
+    result = simulate(early, seed=4, runs=20)
+    assert result.reports is not None
+    found = reported_last(early, result.reports, result.runs).filter(pl.col("name") == "share")
+    told = result.reports.filter(pl.col("name") == "share").group_by("run").agg(pl.col("value").mean())
+    assert 0 < told.height < 20 or (result.robots["samples"] == 0).any()
+    joined = found.join(told, on="run", suffix="_expected")
+    np.testing.assert_allclose(joined["value"], joined["value_expected"])

@@ -24,6 +24,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ def combinations(block: Mapping[str, Any], short: bool) -> Iterator[tuple[str, d
 def hash_of_runs(block: Mapping[str, Any], values: Mapping[str, Any]) -> str:
     """Simulate the runs of a combination and hash them; "refused" if no swarm can be asked that."""
     try:
-        return hash_of_result(result_of(block, values))
+        return hash_of_result(result_of(block, values), block.get("also", {}))
     except InputError:
         return "refused"
 
@@ -105,10 +106,10 @@ def result_of(block: Mapping[str, Any], values: Mapping[str, Any]) -> Result:
     return simulate(preset(name).with_values(fields), LIST["seed"], block["runs"], motion=motion)
 
 
-def hash_of_result(result: Result) -> str:
-    """16 hexadecimal digits of the values of a result's tables."""
+def hash_of_result(result: Result, also: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
+    """16 hexadecimal digits of the values of a result's tables: of ``COLUMNS``, and then of ``also``."""
     digest = hashlib.sha256()
-    for table, names in COLUMNS.items():
+    for table, names in (*COLUMNS.items(), *also.items()):
         frame = getattr(result, table)
         for name in names if frame is not None else ():
             digest.update(bits_of(frame[name]))

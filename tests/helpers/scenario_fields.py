@@ -41,6 +41,7 @@ OTHERS = {
     "sensor.vibrating_energies": (1.0, 2.0),
     "sensor.still_energies": (0.5,),
     "robot.speed_wander": 0.06,
+    "sensor.claimed_rates": ((0.9, 0.1), (0.2, 0.8)),
     "sensor.edge_reach_m": 0.01,
     "sensor.edge_blur_m": 0.02,
     "sensor.tile_spread": 0.2,

@@ -154,7 +154,40 @@ def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "CASES", FEW)
 
 
+KINDS = """
+from vibroswarm.strategies import Strategy
+
+class State:
+    seen: int
+    decision: int
+
+def begin(s, a, d, p, w):
+    s.decision = -1
+
+def on_sample(s, a, x, out, d, p, w):
+    s.seen += 1
+    if s.seen > 5:
+        s.decision = 7 if w.kinds > 2 else 1
+    out.bit = 1
+    return True
+
+def decision(s, a, p, w):
+    return s.decision
+
+mine = Strategy(
+    name="mine", state=State, begin=begin, on_sample=on_sample, decision=decision, many_readings=True,
+    answers_kinds=True,
+)
+"""
 BAD = {
+    "strategy: wrong with three kinds only": (
+        KINDS,
+        "FAIL  it compiles, and gives decisions and beliefs: three kinds of tile: strategy 'mine': a decision is none",
+    ),
+    "strategy: answers a kind, and decides yes or no": (
+        KINDS.replace("7 if", "2 if").replace("answers_kinds=True", "answers_kinds=False"),
+        "three kinds of tile: a decision is not from -1 to 1",
+    ),
     "network: before it is sent": (
         AT_ONCE,
         "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick ",

@@ -13,8 +13,9 @@ import pytest
 
 from helpers.page_browser import BLANK, Open, latest, settled, wait_until
 from helpers.page_records import make_record
+from vibroswarm import preset, simulate
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord
-from vibroswarm.run_page.write import write_page
+from vibroswarm.run_page.write import write_page, write_run_page
 
 
 @pytest.mark.parametrize("way", ["src", "srcdoc"])
@@ -347,3 +348,39 @@ def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecor
             assert page.evaluate(CORNER, canvas) == pytest.approx(colour, abs=1.5), (t, robot, canvas)
     plain = open_page("#t=100")
     assert not plain.is_visible("#map-section")
+
+
+def test_it_shows_what_robots_report_as_time_goes_on(browser: Any, open_page: Open, tmp_path: Path) -> None:
+    scenario = preset("paper").with_values(
+        {"strategy.name": "mcp", "run.t_end_s": 200.0, "task.name": "share"}
+    )
+    result = simulate(scenario, 3, 1, segments=True)
+    write_run_page(result, tmp_path / "run.html")
+    page = browser.new_page(reduced_motion="reduce")
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto((tmp_path / "run.html").as_uri())
+    wait_until(page, "typeof vibroswarm === 'object'")
+    assert page.inner_text("#reports-title") == "What robots report"
+    assert result.reports is not None
+    times = result.motion.select("robot", "sample", "time_s")
+    told = result.reports.filter(pl.col("name") == "estimate").join(times, on=["robot", "sample"])
+    for robot, at_s in ((0, 50.0), (3, 120.0), (4, 200.0)):
+        last = told.filter((pl.col("robot") == robot) & (pl.col("time_s") <= at_s)).sort("time_s")["value"][
+            -1
+        ]
+        assert page.evaluate(f"vibroswarm.reported('estimate', {robot}, {at_s})") == pytest.approx(
+            last, abs=1e-6
+        )
+    assert page.evaluate("vibroswarm.reported('estimate', 0, 0)") is None
+    page.evaluate("vibroswarm.seek(200)")
+    mean = told.group_by("robot", maintain_order=True).last()["value"].mean()
+    assert isinstance(mean, float)
+    assert page.inner_text("#reports figcaption >> nth=0") == f"estimate mean {mean:.3g}"
+    for chart in page.locator("#reports canvas").all():
+        chart.evaluate("canvas => { canvas.id = 'chart' }")
+        assert not page.evaluate(BLANK, "chart")
+        chart.evaluate("canvas => { canvas.id = '' }")
+    assert errors == []
+    page.close()
+    assert open_page().locator("#reports-section").is_hidden()  # robots that report nothing

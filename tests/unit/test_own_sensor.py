@@ -43,6 +43,7 @@ BAD = {
         "in likelihood: ZeroDivisionError",
     ),
     "likelihood is negative": ("1.0, 1e-9)", "1.0, -1.0)", "likelihood: returned"),
+    "likelihood is no density": ("1.0, 1e-9)", "0.4, 0.0)", "sums to 0.4 over all values on kind 0"),
     "check raises": ("likelihood=likelihood", "check=lambda p: p.gain", "AttributeError"),
 }
 

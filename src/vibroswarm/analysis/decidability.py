@@ -21,8 +21,9 @@ samples make the wrong answer surer**. q falls as theta grows. For any single f 
 this theta may put all floors on that side. A correcting threshold therefore has to be right for the mirror image of f
 across the boundary too (with the same spillover). There is none if vibrating tiles do not read higher than still ones.
 
-With ``boundary_of = "tiles"`` robots correct for the errors. Then q is on the wrong side only if they assume wrong
-error rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
+With ``boundary_of = "tiles"`` robots correct for the errors that they claim (``sensor.claimed_rates``, or those of the
+sensor's likelihood), while q is always that of the true law. Then q is on the wrong side only if they claim or assume
+wrong error rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
 
 All this is about a robot's own samples. Under soft or positive feedback robots also hear beliefs or decisions: these
 make the answer to which the samples lean, right or wrong, faster and surer, but do not change it.
@@ -46,6 +47,7 @@ from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.place import Place, place_of
 from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.observation.decision_boundary import (
@@ -55,7 +57,7 @@ from vibroswarm.observation.decision_boundary import (
     sensed_shares_on,
     tiled_share,
 )
-from vibroswarm.observation.energy_model import error_rates, model_of
+from vibroswarm.observation.energy_model import claims_differ, error_rates, model_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 
@@ -149,7 +151,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     # s: area sensed as vibrating (on and off vibrating tiles) minus area that vibrates, as a share of the tiles' area.
     # The three areas are shares of the arena's area.
     spillover = (sensed.detected + sensed.spillover - sensed.vibrating) / tiled
-    share = expected_share(sensor, fill, tiled, spillover)
+    share = expected_share(sensor, fill, tiled, spillover, place_of(floor))
     if floor.surface is not PLAIN:
         share = expected_ones_on(sensor, floor, size)
     asks_fill_ratio = scenario.task.name == "fill_ratio" and floor.surface is PLAIN
@@ -165,6 +167,14 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     if asks_fill_ratio and scenario.decision.boundary_of == "readings" and has_threshold:
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
+    if (
+        asks_fill_ratio
+        and scenario.decision.boundary_of == "tiles"
+        and claims_differ(sensor, place_of(floor))
+    ):
+        mend = (
+            " Readings are those of the sensor's true law; robots correct them by the rates that they claim."
+        )
     return Decidability(
         verdict=verdict,
         says=says + mend,
@@ -265,14 +275,17 @@ def decidability_of_share(
     )
 
 
-def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillover: float = 0.0) -> float:
+def expected_share(
+    sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillover: float = 0.0, place: Place | None = None
+) -> float:
     """Compute q, the share of samples at uniformly random places in the arena that read as vibrating.
 
     Args:
         sensor: its threshold counts. fill_ratio: f. tiled: c, the share of the arena that lies on tiles.
         spillover: s, area sensed as vibrating minus area that vibrates, as a share of the tiles' area.
+        place: grid of the floor, for a sensor whose values depend on the place; None: that of the study.
     """
-    false_positive, false_negative = error_rates(sensor)
+    false_positive, false_negative = error_rates(sensor, place)
     # g. It is limited to a share, because the spillover may be that of a floor with another fill ratio, as for the
     # mirror image in ``mending_thresholds``.
     sensed = min(max(fill_ratio + spillover, 0.0), 1.0)

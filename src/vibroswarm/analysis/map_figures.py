@@ -49,7 +49,7 @@ def keeps_map(scenario: Scenario) -> bool:
     """Return whether robots keep a map of the tiles that vibrate; False for a strategy whose code is not loaded."""
     known = strategies.known().get(scenario.strategy.name)
     has_tiles = scenario.sensor.kinds == 2 and not scenario.floor.has_surface
-    return known is not None and has_tiles and (known.name in WITH_MAP or "p" in known.reports)
+    return known is not None and has_tiles and (known.name in WITH_MAP or "p" in known.reported)
 
 
 def map_figures(

@@ -25,8 +25,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
+from vibroswarm.inference.replay import bits_and_energies
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import (
     MOST_EXACT,
+    claims_differ,
     factors_differ,
     log_ratios_of_bits,
     log_ratios_of_energies,
@@ -54,20 +57,27 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
     Raises:
         InputError: readings depend on more than the tile below, or energies are missing or have no likelihood.
     """
-    sensor = result.scenario.sensor
+    sensor, place = result.scenario.sensor, grid_of(result.scenario)
     if sensor.edge_reach_m is not None or sensor.edge_blur_m is not None or factors_differ(sensor):
         raise InputError(
             "where edges are felt, or tiles or robots differ, a reading does not depend on the tile below alone",
             field="sensor",
         )
     if not energies:
-        return log_ratios_of_bits(sensor, result.observations["observation"].to_numpy(), MOST_EXACT)
-    energy = result.observations["energy"]
-    if energy.null_count():
+        return log_ratios_of_bits(
+            sensor, result.observations["observation"].to_numpy(), exact=True, place=place
+        )
+    if claims_differ(sensor.model_copy(update={"claimed_rates": None}), place):
+        raise InputError(
+            f"the likelihood of '{sensor.model}' is what robots claim, and not the true law; leave energies out",
+            field="energies",
+        )
+    _, energy = bits_and_energies(result.observations)
+    if energy is None:
         raise InputError(
             "this result holds no energies; simulate with energies, or leave them out", field="energies"
         )
-    return log_ratios_of_energies(sensor, energy.to_numpy(), MOST_EXACT)
+    return log_ratios_of_energies(sensor, energy, MOST_EXACT, place)
 
 
 def log_prior(prior: Prior, tiles: int) -> Values:

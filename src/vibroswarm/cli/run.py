@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def run(
     *,
-    pictures: Annotated[bool, Option("also draw run.png, and maps.png if robots keep maps")] = False,
+    pictures: Annotated[
+        bool, Option("also draw run.png, and maps.png and reports.png of robots that have some")
+    ] = False,
     scenario: Simulated,
     output: Paged,
 ) -> None:

@@ -29,6 +29,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
 
     A warning is new if this command has not printed or counted it yet.
     """
+    from vibroswarm.analysis.claimed_rates import claims_warnings
     from vibroswarm.motion.robot_params import scenario_warnings
     from vibroswarm.observation.edge_response import edge_warnings
     from vibroswarm.observation.energy_model import sensor_warnings
@@ -44,6 +45,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
             *edge_warnings(scenario),
             *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
             *sensor_warnings(scenario.sensor),
+            *claims_warnings(scenario),
         )
     )
     new = [text for text in texts if text not in _printed]

@@ -58,6 +58,7 @@ class Purpose(IntEnum):
     MOTOR = 25
     VIDEO = 30
     PATCH = 31
+    MISREAD = 32
 
 
 def _number(value: int) -> int:
@@ -110,6 +111,8 @@ CHANGE: Final = _number(Purpose.CHANGE)
 """Purpose of the numbers by which a floor changes during a run (``floors.changes``)."""
 PATCH: Final = _number(Purpose.PATCH)
 """Purpose of the numbers of a floor's patches and values."""
+MISREAD: Final = _number(Purpose.MISREAD)
+"""Purpose of the numbers by which biased sensors read another class."""
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""

@@ -90,6 +90,8 @@ class Schema:
     """Names of the columns that may be null."""
     key: tuple[str, ...] = ()
     """Names of the columns that together identify a row; empty: rows may repeat."""
+    further: Any = None
+    """Type of further columns, of any name, which may be null; None: there are no others."""
 
     @cached_property
     def faults(self) -> dict[str, pl.Expr]:
@@ -188,8 +190,9 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
         InputError: columns are missing, unexpected or of the wrong type; a value is missing, out of range or NaN; or
             two rows have the same key.
     """
+    frame = _with_all_words(frame, schema)
     _check_columns(frame, schema, name, what)
-    frame = frame.select(list(schema.columns))
+    frame = frame.select([*schema.columns, *(name for name in frame.columns if name not in schema.columns)])
     # One query over all columns; only a column that fails is looked at again, for the message.
     faults = frame.select(wrong.any().alias(column) for column, wrong in schema.faults.items())
     for column, fails in faults.row(0, named=True).items() if frame.height else ():
@@ -202,6 +205,19 @@ def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl
     return frame
 
 
+def _with_all_words(frame: pl.DataFrame, schema: Schema) -> pl.DataFrame:
+    """Return a table whose enumerations have all words of the schema: an older file may know fewer."""
+    found = frame.schema
+    fewer = {
+        column: kind
+        for column, kind in schema.columns.items()
+        if isinstance(kind, pl.Enum)
+        and isinstance(had := found.get(column), pl.Enum)
+        and set(had.categories) < set(kind.categories)
+    }
+    return frame.with_columns(pl.col(column).cast(kind) for column, kind in fewer.items()) if fewer else frame
+
+
 def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> None:
     """Refuse a frame with missing, unexpected or wrongly typed columns; ``name`` and ``what`` as in ``check_table``."""
     has_not = f"does not have the columns of the table '{what}'"
@@ -211,7 +227,11 @@ def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) ->
             raise InputError(f"{has_not}: '{column}' is missing", field=name)
         if found[column] != kind:
             raise InputError(f"{has_not}: '{column}' is {found[column]}, expected {_kind(kind)}", field=name)
-    unexpected = [column for column in found if column not in schema.columns]
+    unexpected = [
+        column
+        for column, kind in found.items()
+        if column not in schema.columns and (schema.further is None or kind != schema.further)
+    ]
     if unexpected:
         raise InputError(f"{has_not}: '{unexpected[0][:40]}' is unexpected", field=name)
 

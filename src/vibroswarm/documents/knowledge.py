@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from vibroswarm.analysis.claimed_rates import claims_notes
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.numbers import listed
@@ -24,7 +25,7 @@ def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
             facts.setdefault(name, set()).update(told_by_strategy(strategy, scenario.decision.boundary_of))
     common = set.intersection(*facts.values()) if facts else set()
     more = {name: sorted(of_one - common) for name, of_one in facts.items()}
-    sentences = true_places_notes(scenarios)
+    sentences = true_places_notes(scenarios) + claims_notes(scenarios)
     if any(more.values()):
         beyond = [f"{name} knows {listed(words)}" for name, words in more.items() if words]
         sentences.append(f"Robots were not told the same: beyond what all know, {'; '.join(beyond)}.")

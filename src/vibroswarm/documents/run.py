@@ -10,6 +10,7 @@ import polars as pl
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
+from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,
@@ -24,8 +25,9 @@ from vibroswarm.analysis.verdict import (
 )
 from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
+from vibroswarm.inference.reports import ESTIMATE
 from vibroswarm.observation.decision_boundary import expected_classes_on
-from vibroswarm.plots.reports import draw_reports
+from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.plots.run import draw_run
 from vibroswarm.result import Result
 from vibroswarm.scenario.change_fields import change_words
@@ -256,36 +258,31 @@ def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
     )
 
 
+MOST_REPORTED: Final = 12
+"""Most values of each robot in the table of what they reported, the first ones."""
+
+
 def _reports(result: Result, run: int) -> list[Part]:
-    """Return a table of what each robot reported last, beside its estimate and arrays; none if that is nothing."""
-    if result.reports is None:
+    """Return a table of what each robot reported last, beside its estimate; none if that is nothing."""
+    told = reports_over_time(result, run).filter(~pl.col("name").is_in(ESTIMATE))
+    if told.is_empty():
         return []
-    of_run = result.reports.filter(pl.col("run") == run)
-    arrays = of_run.filter(pl.col("index") > 0)["name"].unique().to_list()
-    fields = of_run.filter(~pl.col("name").is_in([*arrays, "estimate", "estimate_spread"]))
-    if fields.is_empty():
-        return []
-    last = fields.group_by("robot", "name", maintain_order=True).last()
+    last = (
+        told.group_by("robot", "name", maintain_order=True)
+        .last()
+        .pivot("name", index="robot", values="value")
+    )
+    headings = report_headings(result, last.columns[1:])
+    columns = {name: Column(heading) for name, heading in headings.items()}
     caption = "What robots reported last (after each sample: table reports)."
-    return [Table(last.pivot("name", index="robot", values="value"), caption=caption, name="reports")]
+    return [Table(last.select(last.columns[: MOST_REPORTED + 1]), columns, caption=caption, name="reports")]
 
 
 def _reports_over_time(result: Result, run: int) -> list[Part]:
     """Return the figure of what robots reported after their samples; none if they report nothing but arrays."""
-    if result.reports is None:
+    if reports_over_time(result, run).is_empty():
         return []
-    of_run = result.reports.filter(pl.col("run") == run)
-    arrays = of_run.filter(pl.col("index") > 0)["name"].unique().to_list()
-    fields = of_run.filter(~pl.col("name").is_in(arrays), pl.col("value").is_not_null())
-    if fields.is_empty():
-        return []
-    times = result.motion.select("run", "robot", "sample", "time_s")
-    timed = fields.join(times, on=["run", "robot", "sample"], maintain_order="left")
-    timed = timed.select("name", "robot", "time_s", "value")
-    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
-    return [
-        Figure("reports", lambda style: draw_reports(timed, truth=truth, style=style), "Reports over time")
-    ]
+    return [Figure("reports", lambda style: draw_run_reports(result, run, style=style), "Reports over time")]
 
 
 def robot_tables(found: Verdict, posterior: str) -> list[Table]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
+from vibroswarm.analysis.reports_over_time import reports_over_time
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import why_no_page, write_run_page
@@ -27,8 +28,11 @@ def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
             write_table(maps, part / "maps")
         if pictures:
             # here, since a run without pictures need not wait for matplotlib
+            from vibroswarm.plots.reports import write_reports_picture
             from vibroswarm.plots.run import write_maps_picture, write_run_picture
 
             write_run_picture(result, part / "run.png")
+            if reports_over_time(result).height:
+                write_reports_picture(result, part / "reports.png")
             if maps is not None:
                 write_maps_picture(maps, part / "maps.png")

@@ -39,14 +39,14 @@ from vibroswarm.documents.study_words import (
     traded,
     warnings_of,
 )
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
 from vibroswarm.show.made_by import versions_in_words
 from vibroswarm.show.numbers import count, counts, listed, number, percent
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.study_outputs import Comparison
-from vibroswarm.study.summary import CellOutcome, Outcome
+from vibroswarm.study.summary import CellOutcome, Outcome, reported_table
 
 MOST_SENTENCES: Final = 12
 """Most comparisons, or cells, that are described in sentences; and most rows of differences on the first screen."""
@@ -195,6 +195,7 @@ _OUTCOME_WORDS: Final = (
 def _outcome_section(outcome: Outcome) -> Section:
     parts: list[Part] = [_outcome_table(outcome)]
     parts += _tables_of_some_cells(outcome)
+    parts += _reported_parts(outcome)
     if words := _levels(outcome):
         parts.append(Text(words))
     parts.append(Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True))
@@ -274,6 +275,36 @@ def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
             columns = {"name": Column("cell"), **figure_columns(("runs",))}
             tables.append(Table(rows, columns, caption=kind.caption, name=kind.name))
     return tables
+
+
+def _reported_parts(outcome: Outcome) -> list[Part]:
+    """Tabulate what robots reported at the end; nothing if they report nothing."""
+    table = reported_table(outcome)
+    if table.is_empty():
+        return []
+    heading = pl.concat_str(
+        pl.col("report").str.replace_all("_", " "),
+        pl.when(pl.col("index").max().over("cell", "report") > 0)
+        .then(pl.format(" {}", pl.col("index")))
+        .otherwise(pl.lit("")),
+        pl.when(pl.col("unit") != "").then(pl.format(", {}", pl.col("unit"))).otherwise(pl.lit("")),
+    )
+    rows = table.select(
+        "name", heading.alias("report"), "runs", *with_limits_of(("value", "error"), table.columns)
+    )
+    if rows["error"].null_count() == rows.height:
+        rows = rows.drop("error", *limits_of("error"))
+    columns = {
+        "name": Column("cell"),
+        "runs": Column("runs", wide=True),
+        "value": Column("mean at the end"),
+        "error": Column("error"),
+    }
+    caption = (
+        "What robots reported, mean over robots at the end of a run. Error: mean distance from the number that the "
+        "task asks for, of reports that estimate it. 95 % intervals over runs."
+    )
+    return [Table(rows, columns, caption=caption, name="reported", names=2)]
 
 
 def _levels(outcome: Outcome) -> str:
@@ -509,6 +540,8 @@ def _data(outcome: Outcome) -> dict[str, pl.DataFrame]:
         data["comparisons"] = comparison_table(outcome.comparisons)
     if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
         data["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
+    if (reported := reported_table(outcome)).height:
+        data["reported"] = reported
     if outcome.references:
         data["references"] = reference_table(list(outcome.references))
     if settled := [

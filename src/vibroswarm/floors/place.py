@@ -29,7 +29,12 @@ class Place(NamedTuple):
 
 def place_of(floor: Floor) -> Place:
     """Return the grid and the position of a floor in the form that kernels use."""
-    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
+    return place_at(floor.geometry)
+
+
+def place_at(geometry: tuple[int, int, float, float, float, float]) -> Place:
+    """Return the same of ``Floor.geometry``: rows, columns, tile width and height, left and bottom, m."""
+    rows, columns, width_m, height_m, left_m, bottom_m = geometry
     return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
 
 

@@ -29,8 +29,8 @@ from vibroswarm.core.rng import (
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
-from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
-from vibroswarm.observation.energy_model import error_rates, rates
+from vibroswarm.observation.decision_boundary import geometry_of, grid_of, readings_boundary
+from vibroswarm.observation.energy_model import claimed_error_rates, claimed_rates
 from vibroswarm.scenario.fault_draws import onset_s, working
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
@@ -130,11 +130,11 @@ def world_of(scenario: Scenario, counts: int) -> World:
     positive, negative, told = 0.0, 0.0, NO_RATES
     knows_rates = strategy_used(scenario).knows_error_rates
     if knows_rates and max(scenario.sensor.kinds, scenario.sensor.readings) > 2:
-        told = rates(scenario.sensor).ravel()
+        told = claimed_rates(scenario.sensor, grid_of(scenario)).ravel()
     elif decision.boundary_of == "tiles" or knows_rates:
-        own = error_rates(scenario.sensor)
+        own = claimed_error_rates(scenario.sensor, grid_of(scenario))
         assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
-        # A rate that the scenario does not give is the sensor's own, away from edges.
+        # A rate that the scenario does not give is the one that the sensor claims, away from edges.
         positive, negative = (
             own_rate if value is None else value for value, own_rate in zip(assumed, own, strict=True)
         )

@@ -33,10 +33,10 @@ from vibroswarm.observation.observe import (
     read,
     reads_energies,
     values_at,
-    with_stuck_sensors,
 )
 from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE
+from vibroswarm.scenario.fault_draws import apply_faults
 from vibroswarm.scenario.scenario import Scenario
 
 
@@ -334,7 +334,7 @@ class ClosedLoop:
             own = [column[new][part] for column in columns]
             energy = energies_at(self.scenario, ground, self.seed, run, *own)
             self.log_ratios[new][part] = log_ratios(
-                self.scenario.sensor, buffer.observation[new][part], energy
+                self.scenario.sensor, buffer.observation[new][part], energy, ground.place
             )
 
     def _sense(self, new: slice) -> None:
@@ -346,13 +346,13 @@ class ClosedLoop:
         for ground, part in self.ground.parts(buffer.time_s[new]):
             own = [column[new][part] for column in columns]
             values = values_at(sensor, ground.tiles, ground.place, self.seed, run, *own)
-            buffer.observation[new][part] = with_stuck_sensors(
-                classes_of(sensor, values),
-                ground.faults,
-                run_index=np.zeros(len(values), dtype=np.int64),
-                robot=buffer.robot[new][part],
-                time_s=buffer.time_s[new][part],
+            read = classes_of(sensor, values)
+            robot, sample, _, _, time_s = own
+            first = np.zeros(len(read), dtype=np.int64)  # ``ground`` holds a single run
+            apply_faults(
+                ground.faults, first, robot, sample, time_s, sensor.readings, self.seed, self.runs, read
             )
+            buffer.observation[new][part] = read
 
     def rewind_to(self, time_s: float) -> None:
         """Set the swarm to its state at the earlier time ``time_s``, by replaying the run from its start.

@@ -81,9 +81,13 @@ def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
 
 
 def opposite(m: Row) -> None:
+    """Change a message into its opposite; this default is never called."""
+
+
+def opposite_of(m: Row, w: World) -> None:
     """Change the message that a robot with the fault ``opposite`` sends into its opposite, if it has one.
 
-    This default is for messages that have none, which stay as they are.
+    It is generated: by the hook ``opposite``, or for a ``bit`` or a ``kind``; other messages stay as they are.
     """
 
 

@@ -76,13 +76,13 @@ def clear_network(a):
 '''
 """Text of the class of a network's arrays, and of ``clear_network``. The names in braces are filled in: ``fields`` are
 the parameters that are lists and the declared arrays, ``zeroed`` are the declared arrays alone."""
-OPPOSITE_BIT: Final = """
+OPPOSITE: Final = """
 
 @inlined_uncached
-def opposite(m):
-    m.bit = 1 - m.bit
+def opposite_of(m, w):
+    {}
 """
-"""Text of the default of ``opposite``, which makes a faulty robot's message the opposite of what it would send."""
+"""Text of ``opposite_of``, which makes a faulty robot's message the opposite of what it would send."""
 AS_COUNTS: Final = """
 
 @inlined_uncached
@@ -260,8 +260,14 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
     )
     if strategy.on_message is None and strategy.on_counts is not None:
         text += AS_COUNTS
-    if strategy.opposite is None and strategy.has_opposite:
-        text += OPPOSITE_BIT
+    if strategy.opposite is not None:
+        text += OPPOSITE.format("opposite(m)")
+    elif "bit" in (strategy.message_type.names or ()):
+        text += OPPOSITE.format("m.bit = 1 - m.bit")
+    elif strategy.has_opposite:
+        text += OPPOSITE.format("m.kind = (m.kind + 1) % w.kinds")
+    else:
+        text += OPPOSITE.format("return")
     module = generated_module(name, text, is_saved=is_saved)
     space = vars(module)
     space["IS_SAVED"] = is_saved

@@ -22,8 +22,9 @@ from vibroswarm.inference.reports import report_frame
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import log_ratios
-from vibroswarm.observation.observe import reads_energies
+from vibroswarm.observation.observe import OBSERVATIONS, reads_energies
 from vibroswarm.scenario.scenario import Scenario
 
 INFERENCE: Final[dict[str, Any]] = {
@@ -169,10 +170,16 @@ def _replayed(
 
 
 def bits_and_energies(observations: pl.DataFrame) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
-    """Return the bits and the energies of an observation table, (rows,) each; no energies (None) if any is missing."""
+    """Return the bits and the energies of an observation table, (rows,) each; no energies (None) if any is missing.
+
+    Where several numbers are measured, they take the place of energies, (rows, numbers).
+    """
     energy = observations["energy"]
-    known = energy.null_count() == 0
-    return observations["observation"].to_numpy(), energy.to_numpy() if known else None
+    measured = [energy, *(observations[name] for name in observations.columns if name not in OBSERVATIONS)]
+    bits = observations["observation"].to_numpy()
+    if energy.null_count():
+        return bits, None
+    return bits, energy.to_numpy() if len(measured) == 1 else np.column_stack(measured)
 
 
 def _replay(
@@ -246,7 +253,7 @@ def _log_ratios(
         return NO_VALUES
     if energy is None:
         raise ValueError("the strategy reads energies, and the observation table has none")
-    return log_ratios(scenario.sensor, observation, energy)
+    return log_ratios(scenario.sensor, observation, energy, grid_of(scenario))
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

@@ -40,7 +40,7 @@ from vibroswarm.inference.default_hooks import (
     decision,
     on_counts,
     on_sample,
-    opposite,
+    opposite_of,
     steer,
     views,
 )
@@ -242,7 +242,7 @@ def take(
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0  # below 0: not computed yet
     sends = on_sample(s, a, x, messages[k], sample_draws(seed, run, i, number, known_uniform), p, w)
     if x.t_s >= swarm.failures[e].opposite_from_s:  # a faulty robot sends the opposite of its message
-        opposite(messages[k])
+        opposite_of(messages[k], w)
     row.samples += 1
     row.sent += 1
     new = decision(s, a, p, w)

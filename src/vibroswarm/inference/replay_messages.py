@@ -45,7 +45,7 @@ from vibroswarm.inference.default_hooks import (
     on_message,
     on_sample,
     on_timer,
-    opposite,
+    opposite_of,
     reading_of,
     send,
     steer,
@@ -385,7 +385,7 @@ def replay(
             if wrong != DONE:
                 return wrong
             if t_s >= swarm.failures[e].opposite_from_s:
-                opposite(out)
+                opposite_of(out, w)
             sends = sends and tick < swarm.failures[e].silent_tick
             if sends:
                 if READS_POSITIONS:

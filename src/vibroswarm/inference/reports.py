@@ -1,20 +1,23 @@
 """What robots report: the values that a strategy declares (``Strategy.reports``), as a table.
 
-Fields of a robot's state are reported after each of its samples; arrays, which are large, at the end of the run.
+Fields and arrays of a robot's state are reported after each of its samples; its other arrays, which are large, at the
+end of the run.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.inference.agents import Swarm
+from vibroswarm.inference.agents import Swarm, strategy_used
 from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.replay_arrays import Log
-from vibroswarm.strategies.base import Strategy
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies.base import Report, Strategy
 
 REPORTS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -25,7 +28,7 @@ REPORTS: Final[dict[str, Any]] = {
     "value": pl.Float64,
 }
 """Columns of the table of reports. ``index`` is the place in an array, 0 for a field; ``value`` is null if there is
-none yet. The rows of an array have the robot's last sample."""
+none yet. The rows of an array that is not of the state have the robot's last sample."""
 
 
 def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame | None:
@@ -40,7 +43,7 @@ def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm)
     if not strategy.reports:
         return None
     fields = log.states.dtype.names or ()
-    names = sorted(strategy.reports)
+    names = list(strategy.reported)
     parts = [
         _of_samples(name, timeline, log) if name in fields else _of_ends(name, timeline, swarm)
         for name in names
@@ -57,22 +60,125 @@ def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm)
 
 
 def _of_samples(name: str, timeline: Timeline, log: Log) -> dict[str, NDArray[Any]]:
-    """Return the rows of a field of the robots' states, all but their name."""
+    """Return the rows of a field or array of the robots' states, all but their name."""
     rows: dict[str, NDArray[Any]] = {
         key: timeline.samples[key].to_numpy() for key in ("run", "robot", "sample")
     }
-    value = log.states[name].astype(np.float64)
-    return rows | {"index": np.zeros(value.size, dtype=np.int64), "value": value}
+    return _by_index(rows, log.states[name])
 
 
 def _of_ends(name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[Any]]:
     """Return the rows of an array of each robot that sampled, at the end of its run; all but their name."""
-    values = getattr(swarm.arrays, name)
     sampled = np.flatnonzero(swarm.agents["samples"] > 0)
-    size = values.shape[1]
-    rows: dict[str, NDArray[Any]] = {
-        key: np.repeat(timeline.ends[key].to_numpy()[sampled], size) for key in ("run", "robot")
-    }
-    rows["sample"] = np.repeat(swarm.agents["samples"][sampled] - 1, size)
-    rows["index"] = np.tile(np.arange(size), sampled.size)
-    return rows | {"value": values[sampled].ravel().astype(np.float64)}
+    rows: dict[str, NDArray[Any]] = {key: timeline.ends[key].to_numpy()[sampled] for key in ("run", "robot")}
+    rows["sample"] = swarm.agents["samples"][sampled] - 1
+    return _by_index(rows, getattr(swarm.arrays, name)[sampled])
+
+
+def _by_index(rows: dict[str, NDArray[Any]], values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return rows with ``index`` and ``value``: one row for each place of an array.
+
+    Args:
+        values: (rows,), or (rows, size).
+    """
+    places = values.reshape(len(values), -1)
+    repeated = {key: np.repeat(column, places.shape[1]) for key, column in rows.items()}
+    index = np.tile(np.arange(places.shape[1]), len(places))
+    return repeated | {"index": index, "value": places.ravel().astype(np.float64)}
+
+
+ESTIMATE: Final = ("estimate", "estimate_spread")
+"""Reports that are figures of runs anyway (``analysis.figures``)."""
+MOST_PLACES: Final = 16
+"""Figures are computed of arrays of at most so many places."""
+REPORTED: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "name": pl.String,
+    "index": pl.UInt32,
+    "value": pl.Float64,
+    "error": pl.Float64,
+}
+"""Columns of the table of what robots reported last: means over the robots of a run, null if no robot has a value.
+``error``: mean distance from the number that the task asks for, null if the report estimates no number."""
+
+
+def reported_at_end(
+    scenario: Scenario, swarm: Swarm, runs: Sequence[int], asked: NDArray[np.float64]
+) -> pl.DataFrame:
+    """Return the table ``REPORTED`` of runs, by the robots' state at the end.
+
+    Args:
+        swarm: state of all robots at the end of the runs. asked: (runs,), the number that the task asks for.
+    """
+    reported = strategy_used(scenario).reported
+    has_sampled = swarm.agents["samples"] > 0
+    fields = swarm.states.dtype.names or ()
+    values = {}
+    for name in reported:
+        at_end = swarm.states[name] if name in fields else getattr(swarm.arrays, name)
+        places = at_end.reshape(len(at_end), -1).astype(np.float64)
+        values[name] = np.where(has_sampled[:, None], places, np.nan).reshape(len(runs), -1, places.shape[1])
+    return _means(reported, values, runs, asked)
+
+
+def reported_last(scenario: Scenario, reports: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFrame:
+    """Return the table ``REPORTED`` of runs, by the reports after the robots' last samples.
+
+    Args:
+        reports, runs: tables of a result.
+    """
+    last = reports.group_by("run", "robot", "name", "index", maintain_order=True).last()
+    numbers, robots = runs["run"].to_list(), scenario.swarm.robots
+    values = {}
+    for (name,), own in last.group_by("name"):
+        size = int(own["index"].max()) + 1  # type: ignore[arg-type]
+        table = np.full((len(numbers), robots, size), np.nan)
+        at = np.searchsorted(numbers, own["run"]), own["robot"].to_numpy(), own["index"].to_numpy()
+        table[at] = own["value"].fill_null(np.nan).to_numpy()
+        values[str(name)] = table
+    return _means(strategy_used(scenario).reported, values, numbers, runs["fill_ratio"].to_numpy())
+
+
+def _means(
+    reported: Mapping[str, Report],
+    values: Mapping[str, NDArray[np.float64]],
+    runs: Sequence[int],
+    asked: NDArray[np.float64],
+) -> pl.DataFrame:
+    """Return the table ``REPORTED``.
+
+    Args:
+        values: by name, (runs, robots, places), nan where a robot has none.
+    """
+    parts = [pl.DataFrame(schema=REPORTED)]
+    for name, one in reported.items():
+        if name in ESTIMATE or name not in values or values[name].shape[2] > MOST_PLACES:
+            continue
+        error = (
+            np.abs(values[name] - asked[:, None, None])
+            if one.estimates
+            else np.full_like(values[name], np.nan)
+        )
+        count, _, places = values[name].shape
+        parts.append(
+            pl.DataFrame(
+                {
+                    "run": np.repeat(np.asarray(runs), places),
+                    "name": [name] * (count * places),
+                    "index": np.tile(np.arange(places), count),
+                    "value": _mean_of_known(values[name]).ravel(),
+                    "error": _mean_of_known(error).ravel(),
+                },
+                schema=REPORTED,
+                nan_to_null=True,
+            )
+        )
+    return pl.concat(parts)
+
+
+def _mean_of_known(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return means over the robots (axis 1) that have a value, nan if none has."""
+    known = ~np.isnan(values)
+    with np.errstate(invalid="ignore"):
+        mean: NDArray[np.float64] = np.where(known, values, 0.0).sum(axis=1) / known.sum(axis=1)
+    return mean

@@ -65,7 +65,7 @@ def tables_of(law: Law) -> Table:
     """Return the tables of a law."""
     # Denser at the ends of (0, 1), where quantiles change most.
     u = ndtr(np.linspace(-4.5, 4.5, POINTS))
-    still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (0, 1))
+    still, vibrating = (energy_of(law.sensor, kind, u, law.place).astype(np.float64) for kind in (0, 1))
     low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
     value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
     few = np.unique((still, vibrating))
@@ -95,7 +95,9 @@ def values_at(
 def _draws_of(law: Law) -> tuple[list[Law], list[Law]]:
     """Return the laws that judge drawn surfaces, and those that these surfaces follow."""
     sensors = zip(*law.draws, strict=True)
-    judges, truths = ([Law(sensor, law.origin, bits=law.bits) for sensor in each] for each in sensors)
+    judges, truths = (
+        [Law(sensor, law.origin, bits=law.bits, place=law.place) for sensor in each] for each in sensors
+    )
     return judges, truths
 
 

@@ -25,7 +25,7 @@ from scipy.special import softmax
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.tile_map import CONVERGED, SWEEPS, Integers, Shares, ends_of, place_shares
-from vibroswarm.observation.energy_model import log_ratios_of_classes, rates
+from vibroswarm.observation.energy_model import claimed_rates, log_ratios_of_classes
 from vibroswarm.scenario.scenario import Scenario
 
 
@@ -100,7 +100,10 @@ def kind_map(samples: Samples, times_s: ArrayLike) -> Floats:
     """
     at, ends = place_shares(samples), ends_of(samples, times_s)
     value, sensor = samples.column("value"), samples.law.sensor
-    ratios = np.stack([log_ratios_of_classes(sensor, value, kind) for kind in range(sensor.kinds)], axis=1)
+    ratios = np.stack(
+        [log_ratios_of_classes(sensor, value, kind, samples.law.place) for kind in range(sensor.kinds)],
+        axis=1,
+    )
     assert samples.floor is not None
     tiles, columns = samples.floor.tiles.size, samples.floor.tiles.shape[1]
     odds, sites = np.zeros((tiles, sensor.kinds)), np.zeros((at.first[-1], sensor.kinds))
@@ -115,7 +118,7 @@ def any_but_still(samples: Samples) -> Samples:
     The law is that of all kinds but 0 in equal shares. Readings that tell such kinds apart tell nothing more of whether
     there is one, unless kind 0 is taken for one of them more often than for another.
     """
-    shares = rates(samples.law.sensor)
+    shares = claimed_rates(samples.law.sensor, samples.law.place)
     zeros = (float(shares[0, 0]), float(shares[1:, 0].mean()))
     two = Scenario().with_values(
         {"sensor.model": "confusion", "sensor.confusion.rates": [[zero, 1.0 - zero] for zero in zeros]}

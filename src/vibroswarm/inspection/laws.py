@@ -42,6 +42,7 @@ from vibroswarm.inspection.samples import (
     ratios_of_values,
     session_hash,
 )
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import robot_clusters
@@ -282,7 +283,8 @@ def _check_told_apart(words: str, draws: Sequence[Draw], vibrating: Floats, stil
 
 def law_of_scenario(scenario: Scenario, words: str) -> FittedLaw:
     """Return the law and the camera that a scenario states, as if they were exact."""
-    return FittedLaw(Law(scenario.sensor, f"stated by {words}", scenario.hash), Camera.of(scenario))
+    law = Law(scenario.sensor, f"stated by {words}", scenario.hash, place=grid_of(scenario))
+    return FittedLaw(law, Camera.of(scenario))
 
 
 def known_from(scenario: Scenario, words: str) -> FittedLaw:

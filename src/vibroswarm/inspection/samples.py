@@ -20,12 +20,13 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.place import Place
 from vibroswarm.observation.energy_model import (
+    claimed_rates,
     energy_of,
     log_ratios_of_bits,
     log_ratios_of_classes,
     log_ratios_of_energies,
-    rates,
     readings_of,
 )
 from vibroswarm.scenario.fields import Sensor
@@ -79,6 +80,8 @@ class Law(NotebookView):
     """Laws fitted to resampled references, which say how sure it is; empty: its error is not known."""
     bits: bool = False
     """Whether values are readings of 0 and 1, not energies."""
+    place: Place | None = None
+    """Grid of the floor, if the scenario states the law: that of a sensor that measures at each place depends on it."""
 
 
 class PlaceErrors(NamedTuple):
@@ -189,10 +192,10 @@ def ratios_of_values(law: Law, value: Floats) -> Floats:
         value: energies; readings of 0 and 1, if the law is of bits; classes, if it has more than two kinds of tile.
     """
     if law.sensor.kinds > 2:
-        return log_ratios_of_classes(law.sensor, value)
+        return log_ratios_of_classes(law.sensor, value, place=law.place)
     if law.bits:
-        return log_ratios_of_bits(law.sensor, value)
-    return log_ratios_of_energies(law.sensor, value.astype(np.float32))
+        return log_ratios_of_bits(law.sensor, value, place=law.place)
+    return log_ratios_of_energies(law.sensor, value.astype(np.float32), place=law.place)
 
 
 def read_by(law: Law, energy: NDArray[Any]) -> Floats:
@@ -207,11 +210,11 @@ def check_law(law: Law) -> None:
         InputError: the distributions on still and vibrating places overlap wholly.
     """
     if law.sensor.kinds > 2:
-        each = log_ratios_of_classes(law.sensor, np.arange(law.sensor.readings))
-        told = float(rates(law.sensor)[1:].mean(axis=0) @ each)
+        each = log_ratios_of_classes(law.sensor, np.arange(law.sensor.readings), place=law.place)
+        told = float(claimed_rates(law.sensor, law.place)[1:].mean(axis=0) @ each)
     else:
         u = (np.arange(400) + 0.5) / 400
-        told = float(ratios_of_values(law, read_by(law, energy_of(law.sensor, 1, u))).mean())
+        told = float(ratios_of_values(law, read_by(law, energy_of(law.sensor, 1, u, law.place))).mean())
     if told < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
         raise InputError(
             "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "

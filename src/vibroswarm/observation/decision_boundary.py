@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place, place_of
+from vibroswarm.floors.place import Place, place_at, place_of
 from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import FAR, share_past, vibration_probability
-from vibroswarm.observation.energy_model import error_rates, mean_shares_below, rates
+from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import is_neutral_at_half_only
@@ -108,7 +108,7 @@ def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
         return float(expected_classes_on(sensor, floor, size)[1])
     # The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
     # still and the bit is a false positive.
-    false_positive, false_negative = error_rates(sensor)
+    false_positive, false_negative = error_rates(sensor, place_of(floor))
     sensed = sensed_shares_on(sensor, floor, size)
     share = sensed.detected + sensed.spillover  # h of this floor
     return share * (1.0 - false_negative) + (1.0 - share) * false_positive
@@ -128,7 +128,7 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
         ones = tiled * ones + (1.0 - tiled) * beside
         return np.array([1.0 - ones, ones])
     shares = [floor.share_within(kind, *size) for kind in range(sensor.kinds)]
-    tiled, by_kind = tiled_share(floor.geometry, size), rates(sensor)
+    tiled, by_kind = tiled_share(floor.geometry, size), rates(sensor, place_of(floor))
     return np.asarray(tiled * (shares @ by_kind) + (1.0 - tiled) * by_kind[0])
 
 
@@ -205,15 +205,17 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
 
     Args:
         x: the decision boundary. given: assumed rates of false positives and of false negatives. None stands for the
-            sensor's own rate: the mean over uniformly random places on random floors of fill ratio x, which includes
-            the effect of edges.
+            rate that the sensor claims: the mean over uniformly random places on random floors of fill ratio x, which
+            includes the effect of edges.
     Raises:
         InputError: the rates sum to 1 or more, or edges reach over too many tiles.
     """
     sensor, size = scenario.sensor, _size(scenario)
     sensed = _mean_sensed_shares_cached(sensor, geometry_of(scenario), size, x)
     v = sensed.vibrating
-    a, b = error_rates(sensor)  # of false positives and of false negatives, away from edges
+    a, b = claimed_error_rates(
+        sensor, grid_of(scenario)
+    )  # of false positives and of false negatives, away from edges
     # Shares of the still and of the vibrating area that are sensed as vibrating. A kind without any area gets the share
     # that it would have without edges.
     of_still = sensed.spillover / (1.0 - v) if v < 1.0 else 0.0
@@ -237,7 +239,7 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
 
 def _expected(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float) -> float:
     """Return q, the share of ones expected on random floors of this fill ratio, by the sensor's true error rates."""
-    a, b = error_rates(sensor)
+    a, b = error_rates(sensor, place_at(geometry))
     sensed = _mean_sensed_shares_cached(sensor, geometry, size, fill_ratio)
     share = sensed.detected + sensed.spillover  # h
     return share * (1.0 - b) + (1.0 - share) * a
@@ -254,6 +256,11 @@ def _mean_sensed_shares_cached(
 def geometry_of(scenario: Scenario) -> Geometry:
     """Return a scenario's grid of tiles: rows, columns, and tile width, tile height, left and bottom in m."""
     return _geometry(scenario.floor, scenario.arena)
+
+
+def grid_of(scenario: Scenario) -> Place:
+    """Return the same in the form that kernels use."""
+    return place_at(geometry_of(scenario))
 
 
 @lru_cache(maxsize=64)

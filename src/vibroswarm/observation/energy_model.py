@@ -7,10 +7,13 @@
 | factor | c | - | E = c G, with G of the kind's law; so E > theta_E if G > theta_E / c; log-normal of mean 1 |
 | density | f(E) | - | likelihood of the kind's law; a mean over factors of tiles and robots if these differ |
 | log ratio | L | - | ln f_vibrating(E) - ln f_still(E), limited to +- ``MOST`` |
+| true and claimed rates | - | - | ``rates``, by which samples are read; ``claimed_rates``, by which robots weigh them |
 
-The laws are those of the scenario's sensor (``sensors``). Near edges a sample has a value of one kind or the other,
-never a mixture, so L is the same there. A faulty sensor changes only the reading. If a fault has changed the bit, so
-that it contradicts the energy, L is the log ratio of the bit, by the error rates.
+The laws are those of the scenario's sensor (``sensors``). Those of a sensor that measures at each place depend on the
+grid, ``place`` (None: not known, then that of the study). L is what robots claim, unless it is ``exact``. Near edges a
+sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the
+reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio of the bit, by the error
+rates.
 """
 
 from __future__ import annotations
@@ -24,9 +27,12 @@ from numpy.typing import NDArray
 
 from vibroswarm import sensors
 from vibroswarm.errors import InputError
+from vibroswarm.floors.place import Place
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
+from vibroswarm.sensors.claims import CLAIMED_AS_TRUE
+from vibroswarm.sensors.claims import claimed_rates as rates_of_likelihood
 
 
 def model_of(sensor: Sensor) -> SensorModel:
@@ -62,6 +68,7 @@ def shares_below(
     sensor: Sensor,
     factors: NDArray[np.float64] | None = None,
     contrasts: NDArray[np.float64] = NO_CONTRASTS,
+    place: Place | None = None,
 ) -> NDArray[np.float64]:
     """Return the share of samples on each kind of tile that read as each class or a lower one.
 
@@ -69,11 +76,11 @@ def shares_below(
 
     Args:
         factors: (rows,): factors that the values are multiplied by; None: one row with factor 1.
-        contrasts: (contrasts,): places between still and vibrating, which count as further kinds.
+        contrasts: (contrasts,): places between still and vibrating, which count as further kinds. place: the grid.
     Returns: (rows, kinds + contrasts, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of
         both.
     """
-    model, p = model_of(sensor), sensor.params
+    model, p = model_of(sensor), _params(sensor, place)
     if contrasts.size:
         rows = np.ones(1) if factors is None else factors
         return np.concatenate([shares_below(sensor, factors), model.shares_at(contrasts, rows, p)], axis=1)
@@ -87,28 +94,35 @@ def shares_below(
     return np.stack(shares, axis=1)[:, :, None]
 
 
-def rates(sensor: Sensor) -> NDArray[np.float64]:
+def _params(sensor: Sensor, place: Place | None) -> Any:
+    """Return the parameters of the selected sensor, with the grid if its laws depend on it."""
+    return model_of(sensor).at_place(sensor.params, place)
+
+
+def rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
     """Return the probability that a sample on each kind of tile reads as each class, (kinds, classes).
 
     If tiles or robots differ, these are means over the distributions of their factors. They do not include the effect
     of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
     """
-    up_to = mean_shares_below(sensor)
+    up_to = mean_shares_below(sensor, place=place)
     whole = np.concatenate([np.zeros((up_to.shape[0], 1)), up_to, np.ones((up_to.shape[0], 1))], axis=1)
     return np.diff(whole, axis=1)
 
 
-def mean_shares_below(sensor: Sensor, contrasts: NDArray[np.float64] = NO_CONTRASTS) -> NDArray[np.float64]:
+def mean_shares_below(
+    sensor: Sensor, contrasts: NDArray[np.float64] = NO_CONTRASTS, place: Place | None = None
+) -> NDArray[np.float64]:
     """Return ``shares_below`` averaged over the factors of tiles and robots, (kinds + contrasts, classes - 1)."""
     if not factors_differ(sensor):
-        return np.asarray(shares_below(sensor, contrasts=contrasts)[0])
+        return np.asarray(shares_below(sensor, contrasts=contrasts, place=place)[0])
     factors, weights = typical_factors(sensor)
-    shares = shares_below(sensor, factors, contrasts)
+    shares = shares_below(sensor, factors, contrasts, place)
     means = [weights @ np.ascontiguousarray(shares[:, kind, j]) for kind, j in np.ndindex(shares.shape[1:])]
     return np.array(means).reshape(shares.shape[1:])
 
 
-def error_rates(sensor: Sensor) -> tuple[float, float]:
+def error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
     """Return the probabilities that a still tile reads as vibrating, and that a vibrating tile reads as still.
 
     See ``rates``.
@@ -116,14 +130,67 @@ def error_rates(sensor: Sensor) -> tuple[float, float]:
     Raises:
         InputError: the sensor has more than two kinds or classes.
     """
-    shares = mean_shares_below(sensor)
-    if shares.shape != (2, 1):
+    shares = mean_shares_below(sensor, place=place)
+    _check_two(sensor, (shares.shape[0], shares.shape[1] + 1))
+    return float(1.0 - shares[0, 0]), float(shares[1, 0])
+
+
+def _check_two(sensor: Sensor, shape: tuple[int, ...]) -> None:
+    """Refuse rates of another shape than (2, 2): kinds, classes."""
+    if shape != (2, 2):
         raise InputError(
             f"sensor '{sensor.model}' has more than two kinds of tile or classes of readings, so it has no rates of "
             "false positives and negatives",
             field="sensor.model",
         )
-    return float(1.0 - shares[0, 0]), float(shares[1, 0])
+
+
+def claims_truth(sensor: Sensor) -> bool:
+    """Return whether robots know their sensor's true rates, because nothing else is claimed."""
+    model = model_of(sensor)
+    claims = model.likelihood is not None and model.measure is not None and not model.claims_truth
+    return sensor.claimed_rates is None and not claims
+
+
+def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
+    """Return the probability, as robots claim it, that a sample on each kind of tile reads as each class.
+
+    They are ``sensor.claimed_rates``; else those of the likelihood that the sensor states (``sensors.claims``); else
+    the true ones. Averages over factors of tiles and robots are those of ``rates``.
+
+    Returns: (kinds, classes).
+    Raises:
+        CodeError: the likelihood does not sum to 1.
+    """
+    if sensor.claimed_rates is not None:
+        return np.array(sensor.claimed_rates)
+    if claims_truth(sensor):
+        return rates(sensor, place)
+    model, p = model_of(sensor), sensor.params
+    threshold = getattr(p, "rms_threshold", None)
+    if not factors_differ(sensor):
+        return rates_of_likelihood(model, p, threshold)
+    claimed = [
+        weight * rates_of_likelihood(model, p, threshold, factor)
+        for factor, weight in zip(*(each.tolist() for each in typical_factors(sensor)), strict=True)
+    ]
+    return np.asarray(np.sum(claimed, axis=0))
+
+
+def claimed_error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
+    """Return ``error_rates`` as robots claim them (``claimed_rates``); raises the same error."""
+    if claims_truth(sensor):
+        return error_rates(sensor, place)
+    claimed = claimed_rates(sensor, place)
+    _check_two(sensor, claimed.shape)
+    return float(claimed[0, 1]), float(claimed[1, 0])
+
+
+def claims_differ(sensor: Sensor, place: Place | None = None) -> bool:
+    """Return whether robots claim other rates than the true ones."""
+    return not claims_truth(sensor) and bool(
+        (np.abs(claimed_rates(sensor, place) - rates(sensor, place)) > CLAIMED_AS_TRUE).any()
+    )
 
 
 def factors_differ(sensor: Sensor) -> bool:
@@ -131,9 +198,11 @@ def factors_differ(sensor: Sensor) -> bool:
     return sensor.tile_spread is not None or sensor.robot_spread is not None
 
 
-def energy_of(sensor: Sensor, kind: int, u: NDArray[np.float64]) -> NDArray[np.float32]:
+def energy_of(
+    sensor: Sensor, kind: int, u: NDArray[np.float64], place: Place | None = None
+) -> NDArray[np.float32]:
     """Return what samples measure on a kind of tile, at the quantiles ``u`` (in (0, 1)), in the shape of ``u``."""
-    return model_of(sensor).values(kind, u, sensor.params).astype(np.float32)
+    return model_of(sensor).values(kind, u, _params(sensor, place)).astype(np.float32)
 
 
 def energies_of(
@@ -191,34 +260,53 @@ one kind of tile excludes it."""
 
 
 def log_ratios(
-    sensor: Sensor, observation: NDArray[np.uint8], energy: NDArray[np.float32]
+    sensor: Sensor, observation: NDArray[np.uint8], energy: NDArray[np.float32], place: Place | None = None
 ) -> NDArray[np.float64]:
     """Return the log ratio L of each sample, (samples,): L of its energy or, if a fault changed the bit, L of its bit.
 
     Args:
-        observation, energy: (samples,): bit and energy of each sample. The bit contradicts the energy (it is not the
-            one that the sensor reads from it) only if a fault changed it.
+        observation, energy: (samples,): bit and energy of each sample; of a sensor that measures at each place all
+            numbers, (samples, numbers). The bit contradicts the energy (it is not the one that the sensor reads from
+            it) only if a fault changed it. place: the grid.
     """
     without_fault = readings_of(sensor, energy)  # in the precision of the table
     return np.where(
         without_fault == observation,
-        log_ratios_of_energies(sensor, energy),
-        log_ratios_of_bits(sensor, observation),
+        log_ratios_of_energies(sensor, energy, place=place),
+        log_ratios_of_bits(sensor, observation, place=place),
     )
 
 
 def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return what the sensor reads, without a fault, where it measures each energy."""
+    """Return what the sensor reads, without a fault, where it measures each energy (or row of numbers)."""
+    return model_of(sensor).classes(_values(sensor, energy), sensor.params).astype(np.uint8)
+
+
+def _values(sensor: Sensor, energy: NDArray[Any]) -> NDArray[Any]:
+    """Return values as the functions of the sensor take them: energies or, of ``sense``, rows of all numbers.
+
+    Args:
+        energy: (samples,), or (samples, numbers). Numbers beyond the energy that are not known become nan.
+    """
     model = model_of(sensor)
-    value = energy if model.sense is None else energy[:, None]
-    return model.classes(value, sensor.params).astype(np.uint8)
+    if model.sense is None or energy.ndim == 2:
+        return energy
+    unknown = len(model.names_of_numbers(sensor.params)) - 1
+    return np.pad(energy[:, None], ((0, 0), (0, unknown)), constant_values=np.nan)
 
 
-def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any], most: float = MOST) -> NDArray[np.float64]:
-    """Return L of each bit, by the sensor's error rates, limited to +-``most``."""
+def log_ratios_of_bits(
+    sensor: Sensor, observation: NDArray[Any], exact: bool = False, place: Place | None = None
+) -> NDArray[np.float64]:
+    """Return L of each bit, by the error rates that robots claim, limited to +-``MOST``.
+
+    Args:
+        exact: by the true error rates, limited to +-``MOST_EXACT``. place: the grid.
+    """
+    most, rates_of = (MOST_EXACT, error_rates) if exact else (MOST, claimed_error_rates)
     # Error rates of exactly 0 or 1 would give infinite ratios.
     least = min(1e-6, math.exp(-most))
-    a, b = (min(max(rate, least), 1.0 - least) for rate in error_rates(sensor))
+    a, b = (min(max(rate, least), 1.0 - least) for rate in rates_of(sensor, place))
     of_zero, of_one = (
         math.log((vibrating or least) / (still or least)) for vibrating, still in ((b, 1.0 - a), (1.0 - b, a))
     )
@@ -226,44 +314,49 @@ def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any], most: float = 
 
 
 def log_ratios_of_classes(
-    sensor: Sensor, reading: NDArray[Any], kind: int | None = None
+    sensor: Sensor, reading: NDArray[Any], kind: int | None = None, place: Place | None = None
 ) -> NDArray[np.float64]:
     """Return ln of the probability of each reading on a kind of tile over that on kind 0, limited to +-``MOST``.
 
+    The probabilities are those that robots claim.
+
     Args:
-        reading: classes. kind: None: any kind but 0, all alike.
+        reading: classes. kind: None: any kind but 0, all alike. place: the grid.
     """
-    shares = np.maximum(rates(sensor), 1e-6)  # shares of exactly 0 would give infinite ratios
+    shares = np.maximum(claimed_rates(sensor, place), 1e-6)  # shares of exactly 0 would give infinite ratios
     of_kind = shares[1:].mean(axis=0) if kind is None else shares[kind]
     return np.asarray(np.clip(np.log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
 
 
 def log_ratios_of_energies(
-    sensor: Sensor, energy: NDArray[np.float32], most: float = MOST
+    sensor: Sensor, energy: NDArray[np.float32], most: float = MOST, place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return L of each energy, limited to +-``most``; 0 for one whose density is 0 on both kinds of tile."""
+    """Return L of each energy (or row of numbers), limited to +-``most``; 0 where the density is 0 on both kinds."""
     exact = energy.astype(np.float64)
-    still, vibrating = (log_likelihood(sensor, kind, exact) for kind in (0, 1))
+    still, vibrating = (log_likelihood(sensor, kind, exact, place) for kind in (0, 1))
     with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
         ratio = np.nan_to_num(vibrating - still, nan=0.0, posinf=most, neginf=-most)
     return np.clip(ratio, -most, most)
 
 
-def log_likelihood(sensor: Sensor, kind: int, energy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ln of the likelihood of energies on a kind of tile, in the shape of ``energy``; -inf where it is 0.
+def log_likelihood(
+    sensor: Sensor, kind: int, energy: NDArray[np.float64], place: Place | None = None
+) -> NDArray[np.float64]:
+    """Return ln of the likelihood of energies (or rows of numbers) on a kind of tile, (samples,); -inf where it is 0.
 
     If tiles or robots differ, the likelihood is the mean over the distribution of their factors.
 
     Raises:
         InputError: the sensor states no likelihood.
     """
-    model = model_of(sensor)
+    model, p = model_of(sensor), _params(sensor, place)
     factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
     if factors_differ(sensor):
         factors, weights = typical_factors(sensor)
-    total = np.zeros(energy.shape)
+    value = _values(sensor, energy)
+    total = np.zeros(len(value))
     for factor, weight in zip(factors.tolist(), weights.tolist(), strict=True):
         # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
-        total += weight * (model.densities(kind, energy / factor, sensor.params) / factor)
+        total += weight * (model.densities(kind, value / factor, p) / factor)
     with np.errstate(divide="ignore"):  # ln 0 is -inf
         return np.log(total)

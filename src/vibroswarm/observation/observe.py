@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of, tile_below
 from vibroswarm.floors.surfaces import PLAIN
@@ -42,7 +41,7 @@ from vibroswarm.observation.edge_response import (
 )
 from vibroswarm.observation.energy_model import energies_of, factors_differ, is_sensed, model_of
 from vibroswarm.robot.sensing import SenseProgram
-from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run, sensor_faults
+from vibroswarm.scenario.fault_draws import SensorFaults, apply_faults, observation_of, of_run, sensor_faults
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples
@@ -141,7 +140,12 @@ def read(
     row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
     shares = ground.response.shares_below
-    return tile, observation_of(ground.faults, 0, robot, time_s, kind, u, shares, row), kind, row
+    return (
+        tile,
+        observation_of(ground.faults, 0, robot, time_s, kind, u, shares, row, seed, run, sample),
+        kind,
+        row,
+    )
 
 
 @inner
@@ -178,7 +182,9 @@ OBSERVATIONS: Final[dict[str, Any]] = {
     "energy": pl.Float32,
     "observation": pl.UInt8,
 }
-"""Columns of the table of observations."""
+"""Columns of the table of observations. If a sample measures several numbers, the first is the energy, and the others
+are further columns of the type ``MEASURED``, by their names."""
+MEASURED: Final[Any] = pl.Float32
 
 
 def kinds_at(floor: Floor, tile: NDArray[np.integer[Any]], time_s: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -254,7 +260,7 @@ def read_samples(
                 sensed[k] = at
             kind, row = kind_of(own, at), factor_row(response, r, i, at)
             observation[k] = observation_of(
-                faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
+                faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row, seed, runs[r], number
             )
             if with_kinds:
                 kinds[k], factors[k] = kind, response.factors[row]
@@ -284,50 +290,9 @@ def values_at(
     return model_of(sensor).sensed(samples, sensor.params)
 
 
-def measured_numbers(
-    scenario: Scenario, seed: int, samples: pl.DataFrame, floors: Mapping[int, Floor]
-) -> pl.DataFrame:
-    """Return all numbers that a sensor that depends on the place measures, computed again from their addresses.
-
-    Args:
-        samples: the motion table. floors: the floor of each run, by run number.
-    Returns: a row for each sample with run, robot, sample, and the numbers by name; the first is the column ``energy``.
-    Raises:
-        InputError: the sensor measures energies only.
-    """
-    if not is_sensed(scenario.sensor):
-        raise InputError(
-            f"'{scenario.sensor.model}' measures one energy a sample, which is in the observations",
-            field="sensor.model",
-        )
-    values = Places(seed, samples).read(scenario, floors).values
-    names = model_of(scenario.sensor).numbers(scenario.sensor.params)
-    return samples.select("run", "robot", "sample").with_columns(
-        **{name: pl.Series(values[:, k]) for k, name in enumerate(names)}
-    )
-
-
 def classes_of(sensor: Sensor, values: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return the classes, (samples,), that robots read of values (samples, numbers)."""
     return model_of(sensor).classes(values, sensor.params).astype(np.uint8)
-
-
-def with_stuck_sensors(
-    observation: NDArray[np.uint8],
-    faults: SensorFaults,
-    run_index: NDArray[np.int64],
-    robot: NDArray[np.uint16],
-    time_s: NDArray[np.float64],
-) -> NDArray[np.uint8]:
-    """Return readings, (samples,), with those of sensors that are stuck by then replaced.
-
-    Args:
-        run_index: (samples,), rows of the runs in ``faults``.
-    """
-    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
-        return observation
-    at_0, at_1 = (since[run_index, robot] <= time_s for since in (faults.at_0_from_s, faults.at_1_from_s))
-    return np.where(at_1, 1, np.where(at_0, 0, observation)).astype(np.uint8)
 
 
 @kernel
@@ -358,7 +323,17 @@ def read_patches(
             if kind > 0:
                 row = factor_row(response, r, i, signed(tile[k]))
                 observation[k] = observation_of(
-                    faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
+                    faults,
+                    r,
+                    i,
+                    time_s[k],
+                    kind,
+                    numbers[k],
+                    response.shares_below,
+                    row,
+                    seed,
+                    runs[r],
+                    number,
                 )
                 if kinds.size > 0:
                     kinds[k] = kind
@@ -464,9 +439,11 @@ class Places:
             )  # fmt: skip
         if is_sensed(scenario.sensor):
             run_index = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
-            readings.observation[:] = with_stuck_sensors(
-                classes_of(scenario.sensor, readings.values), faults, run_index, self._robot, self._time_s
-            )
+            readings.observation[:] = classes_of(scenario.sensor, readings.values)
+            apply_faults(
+                faults, run_index, self._robot, self._sample, self._time_s, scenario.sensor.readings, self.seed,
+                self.runs, readings.observation,
+            )  # fmt: skip
         return readings
 
     def _read_stages(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool) -> Readings:
@@ -585,7 +562,7 @@ def energies_at(
     y_m: NDArray[np.float64],
     time_s: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Return the energies of samples of one run, (samples,), equal to those in the table of ``observe``.
+    """Return what samples of one run measure, equal to the table of ``observe``: see ``energies_read``.
 
     Args:
         ground: floor and sensors of the run.
@@ -595,7 +572,7 @@ def energies_at(
         values = values_at(
             scenario.sensor, ground.tiles, ground.place, seed, run, robot, sample, x_m, y_m, time_s
         )
-        return values[:, 0].astype(np.float32)
+        return values.astype(np.float32)
     kinds = np.empty(robot.size, dtype=np.uint8)
     numbers, factors = np.empty(robot.size), np.empty(robot.size)
     for k in range(robot.size):
@@ -613,13 +590,13 @@ def energies_at(
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
-    """Return the energies of readings, (rows,).
+    """Return the energies of readings, (rows,); of a sensor that depends on the place all numbers, (rows, numbers).
 
     Args:
         read: readings for which energies were requested, so that ``kinds`` and ``factors`` are filled.
     """
     if is_sensed(scenario.sensor):
-        return read.values[:, 0].astype(np.float32)
+        return read.values.astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
     return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.contrasts)
 
@@ -631,18 +608,21 @@ def observation_frame(
 
     Args:
         samples: the motion table. read: the readings of its samples. energies: whether to compute the energies, for
-            which they must have been requested when reading; if false, energies are null.
+            which they must have been requested when reading; if false, what is measured is null.
     """
+    names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
     if energies:
-        energy = pl.Series("energy", energies_read(scenario, read))
+        columns = energies_read(scenario, read).reshape(samples.height, len(names)).T
+        measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
     else:
-        energy = pl.repeat(None, samples.height, dtype=pl.Float32, eager=True).alias("energy")
+        measured = [pl.repeat(None, samples.height, dtype=MEASURED, eager=True).alias(name) for name in names]
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),
             pl.Series("tile", read.tile),
-            energy,
+            measured[0].alias("energy"),
             pl.Series("observation", read.observation),
+            *measured[1:],
         ]
     )
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure
-from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
+from vibroswarm.result import Result
 
 MOST_PANELS: Final = 6
 """Most values that are drawn, the first ones."""
@@ -24,16 +29,41 @@ POINTS: Final = 121
 """Times at which quartiles are drawn."""
 
 
+def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> Picture:
+    """Draw what the robots of a run reported over time (``draw_reports``), with the units of reports.
+
+    Raises:
+        InputError: they reported nothing, or nothing but arrays at the end.
+    """
+    told = reports_over_time(result, run)
+    headings = report_headings(result, told["name"].unique().to_list())
+    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
+    return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)
+
+
+def write_reports_picture(result: Result, path: Path, run: int = 0) -> None:
+    """Write the picture of what robots reported to a file, in the format of its suffix; an older one is replaced."""
+    save_figure(lambda: draw_run_reports(result, run, style="page").figure, path)
+
+
 @drawn
 def draw_reports(
-    frame: pl.DataFrame, *, truth: float | None = None, title: str = "", style: str = "column"
+    frame: pl.DataFrame,
+    *,
+    truth: float | None = None,
+    estimates: Collection[str] = ("estimate",),
+    headings: Mapping[str, str] = MappingProxyType({}),
+    title: str = "",
+    style: str = "column",
 ) -> Picture:
     """Draw what the robots of a run reported over time.
 
     Args:
         frame: one row per report with the columns ``name``, ``robot``, ``time_s`` and ``value`` (null: nothing yet).
-        truth: the true number, drawn as a line in the panel of the value ``estimate``; None: there is none.
-        title: above the picture. style: "column", "page" or "slide".
+        truth: the true number, drawn as a line in panels of ``estimates``; None: there is none.
+        estimates: names of the values that estimate it.
+        headings: of panels, by name; those of others are their names. title: above the picture.
+        style: "column", "page" or "slide".
 
     Returns:
         Picture; its numbers are ``name, robot, time_s, value``.
@@ -52,9 +82,9 @@ def draw_reports(
     panels: Any = np.ravel(figure.subplots(down, across, squeeze=False, sharex=True))
     for axes, name in zip(panels, names, strict=False):
         _draw_panel(axes, frame.filter(pl.col("name") == name), sizes.line_pt)
-        if name == "estimate" and truth is not None:
+        if name in estimates and truth is not None:
             axes.axhline(truth, color=INK, lw=sizes.line_pt * 0.8, ls=(0, (4, 2)))
-        axes.set_title(name.replace("_", " "), fontsize=sizes.small_pt)
+        axes.set_title(headings.get(name, name.replace("_", " ")), fontsize=sizes.small_pt)
         axes.tick_params(labelsize=sizes.small_pt)
         few_ticks(axes.xaxis, sizes)
         axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
@@ -64,7 +94,9 @@ def draw_reports(
     lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
     caption = f"what {robots} robots reported after their samples; {lines}"
     caption += (
-        f"; dashed: the true number, {truth:.4g}." if truth is not None and "estimate" in names else "."
+        f"; dashed: the true number, {truth:.4g}."
+        if truth is not None and set(names) & set(estimates)
+        else "."
     )
     return Picture(figure, frame.select("name", "robot", "time_s", "value"), caption)
 

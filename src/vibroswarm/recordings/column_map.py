@@ -365,7 +365,9 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
                 field=f"{name}, row {lines[int(half.arg_true()[0])]}",
             )
     _check_tags(columns, name)
-    is_sample = columns["energy"].is_not_null() if "energy" in columns else pl.repeat(False, lines.len())
+    is_sample = (
+        columns["energy"].is_not_null() if "energy" in columns else pl.repeat(False, lines.len(), eager=True)
+    )
     for use in set(OWN_PLACE) & columns.keys() if "energy" in columns else ():
         _check_there(columns[use].filter(is_sample), lines.filter(is_sample), name, by.columns[use].name)
     frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})

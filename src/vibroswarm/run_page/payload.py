@@ -74,6 +74,17 @@ class MapsOverTime(NamedTuple):
     pooled map alone."""
 
 
+class ReportOverTime(NamedTuple):
+    """A value that robots report after each sample."""
+
+    name: str
+    """Its name and unit."""
+    values: NDArray[np.float32]
+    """(samples,), sorted by robot and sample; nan: none yet."""
+    truth: float | None
+    """The number that it estimates, if it does."""
+
+
 @dataclass(frozen=True, eq=False)
 class RunRecord:
     """One run for a page. Lengths in m, times in s, angles in rad.
@@ -171,6 +182,8 @@ class RunRecord:
     and, if known, the smoothed place of an earlier sample (``LAGGED_COLUMNS``)."""
     maps: MapsOverTime | None = None
     """The robots' maps of the floor; None: they keep none."""
+    reports: tuple[ReportOverTime, ...] = ()
+    """What robots report over time."""
     radio: MessageLog | None = None
     """The run's messages; None: every robot hears all messages, or it is not known which robots heard them."""
 
@@ -309,6 +322,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
         "places": None if record.places is None else _places(record, record.places),
         "maps": None if record.maps is None else _maps(record.maps),
+        **({"reports": _reports(record)} if record.reports else {}),
         "poses": _poses(record),
         "faults": [
             {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}
@@ -317,6 +331,13 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "radio": None if record.radio is None else _radio(record.radio),
         "details": [[str(name), str(text)] for name, text in record.details.items()],
     }
+
+
+def _reports(record: RunRecord) -> list[dict[str, Any]]:
+    return [
+        {"name": name, "values": packed_column(values), "truth": truth}
+        for name, values, truth in record.reports
+    ]
 
 
 def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]:

@@ -17,6 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.floor_maps import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
+from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
@@ -26,7 +27,7 @@ from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.run_page.payload import MapsOverTime, RunRecord, fault_rows, payload
+from vibroswarm.run_page.payload import MapsOverTime, ReportOverTime, RunRecord, fault_rows, payload
 from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.static_analysis import fields_read
@@ -50,6 +51,7 @@ SCRIPTS = (
     "places.js",
     "map_layer.js",
     "map_view.js",
+    "report_charts.js",
     "radio.js",
     "zoom.js",
     "arena.js",
@@ -187,6 +189,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         places=None if result.places is None else result.places.filter(of_run),
         maps=_maps_of(result, run, summary["end_s"]),
         radio=_radio_of(result, run),
+        reports=_reports_of(result, run),
         min_observations=decision.min_observations,
         gate=decision.gate,
         gate_counts_current=decision.gate_counts_current,
@@ -248,6 +251,31 @@ def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
     beliefs = maps_over_time(result, run, time_s)
     pooled = beliefs[:, -1:]  # the last map at each time
     return MapsOverTime(time_s, beliefs if beliefs.size <= MAX_MAPS else pooled)
+
+
+MOST_REPORTS: Final = 12
+"""Most values that a page shows of what robots report, the first ones."""
+
+
+def _reports_of(result: Result, run: int) -> tuple[ReportOverTime, ...]:
+    """Return what robots reported after each sample of a run, sorted by robot and sample."""
+    told = reports_over_time(result, run)
+    if told.is_empty():
+        return ()
+    names = told["name"].unique(maintain_order=True).to_list()[:MOST_REPORTS]
+    samples = result.motion.filter(pl.col("run") == run).sort("robot", "sample").select("robot", "time_s")
+    wide = told.pivot("name", index=["robot", "time_s"], values="value")
+    values = samples.join(wide, on=["robot", "time_s"], how="left", maintain_order="left")
+    headings, estimates = report_headings(result, names), estimates_of(result)
+    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
+    return tuple(
+        ReportOverTime(
+            headings[name],
+            values[name].fill_null(math.nan).to_numpy().astype(np.float32),
+            truth if name in estimates else None,
+        )
+        for name in names
+    )
 
 
 MAX_RADIO: Final = 4_000_000

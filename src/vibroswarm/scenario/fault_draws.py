@@ -10,12 +10,15 @@
 | still | - | - | biased sensor, still tile: F(theta_E) - shift - drift h, so more false positives |
 | vibrating | - | - | biased sensor, vibrating tile: F(theta_E) + shift + drift h, so more false negatives |
 | observation | O | 0, 1 | 1 if u > that share, with u the same number as without the fault |
+| misread | q | - | biased sensor of any kind: shift + drift h; if v < q it reads the class \
+O + 1 + floor((k - 1) v / q) modulo the number of classes k, with v a uniform number at \
+(seed, run, robot, MISREAD, sample) |
 
 The uniform numbers depend on seed and run only. So the robots that fail at a small share also fail at a larger one, and
 curves over the share are paired. Each kind of fault sorts the robots by numbers of its own. But sensors stuck at 0 and
 sensors stuck at 1 use the same order, from its end and from its start, so that no sensor is stuck at both.
 
-A stuck sensor reads its bit on any tile. The recorded energy of a sample is never changed by a fault: the fault is in
+A stuck sensor reads its class on any tile. The recorded energy of a sample is never changed by a fault: the fault is in
 the bit that the robot derives from it.
 """
 
@@ -29,13 +32,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inner, read_only
-from vibroswarm.core.rng import ALONE, FAULT, uniform
+from vibroswarm.core.jit import inner, kernel, read_only, signed
+from vibroswarm.core.rng import ALONE, FAULT, MISREAD, uniform
 from vibroswarm.scenario.fault_fields import FAULTS, SINCE, count_of
 from vibroswarm.scenario.scenario import Scenario
 
 NUMBER_OF: Final = {
     "stuck_at_0": 0, "stuck_at_1": 0, "biased": 1, "opposite": 2, "radio_dead": 3, "stopped": 4, "battery_empty": 5,
+    "stuck": 6,
 }  # fmt: skip
 """Index of each kind's random numbers; the two kinds of stuck sensors share one order of the robots."""
 OF_TIME: Final = 1
@@ -145,24 +149,31 @@ class SensorFaults(NamedTuple):
     """Time from which each sensor is stuck at 0, s; inf: never."""
     at_1_from_s: NDArray[np.float64]
     """Time from which each sensor is stuck at 1, s; inf: never."""
+    stuck_from_s: NDArray[np.float64]
+    """Time from which each sensor is stuck at ``stuck_class``, s; inf: never."""
     biased_from_s: NDArray[np.float64]
     """Time from which each sensor is biased, s; inf: never."""
     shifts: NDArray[np.float64]
-    """(4,): shift and drift per s of the false positive rate, then shift and drift per s of the false negative rate."""
+    """(6,): shift and drift per s of the false positive rate, of the false negative rate, and of the share that is read
+    as any other class."""
+    stuck_class: int
 
 
 _NONE: Final = read_only(np.empty((0, 0)))
-NO_SENSOR_FAULTS: Final = SensorFaults(_NONE, _NONE, _NONE, shifts=read_only(np.zeros(4)))
+NO_SENSOR_FAULTS: Final = SensorFaults(
+    _NONE, _NONE, _NONE, _NONE, shifts=read_only(np.zeros(6)), stuck_class=0
+)
 """The faults of runs in which no sensor can fail: without rows of times."""
 
 
 def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorFaults:
     """Return the times from which sensors are faulty in some runs, and how; ``NO_SENSOR_FAULTS`` if no sensor fails."""
     faults = scenario.faults
-    if not (faults.stuck_at_0 or faults.stuck_at_1 or faults.biased):
+    if not (faults.stuck_at_0 or faults.stuck_at_1 or faults.stuck or faults.biased):
         return NO_SENSOR_FAULTS
-    at_0, at_1, biased = (
-        read_only(onset_s(scenario, seed, runs, kind)) for kind in ("stuck_at_0", "stuck_at_1", "biased")
+    at_0, at_1, stuck, biased = (
+        read_only(onset_s(scenario, seed, runs, kind))
+        for kind in ("stuck_at_0", "stuck_at_1", "stuck", "biased")
     )
     shifts = np.array(
         [
@@ -170,9 +181,11 @@ def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorF
             faults.false_positive_drift_per_h * PER_H,
             faults.false_negative_shift,
             faults.false_negative_drift_per_h * PER_H,
+            faults.misread_shift,
+            faults.misread_drift_per_h * PER_H,
         ]
     )
-    return SensorFaults(at_0_from_s=at_0, at_1_from_s=at_1, biased_from_s=biased, shifts=read_only(shifts))
+    return SensorFaults(at_0, at_1, stuck, biased, read_only(shifts), faults.stuck_class)
 
 
 def of_run(faults: SensorFaults, r: int) -> SensorFaults:
@@ -182,8 +195,8 @@ def of_run(faults: SensorFaults, r: int) -> SensorFaults:
     """
     if faults is NO_SENSOR_FAULTS:
         return faults
-    at_0, at_1, biased = (onset[r : r + 1] for onset in faults[:3])
-    return SensorFaults(at_0, at_1, biased, faults.shifts)
+    at_0, at_1, stuck, biased = (onset[r : r + 1] for onset in faults[:4])
+    return SensorFaults(at_0, at_1, stuck, biased, faults.shifts, faults.stuck_class)
 
 
 @inner
@@ -196,20 +209,23 @@ def observation_of(
     u: float,
     shares: NDArray[np.float64],
     row: int,
+    seed: int,
+    run: int,
+    sample: int,
 ) -> int:
     """Return the class that robot ``i`` reads at time ``time_s``, with the faults that its sensor has by then.
 
     Args:
         r: row of the run in the arrays of ``faults``. kind: of the tile that the robot senses. u: the sample's uniform
             number. shares: (rows, kinds, classes - 1): ``Response.shares_below``. row: of the sample in them.
+        seed, run, sample: with ``i``, address of the sample's random numbers.
     """
     below = shares[row, kind, 0]
     if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
         return class_of(u, below, shares, row, kind)
-    if time_s >= faults.at_1_from_s[r, i]:
-        return 1
-    if time_s >= faults.at_0_from_s[r, i]:
-        return 0
+    stuck = stuck_class_of(faults, r, i, time_s)
+    if stuck >= 0:
+        return stuck
     # Higher error rates: the sensor reads 0 more often on vibrating tiles, and less often on still ones. A share beyond
     # 0 or 1 acts as 0 or 1, because u is strictly between them.
     for_s = time_s - faults.biased_from_s[r, i]  # how long it has been biased
@@ -218,7 +234,60 @@ def observation_of(
             below += faults.shifts[2] + faults.shifts[3] * for_s
         else:
             below -= faults.shifts[0] + faults.shifts[1] * for_s
-    return class_of(u, below, shares, row, kind)
+    found = class_of(u, below, shares, row, kind)
+    return misread(faults, for_s, found, shares.shape[2] + 1, seed, run, i, sample)
+
+
+@inner
+def stuck_class_of(faults: SensorFaults, r: int, i: int, time_s: float) -> int:
+    """Return the class at which the sensor of robot ``i`` is stuck by ``time_s``; -1 if it is not."""
+    if time_s >= faults.at_1_from_s[r, i]:
+        return 1
+    if time_s >= faults.at_0_from_s[r, i]:
+        return 0
+    if time_s >= faults.stuck_from_s[r, i]:
+        return faults.stuck_class
+    return -1
+
+
+@inner
+def misread(
+    faults: SensorFaults, for_s: float, found: int, classes: int, seed: int, run: int, robot: int, sample: int
+) -> int:
+    """Return the class that is read in the place of ``found`` by a sensor that has been biased for ``for_s``."""
+    share = faults.shifts[4] + faults.shifts[5] * for_s if for_s >= 0.0 else 0.0
+    if share <= 0.0:
+        return found
+    v = uniform(seed, run, robot, MISREAD, sample, ALONE)
+    if v >= share:
+        return found
+    # Where it misreads, v is uniform below the share, or below 1 if that is more.
+    other = int(v / min(share, 1.0) * (classes - 1))
+    return (found + 1 + min(other, classes - 2)) % classes
+
+
+@kernel
+def apply_faults(
+    faults: SensorFaults, run_index: NDArray[np.int64], robot: NDArray[np.uint16], sample: NDArray[np.uint32],
+    time_s: NDArray[np.float64], classes: int, seed: int, runs: NDArray[np.int64], observation: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Replace readings, (samples,), of a sensor that depends on the place by those with its faults.
+
+    Args:
+        run_index: (samples,), rows of the runs in ``faults``. robot, sample, time_s: (samples,), of the motion table.
+        classes: number of classes. runs: numbers of the runs.
+    """
+    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
+        return
+    for k in range(observation.size):
+        r, i = run_index[k], signed(robot[k])
+        stuck = stuck_class_of(faults, r, i, time_s[k])
+        if stuck >= 0:
+            observation[k] = stuck
+        else:
+            for_s = time_s[k] - faults.biased_from_s[r, i]
+            found = signed(observation[k])
+            observation[k] = misread(faults, for_s, found, classes, seed, runs[r], i, signed(sample[k]))
 
 
 @inner

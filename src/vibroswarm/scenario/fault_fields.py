@@ -16,6 +16,12 @@ from pydantic import Field, ValidationInfo, field_validator
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.errors import InputError, shown
 
+OF_TWO_KINDS: Final = (
+    "false_positive_shift", "false_negative_shift", "false_positive_drift_per_h", "false_negative_drift_per_h",
+)  # fmt: skip
+OF_ANY_SENSOR: Final = ("misread_shift", "misread_drift_per_h")
+"""Fields by which a biased sensor differs from others: of one with a law of two kinds of tile, and of any."""
+
 Affected = float | tuple[int, ...]
 """A share of the swarm, or robots by their numbers."""
 Since = float | tuple[float, ...]
@@ -29,12 +35,13 @@ Shift = Annotated[float, Field(ge=-1, le=1)]
 Drift = Annotated[float, Field(ge=-1000, le=1000)]
 
 MOTION_FAULTS: Final = ("stopped", "battery_empty")
-OTHER_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "biased", "opposite", "radio_dead")
+OTHER_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "stuck", "biased", "opposite", "radio_dead")
 FAULTS: Final = (*OTHER_FAULTS, *MOTION_FAULTS)
 """Kinds of faults, each the name of a field."""
 SINCE: Final = {
     "stuck_at_0": "sensor_from_s",
     "stuck_at_1": "sensor_from_s",
+    "stuck": "sensor_from_s",
     "biased": "sensor_from_s",
     "opposite": "opposite_from_s",
     "radio_dead": "radio_dead_from_s",
@@ -143,10 +150,20 @@ class Faults(MotionFaults):
     run, those of a smaller share among those of a larger), or a list of robots ([0, 3])."""
     stuck_at_1: Affected = 0.0
     """Robots whose sensor always reads 1. None of them is also stuck at 0."""
+    stuck: Affected = 0.0
+    """Robots whose sensor always reads ``stuck_class``, unless it is stuck at 0 or 1."""
+    stuck_class: Annotated[int, Field(ge=0, le=15)] = 0
+    """Class that they read, such as 2 of a sensor that tells three kinds of tile apart."""
     biased: Affected = 0.0
-    """Robots whose error rates differ by the four fields below."""
+    """Robots whose error rates differ by the six fields below."""
+    misread_shift: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of its samples that a biased sensor of any kind reads as another class than it would, each other class
+    equally often."""
+    misread_drift_per_h: Drift = 0.0
+    """By how much more with each hour that the fault lasts."""
     false_positive_shift: Shift = 0.0
-    """By how much a biased sensor's share of false positives is higher; the sum is cut off at 0 and 1."""
+    """Of a sensor with a law of two kinds: by how much its share of false positives is higher when it is biased; the
+    sum is cut off at 0 and 1."""
     false_negative_shift: Shift = 0.0
     """By how much its share of false negatives is higher."""
     false_positive_drift_per_h: Drift = 0.0
@@ -217,12 +234,15 @@ def check_faults(faults: Faults, robots: int) -> None:
                 f"there is no robot {affected[-1]}: {robots} robots have the numbers 0 to {robots - 1}",
                 field=f"faults.{kind}",
             )
-    # Robots listed as stuck at 0, and as stuck at 1.
-    named = [
-        set(value) if isinstance(value, tuple) else set() for value in (faults.stuck_at_0, faults.stuck_at_1)
-    ]
-    if both := sorted(named[0] & named[1]):
+    # Robots listed as stuck, at 0, at 1 and at ``stuck_class``.
+    at_0, at_1, at_class = (
+        set(value) if isinstance(value, tuple) else set()
+        for value in (faults.stuck_at_0, faults.stuck_at_1, faults.stuck)
+    )
+    if both := sorted(at_0 & at_1):
         raise InputError(f"robot {both[0]} cannot be stuck at 0 and at 1", field="faults.stuck_at_0")
+    if both := sorted(at_class & (at_0 | at_1)):
+        raise InputError(f"robot {both[0]} is stuck at 0 or 1 already", field="faults.stuck")
     counts = [count_of(value, robots) for value in (faults.stuck_at_0, faults.stuck_at_1)]
     if sum(counts) > robots:
         raise InputError(
@@ -246,10 +266,6 @@ def fault_warnings(faults: Faults, robots: int) -> list[str]:
                 f"faults.{kind}: {affected:g} of {robots} robots is {affected * robots:.4g}; "
                 f"{rounded or 'none'} of them {'has' if rounded == 1 else 'have'} the fault"
             )
-    shifts = (
-        faults.false_positive_shift, faults.false_negative_shift, faults.false_positive_drift_per_h,
-        faults.false_negative_drift_per_h,
-    )  # fmt: skip
-    if faults.biased and not any(shifts):
+    if faults.biased and not any(getattr(faults, name) for name in (*OF_TWO_KINDS, *OF_ANY_SENSOR)):
         found.append("faults.biased has no effect: neither a shift nor a drift of the error rates is set")
     return found

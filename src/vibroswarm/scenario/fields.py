@@ -48,6 +48,7 @@ from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, T
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
 from vibroswarm.scenario.localisation_fields import Localisation, Odometry, PlaceMethod
 from vibroswarm.sensors import known as known_sensors
+from vibroswarm.sensors.confusion import Rates
 
 # ``strict=False`` lets a tuple be given as a list, as TOML gives it; the models themselves are strict.
 Length = Annotated[float, Field(gt=0, le=1e4)]
@@ -379,6 +380,10 @@ class Sensor(Choice):
     standard deviation of its logarithm, drawn per tile and run (per study with ``floor.redraw = "study"``)."""
     robot_spread: Annotated[float, Field(gt=0, le=2)] | None = None
     """Differences between the robots' sensors, likewise; drawn per robot and run."""
+    claimed_rates: Rates | None = None
+    """What robots believe of their sensor: one row for each kind of tile, with the share of samples that read as each
+    class. If omitted, that follows from the likelihood that the sensor states, and is true for all sensors that
+    ship. It changes no reading, only what strategies that know their sensor make of it."""
 
     @property
     def params(self) -> Any:

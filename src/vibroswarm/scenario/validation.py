@@ -15,8 +15,9 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.source import is_random, random_shares, shadows
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
-from vibroswarm.scenario.fault_fields import check_faults
+from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
 from vibroswarm.scenario.fields import Sections
+from vibroswarm.sensors.confusion import check_rates
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.tasks import Asked, Task
 
@@ -213,6 +214,14 @@ def _check_sensor(s: Sections) -> None:
                 f"multiplies strengths, and '{sensor.model}' measures none; leave it out (--set sensor.{field}=)",
                 field=f"sensor.{field}",
             )
+    if sensor.claimed_rates is not None:
+        field = "sensor.claimed_rates"
+        if len(sensor.claimed_rates) != sensor.kinds:
+            raise InputError(
+                f"has {len(sensor.claimed_rates)} rows; give {sensor.kinds}, one for each kind of tile",
+                field=field,
+            )
+        check_rates(sensor.claimed_rates, sensor.readings, field)
     if known.sense is not None:
         _check_options_of_laws(s)
     if sensor.model == "acceleration":
@@ -224,7 +233,6 @@ def _check_options_of_laws(s: Sections) -> None:
     options = {
         "sensor.edge_reach_m": s.sensor.edge_reach_m is not None,
         "sensor.edge_blur_m": s.sensor.edge_blur_m is not None,
-        "faults.biased": bool(s.faults.biased),
     }
     for field, is_set in options.items():
         if is_set:
@@ -232,6 +240,17 @@ def _check_options_of_laws(s: Sections) -> None:
                 f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out "
                 f"(--set {field}=)",
                 field=field,
+            )
+    _check_bias(s, f"'{s.sensor.model}' measures at each place")
+
+
+def _check_bias(s: Sections, why: str) -> None:
+    """Refuse shifts of the rates of false positives and negatives of a sensor that has no law of two kinds of tile."""
+    for name in OF_TWO_KINDS:
+        if s.faults.biased and getattr(s.faults, name):
+            raise InputError(
+                f"shifts a law of two kinds of tile, and {why}; set faults.misread_shift, for any sensor",
+                field=f"faults.{name}",
             )
 
 
@@ -364,7 +383,6 @@ def _check_options_of_two(s: Sections) -> None:
         "sensor.edge_reach_m": s.sensor.edge_reach_m is not None,
         "sensor.edge_blur_m": s.sensor.edge_blur_m is not None,
         "decision.boundary_of": s.decision.boundary_of == "tiles",
-        "faults.biased": bool(s.faults.biased),
     }
     for field, is_set in options.items():
         if is_set:
@@ -373,6 +391,9 @@ def _check_options_of_two(s: Sections) -> None:
                 f"{s.sensor.kinds} and {s.sensor.readings}; leave it out",
                 field=field,
             )
+    _check_bias(
+        s, f"the sensor '{s.sensor.model}' has {s.sensor.kinds}, and {s.sensor.readings} classes of readings"
+    )
 
 
 def _strategy_of(s: Sections) -> Strategy | None:
@@ -493,10 +514,16 @@ def _check_network(s: Sections) -> None:
 def _check_faults(s: Sections) -> None:
     """Refuse faults of robots that do not exist, and ``faults.opposite`` where messages have no opposite."""
     check_faults(s.faults, s.swarm.robots)
+    if s.faults.stuck and s.faults.stuck_class >= s.sensor.readings and s.sensor.model in sensors.known():
+        raise InputError(
+            f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}, and never "
+            f"{s.faults.stuck_class}",
+            field="faults.stuck_class",
+        )
     known = _strategy_of(s)
     if s.faults.opposite and known is not None and not known.has_opposite:
         raise InputError(
-            f"messages of '{s.strategy.name}' have no opposite: neither a field bit nor a function opposite",
+            f"messages of '{s.strategy.name}' have no opposite: no field bit or kind, and no function opposite",
             field="faults.opposite",
         )
 

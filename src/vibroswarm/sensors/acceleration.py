@@ -62,13 +62,13 @@ from vibroswarm.robot.sensing import (
 from vibroswarm.sensors.base import (
     MOST_KINDS,
     MOST_NUMBERS,
-    REFERENCE,
+    STUDY_GRID,
     Samples,
     SensorModel,
     Values,
     register,
 )
-from vibroswarm.sensors.energies import histogram_density
+from vibroswarm.sensors.energies import histogram
 
 GRAVITY_M_S2: Final = 9.81
 STUDY: Final = SenseProgram()
@@ -519,7 +519,15 @@ def reading(value: Values, p: Any) -> NDArray[np.int64]:
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
     """Return the density of energies on a kind of tile, from a histogram of those at reference places."""
-    return histogram_density([own[:, 0] for own in acceleration.reference_values(p)], kind, value)
+    edges, densities = _histogram(p, getattr(p, "place", STUDY_GRID))
+    return densities[kind][np.searchsorted(edges, value[:, 0], side="right")]
+
+
+@lru_cache(maxsize=16)
+def _histogram(p: Any, place: Place) -> tuple[Values, list[Values]]:
+    """Return the histogram of energies at reference places of a grid; cached, as each piece of a run needs it."""
+    own = acceleration.reference_values(acceleration.at_place(p, place))
+    return histogram([values[:, 0] for values in own])
 
 
 HARMONICS: Final = (1, 2, 3)
@@ -557,14 +565,14 @@ def confusions(p: Any) -> Values:
     motors, number = len(p.motor_hz), np.arange(TRIED)
     if motors == 1:
         return np.ones((1, 1))
-    middle_m = np.full(TRIED, 0.5 * REFERENCE.columns * REFERENCE.width_m)
+    middle_m = np.full(TRIED, 0.5 * STUDY_GRID.columns * STUDY_GRID.width_m)
     seen_hz = line_program(p).seen_hz
     shares = np.zeros((motors, motors))
     for kind in range(1, motors + 1):
-        tiles = np.full(REFERENCE.rows * REFERENCE.columns, kind, dtype=np.uint8)
+        tiles = np.full(STUDY_GRID.rows * STUDY_GRID.columns, kind, dtype=np.uint8)
         times_s = np.asarray(2.0 * p.motor_hold_s * number)
         samples = Samples(
-            REFERENCE, tiles, middle_m, middle_m, times_s, robot=number, sample=number, seed=0, run=0
+            STUDY_GRID, tiles, middle_m, middle_m, times_s, robot=number, sample=number, seed=0, run=0
         )
         peak_hz = acceleration.sensed(samples, p)[:, numbers(p).index("peak_hz")]
         nearest = np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1)
@@ -666,6 +674,7 @@ acceleration = register(
         warnings=aliases,
         check=check,
         has_threshold=True,
+        claims_truth=True,
         about="tiles shaken by motors, felt by an accelerometer: the physics, through the robot's own filter",
     )
 )

@@ -22,12 +22,17 @@ A sensor whose values depend on the place, as acceleration does, has in place of
 
     def sense(samples, p): ...             # (samples, numbers) values: of ``Samples``, each of up to 16 numbers
 
-and its ``reading`` gets all numbers of each value; the first is the energy of the tables. Its laws are those at
-uniformly random places on floors of ``REFERENCE``, with all kinds in equal shares (``reference_values``).
+    def numbers(p): ...                    # names of these numbers (if omitted, one)
+
+and its ``reading`` and ``likelihood`` get all numbers of each value; the first is the energy of the tables. Its laws
+are those at uniformly random places on random floors of the scenario's grid, ``p.place``, with all kinds in equal
+shares (``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k classes j, the share is
+(n_ij + 1/2) / (n_i + k/2).
 
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
 follows from this exactly, without random numbers (``shares_up_to``). What is measured and what robots claim are two
 things: ``likelihood`` may state another law than ``measure`` draws from, for robots that are wrong about their sensor.
+Samples are read by ``measure``; robots that know their sensor go by the rates of ``likelihood`` (``sensors.claims``).
 """
 
 from __future__ import annotations
@@ -44,7 +49,7 @@ from pydantic import BaseModel
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
-from vibroswarm.core.rng import Purpose, uniforms
+from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.patches import mixed
@@ -61,11 +66,16 @@ Values = NDArray[np.float64]
 
 MOST_NUMBERS: Final = 16
 """Most numbers that a sample measures."""
-REFERENCE: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
-"""Grid of the floors on which the laws of sensors that depend on the place are found: that of the study."""
-REFERENCE_RUNS: Final = 40
+OTHER_COLUMNS: Final = frozenset({"run", "robot", "sample", "tile", "energy", "observation"})
+"""Columns of the table of observations beside those of the numbers beyond the first."""
+STUDY_GRID: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
+"""Grid of the study's floors, on which the laws of sensors that depend on the place are found if no other is known."""
+REFERENCE_RUNS: Final = 400
 REFERENCE_SAMPLES: Final = 250
-"""Number of these floors, and of samples on each."""
+"""Number of floors on which these laws are found, and of samples on each."""
+REFERENCE_SEED: Final = SEED_LIMIT - 1
+FIRST_REFERENCE_RUN: Final = 2**31
+"""Seed and number of the first of these floors, which no simulation has."""
 
 
 class Samples(NamedTuple):
@@ -106,13 +116,16 @@ class SensorModel(Plugin):
     Args:
         measure, sense, reading, kinds, readings, likelihood: the functions of the module's docstring.
         has_threshold: whether the parameters, in a table of their own, have ``rms_threshold`` of the section beside.
-        numbers: names of the numbers of a value, a function of the parameters; the first is the energy of the tables.
+        numbers: names of the numbers of a value, a function of the parameters. In tables the first is the column
+            ``energy``, and the others are columns of their names.
         warnings: optional, a function of the parameters that returns sentences on what robots cannot tell apart.
         share_at_most: optional, a function (kind, thresholds, p) for sensors whose reading is 1 above
             ``sensor.rms_threshold``: the share of values of a kind at or below each threshold, if that has a formula.
         check: optional, a function of the parameters that raises an ``InputError`` if they do not go together.
         in_section: whether the parameters are fields of the section ``sensor`` itself, and not of a table of its own.
         scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply.
+        claims_truth: whether ``likelihood`` states the law of ``measure``. The rates that robots claim are then those
+            of ``measure`` to the last bit, and are not summed up from the likelihood.
     """
 
     reading: Callable[[Values, Any], NDArray[Any]]
@@ -125,6 +138,7 @@ class SensorModel(Plugin):
     check: Callable[[Any], None] | None = None
     in_section: bool = False
     scales: bool = False
+    claims_truth: bool = False
     has_threshold: bool = False
     numbers: Callable[[Any], tuple[str, ...]] = _one_energy
     warnings: Callable[[Any], list[str]] | None = None
@@ -154,9 +168,32 @@ class SensorModel(Plugin):
             )
         return count
 
+    def names_of_numbers(self, p: BaseModel) -> tuple[str, ...]:
+        """Return the names of the numbers of a value.
+
+        Raises:
+            CodeError: they are not 1 to ``MOST_NUMBERS`` different names, or those of other columns, or the user's
+                function raised an error.
+        """
+        with errors_in(self.code):
+            names = self.numbers(p)
+        if (
+            not isinstance(names, tuple)
+            or not all(isinstance(name, str) and name.isprintable() for name in names)
+            or not 1 <= len(names) == len(set(names)) <= MOST_NUMBERS
+            or not OTHER_COLUMNS.isdisjoint(names[1:])
+        ):
+            raise CodeError(
+                f"sensor '{self.name}', numbers: returned {shown(names)}; return a tuple of 1 to {MOST_NUMBERS} "
+                f"different names; beyond the first, {', '.join(sorted(OTHER_COLUMNS))} are taken"
+            )
+        return names
+
     def densities(self, kind: int, value: Values, p: BaseModel) -> Values:
         """Return the likelihood that robots claim of values on a kind of tile, in the shape of ``value``.
 
+        Args:
+            value: of ``sense``, (samples, numbers), a likelihood for each row; nan where a number is not known.
         Raises:
             InputError: the sensor states none.
             CodeError: ``likelihood`` returned another shape, or what is no density.
@@ -167,7 +204,18 @@ class SensorModel(Plugin):
             )
         with errors_in(self.code):
             found = np.asarray(self.likelihood(kind, value, p), dtype=np.float64)
-        if found.shape != value.shape or not (found >= 0.0).all():
+        if found.shape != (value.shape if self.sense is None else value.shape[:1]):
+            raise CodeError(
+                f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
+                "value"
+            )
+        if np.isnan(found).any() and np.isnan(value).any():
+            raise InputError(
+                f"the likelihood of '{self.name}' needs {', '.join(self.names_of_numbers(p))}, and only the first is "
+                "known of these samples",
+                field="sensor.model",
+            )
+        if not (found >= 0.0).all():
             raise CodeError(
                 f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
                 "value"
@@ -208,7 +256,7 @@ class SensorModel(Plugin):
         }
         with errors_in(self.code):
             values = np.asarray(self.sense(samples._replace(**arrays), p), dtype=np.float64)
-        shape = (samples.x_m.size, len(self.numbers(p)))
+        shape = (samples.x_m.size, len(self.names_of_numbers(p)))
         if values.shape != shape or not np.isfinite(values).all():
             raise CodeError(
                 f"sensor '{self.name}', sense: returned {shown(values)}; return finite numbers of the shape {shape}"
@@ -216,8 +264,22 @@ class SensorModel(Plugin):
         return values
 
     def reference_values(self, p: BaseModel) -> tuple[Values, ...]:
-        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each."""
-        return _reference_values(self, p)
+        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each.
+
+        Args:
+            p: the parameters, with the grid as ``place`` (``at_place``); else it is ``STUDY_GRID``.
+        """
+        return _reference_values(self, p, getattr(p, "place", STUDY_GRID))
+
+    def at_place(self, p: Any, place: Place | None) -> Any:
+        """Return parameters with the grid of the floors on which the laws of ``sense`` are found, as ``place``.
+
+        Args:
+            p: the parameters. place: None: not known.
+        """
+        if self.sense is None or place is None:
+            return p
+        return p.model_copy(update={"place": place})
 
     def values_at(self, contrast: Values | float, u: Values, p: BaseModel) -> Values:
         """Return what samples measure at a contrast between the kinds 0 and 1 (``floors.patches``), in the shape of u.
@@ -260,7 +322,9 @@ class SensorModel(Plugin):
             CodeError: the reading falls as u grows.
         """
         if factors.tolist() == [1.0]:
-            return _shares_of_values(self, kind, p, getattr(p, "rms_threshold", None))
+            return _shares_of_values(
+                self, kind, p, getattr(p, "rms_threshold", None), getattr(p, "place", None)
+            )
         return self._shares_of(kind, factors, p)
 
     def _shares_of(self, kind: int, factors: Values, p: BaseModel) -> Values:
@@ -268,7 +332,9 @@ class SensorModel(Plugin):
         borders = range(1, self.number_of("readings", p))
         if self.measure is None:
             classes = self.classes(self.reference_values(p)[kind], p)
-            return np.array([[(classes < border).mean() for border in borders]] * factors.size)
+            count = len(borders) + 1
+            below = np.array([np.count_nonzero(classes < border) + 0.5 * border for border in borders])
+            return np.tile(below / (classes.size + 0.5 * count), (factors.size, 1))
         # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
         if (np.diff(self.classes(self.values(kind, TRIED, p), p)) < 0).any():
             raise CodeError(
@@ -310,11 +376,14 @@ class SensorModel(Plugin):
 
 
 @lru_cache(maxsize=256)
-def _shares_of_values(model: SensorModel, kind: int, p: BaseModel, threshold: float | None) -> Values:
+def _shares_of_values(
+    model: SensorModel, kind: int, p: BaseModel, threshold: float | None, place: Place | None
+) -> Values:
     """Return ``SensorModel.shares_up_to`` with the factor 1; cached, because every run needs them.
 
     Args:
-        threshold: that of ``p`` (``has_threshold``). It is no field of it, so parameters compare equal without it.
+        threshold, place: those of ``p`` (``has_threshold``, ``at_place``). They are no fields of it, so parameters
+            compare equal without them.
     """
     shares = model._shares_of(kind, np.ones(1), p)
     shares.setflags(write=False)
@@ -322,24 +391,23 @@ def _shares_of_values(model: SensorModel, kind: int, p: BaseModel, threshold: fl
 
 
 @lru_cache(maxsize=16)
-def _reference_values(model: SensorModel, p: BaseModel) -> tuple[Values, ...]:
+def _reference_values(model: SensorModel, p: BaseModel, place: Place) -> tuple[Values, ...]:
     """Return ``SensorModel.reference_values``; cached, because every scenario with this sensor needs them."""
-    kinds, tiles = model.number_of("kinds", p), REFERENCE.rows * REFERENCE.columns
+    kinds, tiles, seed = model.number_of("kinds", p), place.rows * place.columns, REFERENCE_SEED
     below: list[NDArray[np.uint8]] = []
     found: list[Values] = []
     number = np.arange(REFERENCE_SAMPLES)
-    for run in range(REFERENCE_RUNS):
+    time_s = np.asarray(3.0 * number, dtype=np.float64)
+    for run in range(FIRST_REFERENCE_RUN, FIRST_REFERENCE_RUN + REFERENCE_RUNS):
         # Kinds in turn, in random order; the first one is another in each run, as the shares cannot be quite equal.
-        order = np.argsort(uniforms(0, run, 0, Purpose.FLOOR, tiles), kind="stable")
+        order = np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, tiles), kind="stable")
         floor = ((order + run) % kinds).astype(np.uint8)
-        x_m, y_m = (uniforms(0, run, axis, Purpose.PLACEMENT, REFERENCE_SAMPLES) for axis in (0, 1))
-        samples = Samples(
-            REFERENCE, floor, x_m, y_m, np.asarray(3.0 * number), np.zeros_like(number), number, seed=0, run=run
-        )  # fmt: skip
+        right, down = (uniforms(seed, run, axis, Purpose.PLACEMENT, REFERENCE_SAMPLES) for axis in (0, 1))
+        column, row = right * place.columns, down * place.rows
+        x_m, y_m = place.left_m + column * place.width_m, place.top_m - row * place.height_m
+        samples = Samples(place, floor, x_m, y_m, time_s, np.zeros_like(number), number, seed, run)
         found.append(model.sensed(samples, p))
-        column = (x_m / REFERENCE.width_m).astype(np.int64)
-        row = REFERENCE.rows - 1 - (y_m / REFERENCE.height_m).astype(np.int64)
-        below.append(floor[row * REFERENCE.columns + column])
+        below.append(floor[row.astype(np.int64) * place.columns + column.astype(np.int64)])
     values, kind = np.concatenate(found), np.concatenate(below)
     return tuple(values[kind == one] for one in range(kinds))
 

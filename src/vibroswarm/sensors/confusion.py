@@ -23,6 +23,8 @@ from vibroswarm.sensors.base import MOST_KINDS, SensorModel, Values, register
 Row = Annotated[
     tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=2, max_length=MOST_KINDS, strict=False)
 ]
+Rates = Annotated[tuple[Row, ...], Field(min_length=2, max_length=MOST_KINDS, strict=False)]
+"""One row for each kind of tile, with the share of samples that read as each class; rows sum to 1."""
 
 
 class Params:
@@ -32,7 +34,7 @@ class Params:
     """Number of kinds of tile, without ``rates``."""
     accuracy: Annotated[float, Field(gt=0, le=1)] = 0.9
     """Share of samples that read as the kind of their tile, without ``rates``."""
-    rates: Annotated[tuple[Row, ...], Field(min_length=2, max_length=MOST_KINDS, strict=False)] | None = None
+    rates: Rates | None = None
     """One row for each kind of tile, with the share of samples that read as each class; rows sum to 1."""
 
 
@@ -72,12 +74,19 @@ def likelihood(kind: int, value: Values, p: Any) -> Values:
 
 def check(p: Any) -> None:
     """Refuse rates whose rows differ in length or do not sum to 1."""
-    if p.rates is None:
-        return
-    for number, row in enumerate(p.rates):
-        field = "sensor.confusion.rates"
-        if len(row) != len(p.rates[0]):
-            raise InputError(f"row {number} has {len(row)} classes, row 0 has {len(p.rates[0])}", field=field)
+    if p.rates is not None:
+        check_rates(p.rates, len(p.rates[0]), "sensor.confusion.rates")
+
+
+def check_rates(rates: tuple[tuple[float, ...], ...], classes: int, field: str) -> None:
+    """Refuse rates whose rows do not have this number of classes, or do not sum to 1.
+
+    Args:
+        field: the field that has the rates, for messages.
+    """
+    for number, row in enumerate(rates):
+        if len(row) != classes:
+            raise InputError(f"row {number} has {len(row)} classes; give {classes}", field=field)
         if abs(sum(row) - 1.0) > 1e-9:
             raise InputError(f"row {number} sums to {sum(row):g}; the shares of a kind sum to 1", field=field)
 
@@ -92,6 +101,7 @@ confusion = register(
         reading=reading,
         likelihood=likelihood,
         check=check,
+        claims_truth=True,
         about="several kinds of tile, each read as each class with a given probability",
     )
 )

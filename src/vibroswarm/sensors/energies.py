@@ -43,22 +43,26 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
     """Return the density of energies on a kind of tile, from a histogram; energies beyond it are in its outer bins."""
-    return histogram_density([measured_of(0, p), measured_of(1, p)], kind, value)
+    edges, densities = histogram([measured_of(0, p), measured_of(1, p)])
+    return densities[kind][np.searchsorted(edges, value, side="right")]
 
 
-def histogram_density(measured: Sequence[Values], kind: int, value: Values) -> Values:
-    """Return the density of values on a kind of tile, from a histogram of those measured on each kind.
+def histogram(measured: Sequence[Values]) -> tuple[Values, list[Values]]:
+    """Return inner edges of bins, and the density of the values measured on each kind of tile in each bin.
 
     Values beyond the histogram are in its outer bins. Bins are the same for all kinds.
     """
     together = np.concatenate(measured)
     # If many energies are equal, some quantiles coincide; each is used once, so there are fewer bins.
     edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
-    counts = np.bincount(np.searchsorted(edges, measured[kind], side="right"), minlength=edges.size + 1)
-    shares = (counts + 0.5) / (counts + 0.5).sum()  # 0.5: an empty bin must not have the share 0
     ends = np.concatenate([[together.min()], edges, [together.max()]])
     widths = np.maximum(np.diff(ends), 1e-9)  # a bin of equal energies has no width
-    return np.asarray((shares / widths)[np.searchsorted(edges, value, side="right")])
+    densities = []
+    for values in measured:
+        counts = np.bincount(np.searchsorted(edges, values, side="right"), minlength=edges.size + 1)
+        shares = (counts + 0.5) / (counts + 0.5).sum()  # 0.5: an empty bin must not have the share 0
+        densities.append(shares / widths)
+    return edges, densities
 
 
 def check(p: Any) -> None:
@@ -80,6 +84,7 @@ energies = register(
         check=check,
         in_section=True,
         scales=True,
+        claims_truth=True,
         about="energies are drawn from measured ones (--energies FILE)",
     )
 )

@@ -25,7 +25,18 @@ from vibroswarm.strategies import (  # noqa: F401
     totals,
     valentini,
 )
-from vibroswarm.strategies.base import Strategy, array, known, names, register, strategy, strategy_in
+from vibroswarm.strategies.base import Report, Strategy, array, known, names, register, strategy, strategy_in
 from vibroswarm.strategies.world import belief_below, u
 
-__all__ = ["Strategy", "array", "belief_below", "known", "names", "register", "strategy", "strategy_in", "u"]
+__all__ = [
+    "Report",
+    "Strategy",
+    "array",
+    "belief_below",
+    "known",
+    "names",
+    "register",
+    "strategy",
+    "strategy_in",
+    "u",
+]

@@ -119,13 +119,28 @@ class Plugin(NotebookView):
         return tuple(getattr(values, name, 0) for name in names)
 
 
+@dataclass(frozen=True)
+class Report:
+    """A value, or an array of values, that robots report.
+
+    Args:
+        name: of a field or array of ``State``, or of an array of ``Arrays``. unit: of its values, such as "s".
+        estimates: whether it estimates the number that the task asks for. Studies then have its error, as they have of
+            the field ``estimate``.
+    """
+
+    name: str
+    unit: str = ""
+    estimates: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class Strategy(Plugin):
     """A strategy: its classes of fields and its hooks, as the module's docstring describes them.
 
     Args:
         state, message, arrays: classes of fields. begin to opposite: the hooks; without ``opposite``, the opposite of a
-            message has the other ``bit``.
+            message has the other ``bit``, or the next ``kind`` of tile (kind 0 after the last).
         decides: "once", or "opinion": opinions may change, and the swarm has decided when all robots have agreed for
             ``decision.hold_s``.
         bytes_on_air: size of one message, at most 144.
@@ -133,9 +148,10 @@ class Strategy(Plugin):
         boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2.
         told: what its parameters tell a robot of the task, such as "accuracy"; ``static_analysis.told`` adds what the
             hooks read.
-        reports: names of fields of ``State`` whose values results have after each sample, and of arrays that they have
-            at the end of a run (table ``reports``). Fields ``estimate`` and ``estimate_spread`` of ``State`` (nan: none
-            yet) are also the robot's estimate of the fill ratio, with its standard deviation, in the table of robots.
+        reports: what robots report, a ``Report`` or its name each: fields and arrays of ``State``, whose values results
+            have after each sample, and of ``Arrays``, which they have at the end of a run (table ``reports``). Fields
+            ``estimate`` and ``estimate_spread`` of ``State`` (nan: none yet) are also the robot's estimate of the fill
+            ratio, with its standard deviation, in the table of robots.
         many_readings: whether readings may be of more than two classes.
         answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
@@ -166,7 +182,7 @@ class Strategy(Plugin):
     revises: bool = False
     boundary_half: bool = False
     told: tuple[str, ...] = ()
-    reports: tuple[str, ...] = ()
+    reports: tuple[Report | str, ...] = ()
     many_readings: bool = False
     answers_kinds: bool = False
     knows_error_rates: bool = False
@@ -226,7 +242,7 @@ class Strategy(Plugin):
                     hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
                 )
         reported = (*(rows["s"] or ()), *(rows["a"] or ()))
-        for name in self.reports:
+        for name in self.reported:
             if name not in reported:
                 raise InputError(
                     f"'{name}' is neither a field of State nor an array{nearest(name, reported)}",
@@ -243,6 +259,12 @@ class Strategy(Plugin):
             )
 
     @property
+    def reported(self) -> dict[str, Report]:
+        """What robots report, by name, in alphabetical order."""
+        declared = [one if isinstance(one, Report) else Report(one) for one in self.reports]
+        return {one.name: one for one in sorted(declared, key=lambda one: one.name)}
+
+    @property
     def state_type(self) -> np.dtype[np.void]:
         """Row type of a robot's state."""
         return row_type(self.state, "state")
@@ -255,8 +277,8 @@ class Strategy(Plugin):
 
     @property
     def has_opposite(self) -> bool:
-        """Whether its messages have an opposite: by the hook, or because they have a ``bit``."""
-        return self.opposite is not None or "bit" in (self.message_type.names or ())
+        """Whether its messages have an opposite: by the hook, or because they have a ``bit`` or a ``kind``."""
+        return self.opposite is not None or not {"bit", "kind"}.isdisjoint(self.message_type.names or ())
 
     @property
     def message_type(self) -> np.dtype[np.void]:

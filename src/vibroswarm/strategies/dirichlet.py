@@ -7,6 +7,7 @@
 | decision | d | - | the kind j with P_j > p_c, and -1 while undecided (Eq. 13) |
 
 With two kinds it is ``none``, bit by bit. Readings are taken at face value: a class is counted as the kind of its tile.
+A class beyond the last kind is no reading: it is neither counted nor sent.
 
 ``s`` is the robot's state, ``a`` its arrays, ``x`` its reading, ``m`` a message heard, ``out`` the message to fill in,
 ``d`` random numbers, ``p`` the parameters (none), ``w`` what the robot knows.
@@ -62,7 +63,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     """Count the reading, decide, and send the reading."""
     observe_and_decide(s, a, x, w)
     out.kind = x.reading
-    return True
+    return x.reading < w.kinds
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
@@ -72,9 +73,10 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
 
 @inner
 def observe_and_decide(s: Row, a: Row, x: Reading, w: World) -> None:
-    """Add an own reading to the posterior; decide, if undecided and with enough observations."""
-    a.counts[x.reading] += 1
-    s.own += 1
+    """Add an own reading, if it is one, to the posterior; decide, if undecided and with enough observations."""
+    if x.reading < w.kinds:
+        a.counts[x.reading] += 1
+        s.own += 1
     if s.decision == -1 and enough(s.own, s.received, w):
         kind = leader(a.counts)
         if is_most_common(a.counts, kind, w):
@@ -95,18 +97,39 @@ def leader(counts: Row) -> int:
 def is_most_common(counts: Row, kind: int, w: World) -> bool:
     """Return whether P_j > p_c for j = ``kind``, a kind with the largest count.
 
-    P_j lies between bounds that follow from pairs of kinds; the integral is computed only if p_c is between them.
+    The integral is computed only if p_c is between bounds of P_j.
     """
-    least, most = 1.0, 1.0
-    for other in range(counts.size):
-        if other != kind:
-            larger = pair_belief(counts, other, kind, w)  # P(share of ``other`` > share of ``kind``)
-            least, most = least - larger, min(most, 1.0 - larger)
     if counts.size == 2:
         return bool(belief_in(counts, kind, w) > w.credible_threshold)
-    if most <= w.credible_threshold or least > w.credible_threshold:
-        return bool(least > w.credible_threshold)
+    if most_belief(counts, kind, w) <= w.credible_threshold:
+        return False
+    if least_belief(counts, kind, w) > w.credible_threshold:
+        return True
     return most_common_belief(counts, kind) > w.credible_threshold
+
+
+@inner
+def most_belief(counts: Row, kind: int, w: World) -> float:
+    """Return an upper bound of P_j for j = ``kind``: the least probability of a larger share than another kind's."""
+    most = 1.0
+    for other in range(counts.size):
+        if other != kind:
+            most = min(most, pair_belief(counts, kind, other, w))
+    return most
+
+
+@inner
+def least_belief(counts: Row, kind: int, w: World) -> float:
+    """Return a lower bound of P_j for j = ``kind``: the product of the probabilities of a larger share than each other.
+
+    If the kind's Gamma variable is x, the others are below it independently, with probabilities that all rise with x.
+    So they are positively correlated (Chebyshev's inequality).
+    """
+    least = 1.0
+    for other in range(counts.size):
+        if other != kind:
+            least *= pair_belief(counts, kind, other, w)
+    return least
 
 
 @inner

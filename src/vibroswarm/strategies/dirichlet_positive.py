@@ -25,7 +25,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     """Count the reading, decide, and send the decision, or the reading while undecided."""
     observe_and_decide(s, a, x, w)
     out.kind = s.decision if s.decision != -1 else x.reading
-    return True
+    return s.decision != -1 or x.reading < w.kinds
 
 
 dirichlet_positive = register(

@@ -36,7 +36,7 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined
-from vibroswarm.strategies.base import register, strategy_in
+from vibroswarm.strategies.base import Report, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decided, enough
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below
 
@@ -206,7 +206,7 @@ reset = register(
         __name__,
         "reset",
         revises=True,
-        reports=("changes", "changed_s"),
+        reports=("changes", Report("changed_s", "s")),
         about="reset: no feedback; a robot that detects a change counts anew, and tells the others",
     )
 )

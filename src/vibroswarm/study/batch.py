@@ -38,6 +38,7 @@ from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
 from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
 from vibroswarm.inference.replay_arrays import Log
+from vibroswarm.inference.reports import reported_at_end, reported_last
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
     OBSERVATIONS,
@@ -58,6 +59,8 @@ from vibroswarm.study.batch_table import (
     FAILED_TABLE,
     MAPPED_ROWS,
     MAPS_TABLE,
+    REPORTED_ROWS,
+    REPORTED_TABLE,
     ROWS,
     WALK,
     BatchRows,
@@ -101,6 +104,8 @@ class BatchOutcomes(NamedTuple):
     """The agreements of each cell whose opinions may change after the swarm has decided."""
     maps: list[pl.DataFrame]
     """The scores of maps of each cell whose robots keep them."""
+    reported: list[pl.DataFrame]
+    """What the robots of each cell reported last, if they report anything."""
 
 
 class BatchRequest(NamedTuple):
@@ -174,8 +179,11 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
     answers = answers_in(result) if scenario.change.is_given else None
     agreements = agreed_rows(agreements_in(result), answers, cells) if is_followed(scenario) else []
     maps = of_cells(map_figures_of(result), cells) if keeps_map(scenario) else []
+    reported = []
+    if result.reports is not None:
+        reported = of_cells(reported_last(scenario, result.reports, result.runs), cells)
     of_runs = {**of_runs, **walked(walk, request.runs)}
-    return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements, maps)
+    return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements, maps, reported)
 
 
 class _SharedMotion:
@@ -209,7 +217,9 @@ class _SharedMotion:
         finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
         agreements: list[pl.DataFrame] = []
         maps: list[pl.DataFrame] = []
-        for scenario, equal_cells in zip(scenarios, cells, strict=True):
+        reported: list[pl.DataFrame] = []
+        fills, truth = _asked_of(scenarios, floors, list(runs), self.end_s)
+        for scenario, equal_cells, asked in zip(scenarios, cells, fills, strict=True):
             self.request.check()
             replayed = (scenario, seed, self.timeline, readings.observation, energy)
             answers = None
@@ -224,6 +234,8 @@ class _SharedMotion:
             else:
                 swarm = replay_to_end(*replayed)
             finals_by_scenario.append(final_columns(swarm))
+            if strategy_used(scenario).reports:
+                reported += of_cells(reported_at_end(scenario, swarm, runs, asked), equal_cells)
             if is_followed(scenario):
                 agreed = agreements_of(swarm, runs) if may_change(scenario) else NO_AGREEMENTS
                 agreements += agreed_rows(agreed, answers, equal_cells)
@@ -233,7 +245,6 @@ class _SharedMotion:
             name: np.stack([columns[name].reshape(shape) for columns in finals_by_scenario])
             for name in finals_by_scenario[0]
         }
-        fills, truth = _asked_of(scenarios, floors, list(runs), self.end_s)
         tiles = floors[runs[0]].tiles.size  # the same in all runs
         walk = self.walk.figures(readings.tile, readings.observation, tiles)
         decisions, times_s = finals["decision"], finals["decision_time_s"]
@@ -244,13 +255,13 @@ class _SharedMotion:
         samples = self._samples(scenarios, cells, readings) if self.request.samples else []
         failures = failed_rows(self.motion.failures, cells, common.run.t_end_s)
         of_robots = robot_columns(finals, truth)
-        return BatchOutcomes(cells, of_robots, of_runs, samples, failures, agreements, maps)
+        return BatchOutcomes(cells, of_robots, of_runs, samples, failures, agreements, maps, reported)
 
     def _answers(self, scenario: Scenario, floors: dict[int, Floor], log: Log) -> pl.DataFrame:
         """Return how right the answers were over time, from the state after each sample."""
         samples = {name: self.motion.samples[name].to_numpy() for name in ("run", "robot", "time_s")}
         samples["decision"] = log.decision
-        if "changed_s" in strategy_used(scenario).reports:
+        if "changed_s" in strategy_used(scenario).reported:
             samples["changed_s"] = log.states["changed_s"]
         return answers_table(scenario, self.request.seed, floors, samples, self.end_s)
 
@@ -310,7 +321,10 @@ def samples_of(
     Args:
         motion, observations, inference: tables of the same samples in the same order. cells: numbers of the cells.
     """
-    others = (table.drop("run", "robot", "sample") for table in (observations, inference))
+    others = (
+        table.select(name for name in own if name not in MOTION)
+        for table, own in ((observations, OBSERVATIONS), (inference, INFERENCE))
+    )
     rows = pl.concat([motion, *others], how="horizontal")
     columns = [name for name in SAMPLES if name != "cell"]
     return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *columns) for cell in cells]
@@ -437,7 +451,8 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     Args:
         cancelled: called between two steps; if it returns true, the batch is given up.
     Returns: the tables as Parquet files: ``robots``, ``samples`` if the study saves them, ``failures`` if runs failed,
-        ``agreements`` if opinions of a cell may change after its swarms have decided, ``maps`` if robots keep maps.
+        ``agreements`` if opinions of a cell may change after its swarms have decided, ``maps`` if robots keep maps,
+        ``reported`` if they report values.
     Raises:
         Cancelled: ``cancelled`` returned true.
         RunError: this process was forked after polars had begun its threads.
@@ -458,6 +473,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     failures: list[pl.DataFrame] = []
     agreements: list[pl.DataFrame] = []
     maps: list[pl.DataFrame] = []
+    reported: list[pl.DataFrame] = []
     for low in range(work.first, work.last, runs_at_a_time):
         request = BatchRequest(
             runs=range(low, min(low + runs_at_a_time, work.last)),
@@ -472,6 +488,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
             failures += outcomes.failures
             agreements += outcomes.agreements
             maps += outcomes.maps
+            reported += outcomes.reported
     tables = {"robots": rows.table()}
     if "samples" in work.keep:
         order = ["cell", "run", "time_s", "robot"]
@@ -482,6 +499,8 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
         tables[AGREED_TABLE] = pl.concat(agreements).sort("cell", "run")
     if maps:
         tables[MAPS_TABLE] = pl.concat(maps).sort("cell", "run")
+    if any(table.height for table in reported):
+        tables[REPORTED_TABLE] = pl.concat(reported).sort("cell", "run", "name", "index")
     metadata = {"vibroswarm_study": work.study}
     files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
     return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
@@ -510,9 +529,9 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             error names the file.
     """
     required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
-    # The table of failures exists only if a run failed, that of agreements only if opinions may change, that of maps
-    # only if robots keep maps.
-    if set(files) - {FAILED_TABLE, AGREED_TABLE, MAPS_TABLE} != required:
+    # The table of failures exists only if a run failed, that of agreements only if opinions may change, those of maps
+    # and reports only if robots have some.
+    if set(files) - {FAILED_TABLE, AGREED_TABLE, MAPS_TABLE, REPORTED_TABLE} != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -526,6 +545,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         # After the check of names above, any other table is ``samples``.
         schemas = {
             "robots": ROBOTS, FAILED_TABLE: FAILED_ROWS, AGREED_TABLE: AGREED_ROWS, MAPS_TABLE: MAPPED_ROWS,
+            REPORTED_TABLE: REPORTED_ROWS,
         }  # fmt: skip
         schema = schemas.get(table, SAMPLE_ROWS)
         frame = read_frame(path, table)

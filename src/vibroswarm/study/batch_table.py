@@ -24,6 +24,7 @@ from vibroswarm.analysis.map_figures import MAP_FIGURES, MAPPED
 from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
+from vibroswarm.inference.reports import REPORTED
 from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import Result
 from vibroswarm.study.spec import Cell
@@ -188,6 +189,12 @@ MAPS_TABLE: Final = "maps"
 MAPPED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **MAP_FIGURES}
 """Columns of that table."""
 MAPPED_ROWS: Final = Schema(MAPPED_RUNS, frozenset(MAPPED), ("cell", "run"))
+"""Schema of that table of a shard."""
+REPORTED_TABLE: Final = "reported"
+"""Name of the table of what robots reported last in a shard; only groups with cells whose robots report have it."""
+REPORTED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **REPORTED}
+"""Columns of that table."""
+REPORTED_ROWS: Final = Schema(REPORTED_RUNS, frozenset({"value", "error"}), ("cell", "run", "name", "index"))
 """Schema of that table of a shard."""
 FAILED_TABLE: Final = "failures"
 """Name of the table in a shard."""

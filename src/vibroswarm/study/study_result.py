@@ -34,6 +34,8 @@ from vibroswarm.study.batch_table import (
     FAILED_TABLE,
     MAPPED_RUNS,
     MAPS_TABLE,
+    REPORTED_RUNS,
+    REPORTED_TABLE,
     arrays_of,
     tables_of,
 )
@@ -236,7 +238,7 @@ class StudyResult(NotebookView):
         """Return a lazy table of the store for each group with stored rows, limited to the cells with these numbers.
 
         Args:
-            table: ``robots``, ``samples``, ``failures``, ``agreements`` or ``maps``.
+            table: ``robots``, ``samples``, ``failures``, ``agreements``, ``maps`` or ``reported``.
             cells: by number; if empty, all selected cells.
         """
         chosen, frames = cells or self.selected, []
@@ -337,6 +339,16 @@ class StudyResult(NotebookView):
         """
         scans = self._scans(MAPS_TABLE, cells)
         return pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=MAPPED_RUNS)
+
+    def reported(self, *cells: int) -> pl.DataFrame:
+        """Return what robots reported last in the runs of ``cells`` (by default all selected), means over robots.
+
+        The columns are ``batch_table.REPORTED_RUNS``; there are no rows if no robots report anything.
+        """
+        scans = self._scans(REPORTED_TABLE, cells)
+        if not scans:
+            return pl.DataFrame(schema=REPORTED_RUNS)
+        return pl.concat(scans).sort("cell", "run", "name", "index").collect()
 
     def failed_runs(self, *cells: int) -> pl.DataFrame:
         """Return the failed runs of ``cells`` (by default all selected), which the source of motion gave up.

@@ -22,6 +22,7 @@ from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError
+from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References, reference_table
@@ -211,16 +212,46 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     return columns
 
 
-def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write ``summary``, ``comparisons``, ``equal_error`` and ``references`` as CSV and Parquet into a study's folder.
+def reported_table(outcome: Outcome) -> pl.DataFrame:
+    """Return what the robots of each cell reported at the end of their runs: means over runs, with intervals.
 
-    The others are written only if cells are compared, compared at equal error, and references are computed. Otherwise,
-    earlier files of ``comparisons`` and ``equal_error`` are removed, since they are not of this summary.
+    There is a row for each cell, report and place of an array. ``error`` is the mean distance from the number that the
+    task asks for, of reports that estimate it. A run in which no robot has a value is left out.
+
+    Returns: cell, name, report, index, unit, runs, ``value`` and ``error`` with ``_low`` and ``_high``; no rows if no
+        robots report anything, but for their estimates, which are figures of their own.
+    """
+    cells = {one.cell.number: one.cell for one in outcome.cells}
+    by_run = outcome.result.reported(*cells)
+    rows = []
+    for (number, report, index), own in by_run.group_by("cell", "name", "index", maintain_order=True):
+        cell = cells[int(number)]
+        declared = strategy_used(cell.scenario).reported.get(str(report))
+        row = {"cell": number, "name": cell.name, "report": report, "index": index}
+        row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
+        for figure in ("value", "error"):
+            row |= columns_of(figure, mean_interval(own[figure].drop_nulls().to_numpy())[:3])
+        rows.append(row)
+    kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(_REPORTED_NUMBERS, pl.Float64)}
+    return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
+
+
+_REPORTED_NUMBERS: Final = ("value", "value_low", "value_high", "error", "error_low", "error_high")
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> None:
+    """Write the tables of a summary as CSV and Parquet into a study's folder.
+
+    These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared;
+    ``equal_error``, if they are compared at equal error; and ``references``, if these are computed. Earlier files of
+    ``comparisons`` and ``equal_error`` that are not of this summary are removed.
 
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
     """
     tables = {"summary": outcome.table}
+    if (reported := reported_table(outcome)).height:
+        tables["reported"] = reported
     if outcome.comparisons:
         tables["comparisons"] = comparison_table(outcome.comparisons)
     if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:

@@ -29,7 +29,9 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
+from vibroswarm.inference.replay import bits_and_energies
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import log_ratios
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.fault_draws import onset_s, working
@@ -169,8 +171,9 @@ class _Plain:
         self.samples, self.observation = samples, observations["observation"].to_list()
         self.log_ratios = [math.nan] * samples.height
         if reads_energies(scenario):
-            bits, energy = (observations[name].to_numpy() for name in ("observation", "energy"))
-            self.log_ratios = log_ratios(scenario.sensor, bits, energy).tolist()
+            bits, energy = bits_and_energies(observations)
+            assert energy is not None
+            self.log_ratios = log_ratios(scenario.sensor, bits, energy, grid_of(scenario)).tolist()
         self.rows: list[dict[str, Any]] = []
         # The number of samples of all robots gives the size of ``world.beliefs``, a cache of beliefs by their counts.
         world = world_of(scenario, samples.height)
@@ -359,8 +362,10 @@ class _Plain:
         if tick * self.tick_ms / 1000.0 >= self.opposite_s[robot.number]:
             if self.strategy.opposite is not None:
                 self.strategy.opposite(content)
-            else:
+            elif hasattr(content, "bit"):
                 content.bit = 1 - content.bit
+            else:
+                content.kind = (content.kind + 1) % robot.world.kinds
         return bool(sends) and not self.is_silent(robot, tick)
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:

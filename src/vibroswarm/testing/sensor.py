@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import SensorModel, sensor
+from vibroswarm.sensors.claims import CLAIMED_AS_TRUE, claimed_rates
 from vibroswarm.testing.runs import Finding, run_checks
 
 U: Final = (np.arange(20_000) + 0.5) / 20_000
@@ -108,9 +109,21 @@ def _likelihoods(name: str) -> Iterator[str]:
     if model.likelihood is None:
         return
     for kind in range(model.number_of("kinds", p)):
-        values = model.values(kind, U, p)
-        if np.isinf(model.densities(kind, values, p)).any():
+        if np.isinf(model.densities(kind, _values(model, kind, p), p)).any():
             yield f"on kind {kind} likelihood is infinite"
+
+
+def _claims(name: str) -> Iterator[str]:
+    """Check that robots expect to read each class as often as they do, by the likelihood."""
+    model, p = _model_and_params(name)
+    if model.likelihood is None or model.measure is None or model.claims_truth:
+        return
+    expected = claimed_rates(model, p, getattr(p, "rms_threshold", None))
+    for kind, row in enumerate(expected):
+        true = np.diff(_shares_up_to(model, kind, p), prepend=0.0, append=1.0)
+        read = int(np.abs(row - true).argmax())
+        if abs(row[read] - true[read]) > CLAIMED_AS_TRUE:
+            yield f"{row[read]:.1%} of kind {kind} read as {read} by the likelihood, and {true[read]:.1%} in fact"
 
 
 def _tells_kinds_apart(name: str) -> Iterator[str]:
@@ -130,8 +143,9 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "the same again for the same numbers": _same_again,
     "classes are as frequent as it states": _shares,
     "likelihoods are densities": _likelihoods,
+    "robots expect what it reads": _claims,
     "it tells kinds of tile apart": _tells_kinds_apart,
 }
 """All checks of a sensor, in order, by what each requires."""
-WARNINGS_ONLY: Final = ("it tells kinds of tile apart",)
+WARNINGS_ONLY: Final = ("robots expect what it reads", "it tells kinds of tile apart")
 """Checks whose failure is not an error."""

@@ -9,6 +9,7 @@ function draw(now = performance.now()) {
   drawBelief(state.t, state.followed);
   drawCards(state.t, state.followed);
   drawMaps(state.t, state.followed);
+  drawReports(state.t, state.followed);
   drawVerdict(state.t);
   drawPlayer(state);
   drawLoop(state.loop);
@@ -121,6 +122,7 @@ function layOut() {
   layOutBelief();
   layOutCards();
   layOutMaps();
+  layOutReports();
   draw();
 }
 
@@ -165,6 +167,8 @@ function expose() {
     gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
     place: (id, t) => placeAt(robots.find((robot) => robot.id === id), t),
     mapBelief: (tile, t, id) => tileBelief(tile, t, robots.find((robot) => robot.id === id)),
+    reported: (name, id, t) => reportAt(run.reports.find((report) => report.name === name),
+      robots.find((robot) => robot.id === id), t),
     smoothed: (id, t) => smoothedAt(robots.find((robot) => robot.id === id), t),
     flags: () => beliefChart.box.flags.map(({ robots: group, place, radius }) => (
       { robots: group.map(({ id }) => id), place, radius })),
@@ -182,6 +186,7 @@ function open() {
   buildDetails();
   buildLeads();
   buildCards(follow);
+  buildReports();
   buildRoster(follow);
   buildLayers(layOut);
   buildPlayer(actions);

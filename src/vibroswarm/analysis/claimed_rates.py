@@ -1,0 +1,62 @@
+"""Robots that are wrong about their sensor: sentences that say so where they go by what it claims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm import sensors, strategies
+from vibroswarm.observation.decision_boundary import grid_of
+from vibroswarm.observation.energy_model import claimed_rates, claims_differ, rates
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies.static_analysis import told
+
+
+def claims_notes(scenarios: Iterable[Scenario]) -> list[str]:
+    """Return a sentence for each sensor whose claimed rates are not true, and by whose rates robots go."""
+    asked = dict.fromkeys(
+        (scenario.sensor, grid_of(scenario)) for scenario in scenarios if goes_by_rates(scenario)
+    )
+    return [
+        f"Robots are wrong about their sensor: {_words(claimed_rates(*each), rates(*each))}."
+        for each in asked
+        if claims_differ(*each)
+    ]
+
+
+def claims_warnings(scenario: Scenario) -> list[str]:
+    """Return a list with a warning if robots do not go by the claimed rates that a scenario states; else no warning."""
+    if scenario.sensor.claimed_rates is None or not _is_loaded(scenario) or goes_by_rates(scenario):
+        return []
+    return [
+        f"sensor.claimed_rates has no effect: '{scenario.strategy.name}' takes readings at face value; places, for "
+        'example, goes by them, as do robots with decision.boundary_of = "tiles"'
+    ]
+
+
+def goes_by_rates(scenario: Scenario) -> bool:
+    """Return whether robots use the rates of their sensor; False if code of the scenario is not loaded."""
+    return _is_loaded(scenario) and "error rates" in told(
+        strategies.strategy(scenario.strategy.name), scenario.decision.boundary_of
+    )
+
+
+def _is_loaded(scenario: Scenario) -> bool:
+    return scenario.strategy.name in strategies.known() and scenario.sensor.model in sensors.known()
+
+
+def _words(claimed: NDArray[np.float64], true: NDArray[np.float64]) -> str:
+    """Write both rates, in percent; of more than two kinds those that differ most."""
+    claimed, true = 100.0 * claimed, 100.0 * true
+    if claimed.shape == (2, 2):
+        return (
+            f"they expect {claimed[0, 1]:.1f} % false positives and {claimed[1, 0]:.1f} % false negatives, and the "
+            f"true rates are {true[0, 1]:.1f} and {true[1, 0]:.1f} %"
+        )
+    kind, read = np.unravel_index(np.abs(claimed - true).argmax(), claimed.shape)
+    return (
+        f"they expect {claimed[kind, read]:.1f} % of the samples on kind {kind} to read as {read}, and the true share "
+        f"is {true[kind, read]:.1f} %; no other share differs by more"
+    )

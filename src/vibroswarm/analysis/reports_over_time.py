@@ -1,0 +1,52 @@
+"""What the robots of a run reported over time, as a table, and how its values are called."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import polars as pl
+
+from vibroswarm.inference.agents import strategy_used
+from vibroswarm.result import Result
+from vibroswarm.strategies.base import arrays_of
+
+
+def reports_over_time(result: Result, run: int = 0) -> pl.DataFrame:
+    """Return what the robots of a run reported over time: name, robot, time_s, value; null values are left out.
+
+    Places of an array have names such as ``trust 3``. Arrays that are reported at the end of a run only are left out.
+    """
+    columns = ("name", "robot", "time_s", "value")
+    if result.reports is None:
+        return pl.DataFrame(
+            schema=dict(zip(columns, (pl.String, pl.UInt16, pl.Float64, pl.Float64), strict=True))
+        )
+    strategy = strategy_used(result.scenario)
+    once = [name for name in arrays_of(strategy.arrays) if name not in (strategy.state_type.names or ())]
+    told = result.reports.filter(
+        pl.col("run") == run, pl.col("value").is_not_null(), ~pl.col("name").is_in(once)
+    )
+    places = pl.format("{} {}", "name", "index")
+    is_array = pl.col("index").max().over("name") > 0
+    told = told.with_columns(pl.when(is_array).then(places).otherwise("name").alias("name"))
+    times = result.motion.select("run", "robot", "sample", "time_s")
+    return told.join(times, on=["run", "robot", "sample"], maintain_order="left").select(columns)
+
+
+def report_headings(result: Result, names: Iterable[str]) -> dict[str, str]:
+    """Return names and units in words, by names as in ``reports_over_time``."""
+    reported = strategy_used(result.scenario).reported
+    found = {}
+    for name in names:
+        field, _, place = name.partition(" ")
+        unit = reported[field].unit if field in reported else ""
+        found[name] = (
+            field.replace("_", " ") + (f" {place}" if place else "") + (f" ({unit})" if unit else "")
+        )
+    return found
+
+
+def estimates_of(result: Result) -> list[str]:
+    """Return the names of the reports that estimate the number that the task asks for."""
+    reported = strategy_used(result.scenario).reported.values()
+    return ["estimate", *(one.name for one in reported if one.estimates)]

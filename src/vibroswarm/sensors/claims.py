@@ -1,0 +1,174 @@
+"""How often robots believe that they read each class, by the likelihood that their sensor states.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| likelihood | L_i(v) | 1 / unit of v, or a share | what robots claim of the value v on a tile of kind i |
+| claimed rate | c_ij | - | sum, or integral, of L_i over the values v that read as class j; rows sum to 1 |
+
+What a robot claims need not be true: ``measure`` draws the values, and ``likelihood`` says what robots believe of them.
+Values are summed over if there are few of them, or if they are whole numbers: all but those that hardly a sample
+measures. Others are integrated over, also beyond those that are measured, up to where the likelihood fades.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+from pydantic import BaseModel
+
+from vibroswarm.core.user_code import errors_in
+from vibroswarm.errors import CodeError
+from vibroswarm.sensors.base import TRIED, SensorModel, Values
+
+FEW: Final = 256
+"""At most so many distinct values are summed over, even if they are not whole numbers."""
+MOST_WHOLE: Final = 1_000_000
+"""Whole numbers are summed over if they span at most so many."""
+OFF: Final = 0.01
+"""A likelihood of one kind may sum to 1 give or take this."""
+FAINT: Final = 1e-7
+"""Likelihood beyond the measured values is left out from where a doubling of the distance adds less."""
+DOUBLINGS: Final = 60
+ENDS: Final = 500
+"""The measured values are integrated over from one to another of about so many of them."""
+NODES: Final = 8
+"""Points of the Gauss-Legendre rule of each interval."""
+DEEPEST: Final = 40
+"""How often an interval is halved at most."""
+CLAIMED_AS_TRUE: Final = 1e-3
+"""Claimed rates that differ by at most this from the true ones count as these."""
+SETTLED: Final = 1e-9
+"""An interval is halved if that changes its integral by more."""
+
+
+@lru_cache(maxsize=64)
+def claimed_rates(model: SensorModel, p: BaseModel, threshold: float | None, factor: float = 1.0) -> Values:
+    """Return the rates at which robots believe to read each class on each kind of tile, (kinds, classes).
+
+    Args:
+        model: of one number (``measure``), with a likelihood. threshold: that of ``p``, which is no field of it
+            (``SensorModel.has_threshold``), and part of the key of the cache. factor: the values are multiplied by it.
+    Raises:
+        CodeError: the likelihood of a kind does not sum to 1.
+    """
+    kinds = range(model.number_of("kinds", p))
+    measured = np.unique([model.values(kind, TRIED, p) for kind in kinds])
+    if (np.diff(model.classes(measured * factor, p)) < 0).any():
+        raise CodeError(
+            f"sensor '{model.name}': the reading falls as the value grows; see the protocol of sensors"
+        )
+    values = _values_to_sum(measured, model.number_of("readings", p))
+    found = (
+        _summed(model, p, values, factor) if values is not None else _integrated(model, p, measured, factor)
+    )
+    totals = found.sum(axis=1)
+    if values is not None and values.size <= FEW and _is_off(totals):
+        # Values of a sensor that draws from a few measured ones may have a density all the same.
+        found = _integrated(model, p, measured, factor)
+    if _is_off(totals) and _is_off(found.sum(axis=1)):
+        kind = int(np.abs(totals - 1.0).argmax())
+        raise CodeError(
+            f"sensor '{model.name}', likelihood: sums to {totals[kind]:.4g} over all values on kind {kind}, so it does "
+            "not say how often each class is read; return a density, or share, that sums to 1, or set "
+            "sensor.claimed_rates"
+        )
+    rates: Values = found / found.sum(axis=1, keepdims=True)
+    rates.setflags(write=False)
+    return rates
+
+
+def _is_off(totals: Values) -> bool:
+    return bool((np.abs(totals - 1.0) > OFF).any())
+
+
+def _values_to_sum(measured: Values, classes: int) -> Values | None:
+    """Return the values of a sensor of few or whole values, ascending; None if there are others."""
+    if (measured == np.floor(measured)).all():
+        first, last = min(float(measured[0]), 0.0), max(float(measured[-1]), classes - 1.0)
+        if last - first < MOST_WHOLE:
+            return np.arange(first, last + 1.0)
+    return measured if measured.size <= FEW else None
+
+
+def _summed(model: SensorModel, p: Any, values: Values, factor: float) -> Values:
+    classes = model.classes(values * factor, p)
+    rows = [
+        np.bincount(classes, model.densities(kind, values, p), minlength=model.number_of("readings", p))
+        for kind in range(model.number_of("kinds", p))
+    ]
+    return np.array(rows)
+
+
+def _integrated(model: SensorModel, p: Any, measured: Values, factor: float) -> Values:
+    """Integrate over the measured values, and outwards from them until nothing is added."""
+    for kind in range(model.number_of("kinds", p)):
+        model.densities(kind, measured, p)  # raises an error at what is no density
+    ends = np.unique(np.append(measured[:: measured.size // ENDS + 1], measured[-1]))
+    found = _between(model, p, ends, factor)
+    low, high = float(ends[0]), float(ends[-1])
+    steps = np.diff(ends) if ends.size > 1 else np.array([max(abs(low), 1.0)])
+    below, above = float(steps[0]), float(steps[-1])
+    for _ in range(DOUBLINGS):
+        more = _between(model, p, np.linspace(low - below, low, 9), factor)
+        more += _between(model, p, np.linspace(high, high + above, 9), factor)
+        found += more
+        totals = found.sum(axis=1)
+        if totals.max() > 1.0 + OFF or (more.sum(axis=1).max() < FAINT and not _is_off(totals)):
+            break
+        low, high, below, above = low - below, high + above, 2.0 * below, 2.0 * above
+    return found
+
+
+def _between(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
+    """Return the integral of the likelihood between the first and the last of ``ends``, (kinds, classes).
+
+    Intervals in which two halves do not give what the whole gives are halved, and so on.
+    """
+    ends = _with_borders(model, p, ends, factor)
+    low, high = ends[:-1], ends[1:]
+    classes = model.classes(0.5 * (low + high) * factor, p)
+    found = np.zeros((model.number_of("kinds", p), model.number_of("readings", p)))
+    for depth in range(DEEPEST):
+        middle = 0.5 * (low + high)
+        halves = _masses(model, p, low, middle) + _masses(model, p, middle, high)
+        split = np.abs(halves - _masses(model, p, low, high)).max(axis=0) > SETTLED
+        if depth == DEEPEST - 1:
+            split[:] = False
+        for kind in range(found.shape[0]):
+            found[kind] += np.bincount(classes[~split], halves[kind, ~split], minlength=found.shape[1])
+        if not split.any():
+            break
+        low, high = np.append(low[split], middle[split]), np.append(middle[split], high[split])
+        classes = np.tile(classes[split], 2)
+    return found
+
+
+def _masses(model: SensorModel, p: Any, low: Values, high: Values) -> Values:
+    """Return the integral of the likelihood over each interval by the Gauss-Legendre rule, (kinds, intervals)."""
+    at, weight = np.polynomial.legendre.leggauss(NODES)
+    value = low[:, None] + 0.5 * (high - low)[:, None] * (1.0 + at)
+    rows = [_density(model, kind, value, p) @ weight for kind in range(model.number_of("kinds", p))]
+    return 0.5 * (high - low) * np.array(rows)
+
+
+def _density(model: SensorModel, kind: int, value: Values, p: Any) -> Values:
+    """Return the likelihood of values; 0 where it has none, as a formula may far from what is measured."""
+    assert model.likelihood is not None
+    with errors_in(model.code), np.errstate(all="ignore"):
+        found = np.asarray(model.likelihood(kind, value.ravel(), p), dtype=np.float64)
+    return np.maximum(np.nan_to_num(found, posinf=0.0, neginf=0.0), 0.0).reshape(value.shape)
+
+
+def _with_borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
+    """Return ``ends``, ascending, with the values between them at which the class changes, found by bisection."""
+    classes = model.classes(ends * factor, p)
+    first = np.searchsorted(classes, np.arange(1, model.number_of("readings", p)))
+    borders = np.flatnonzero((first > 0) & (first < ends.size)) + 1  # classes that begin between two ends
+    low, high = ends[first[borders - 1] - 1], ends[first[borders - 1]]
+    for _ in range(64):
+        middle = 0.5 * (low + high)
+        is_below = model.classes(middle * factor, p) < borders
+        low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
+    return np.unique(np.concatenate([ends, high]))

@@ -1,0 +1,145 @@
+"""A sensor that measures several numbers, of which the first says nothing: robots read and weigh by all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.stats import norm
+
+from vibroswarm import Result, Scenario, preset, simulate, strategies
+from vibroswarm.errors import CodeError, InputError
+from vibroswarm.observation.energy_model import log_ratios_of_energies
+from vibroswarm.sensors import SensorModel, forget, register
+from vibroswarm.strategies import Strategy
+from vibroswarm.testing.runs import equals_plain, in_pieces
+from vibroswarm.testing.sensor import check_sensor
+
+
+def sense(samples: Any, p: Any) -> Any:
+    """A number that is noise, and one that is the kind of the tile with noise."""
+    place = samples.place
+    row = ((place.top_m - samples.y_m) / place.height_m).astype(int)
+    column = ((samples.x_m - place.left_m) / place.width_m).astype(int)
+    kind = samples.tiles[row * place.columns + column]
+    chance = np.random.default_rng([samples.seed % 2**32, samples.run])
+    noise = chance.normal(size=(2, 512, 2))[samples.robot, samples.sample]
+    return np.stack([noise[:, 0], kind + 0.5 * noise[:, 1]], axis=1)
+
+
+def likelihood(kind: int, value: Any, p: Any) -> Any:
+    return norm.pdf(value[:, 1], kind, 0.5)
+
+
+class WeighsParams:
+    """Its robots weigh what they measure."""
+
+    energies: bool = True
+
+
+class WeighsState:
+    """Sum of the log ratios of own samples."""
+
+    total: float
+
+
+def begin(s: Any, a: Any, d: Any, p: Any, w: Any) -> None:
+    s.total = 0.0
+
+
+def on_message(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
+    pass
+
+
+def on_sample(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
+    s.total += x.log_ratio
+    return False
+
+
+def decision(s: Any, a: Any, p: Any, w: Any) -> int:
+    return -1
+
+
+@pytest.fixture(autouse=True)
+def _two_numbers() -> Iterator[None]:
+    register(
+        SensorModel(
+            name="two",
+            sense=sense,
+            numbers=lambda p: ("noise", "signal"),
+            reading=lambda value, p: value[:, 1] > 0.5,
+            likelihood=likelihood,
+        )
+    )
+    strategies.register(
+        Strategy(
+            name="weighs", params=WeighsParams, state=WeighsState, begin=begin, on_message=on_message,
+            on_sample=on_sample, decision=decision, reads_details=True, reports=("total",),
+        )
+    )  # fmt: skip
+    yield
+    forget("two")
+    strategies.base.forget("weighs")
+
+
+def scenario() -> Scenario:
+    return preset("paper").with_values(
+        {"sensor.model": "two", "strategy.name": "weighs", "run.t_end_s": 60.0, "swarm.robots": 2}
+    )
+
+
+def test_robots_weigh_all_numbers() -> None:
+    result = simulate(scenario(), 3, 1)
+    seen = result.observations
+    assert seen.columns[-1] == "signal"
+    assert np.array_equal(seen["observation"], seen["signal"] > 0.5)
+    signal = seen["signal"].cast(pl.Float64).to_numpy()
+    ratio = (norm.logpdf(signal, 1, 0.5) - norm.logpdf(signal, 0, 0.5)).clip(-8, 8)
+    assert result.reports is not None
+    for robot in range(2):
+        told = result.reports.filter(pl.col("robot") == robot).sort("sample")["value"]
+        np.testing.assert_allclose(told, ratio[seen["robot"] == robot].cumsum(), rtol=1e-6)
+
+
+def test_all_ways_of_running_agree(tmp_path: Path) -> None:
+    one = scenario()
+    assert list(equals_plain([("two numbers", one)])) == []
+    assert list(in_pieces([("two numbers", one)])) == []
+    result = simulate(one, 3, 2)
+    result.write(tmp_path / "result")
+    assert Result.read(tmp_path / "result").same_tables(result)
+    nan = pl.lit(float("nan"), dtype=pl.Float32)
+    for column, says in (
+        ("other", "the numbers signal, other, and the sensor has signal"),
+        ("signal", "no number"),
+    ):
+        wrong = replace(result, observations=result.observations.with_columns(nan.alias(column)))
+        wrong.write(tmp_path / column)
+        with pytest.raises(InputError, match=says):
+            Result.read(tmp_path / column)
+
+
+def test_it_passes_its_checks() -> None:
+    assert [finding for finding in check_sensor("two") if not finding.holds] == []
+
+
+def test_samples_of_which_only_the_first_number_is_known_are_refused() -> None:
+    with pytest.raises(InputError, match="needs noise, signal, and only the first is known"):
+        log_ratios_of_energies(scenario().sensor, np.zeros(3, dtype=np.float32))
+
+
+@pytest.mark.parametrize("names", [("a", "tile"), ("a", "a"), (), ["a"], ("a", 3), "ab"])
+def test_wrong_names_of_numbers_are_refused_in_words(names: Any) -> None:
+    forget("two")
+    register(
+        SensorModel(
+            name="two", sense=sense, numbers=lambda p: names, reading=lambda value, p: value[:, 0] > 0
+        )
+    )
+    with pytest.raises(CodeError, match="'two', numbers: returned"):
+        simulate(scenario(), 1, 1)
