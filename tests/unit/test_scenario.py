@@ -241,7 +241,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     }
     named |= {f"strategy.soft.{field}" for field in values["strategy"]["soft"]}
     optional = {
-        "floor.tiles", "floor.values", "floor.image_threshold", "floor.tile_width_m", "floor.tile_height_m",
+        "walk.walk_duration_law", "floor.tiles", "floor.values", "floor.image_threshold", "floor.tile_width_m", "floor.tile_height_m",
         "sensor.vibrating_energies",
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
