@@ -156,6 +156,9 @@ ODD = {
     "much bent": {"robot.misalignment_min": -0.9, "robot.misalignment_max": 0.9, "run.t_end_s": 200.0},
     "ticks of 7 ms": {"run.control_period_ms": 7, "run.t_end_s": 100.0},
     "legs of no length": {"walk.leg_min_ms": 0.0, "walk.leg_max_ms": 0.0, "run.t_end_s": 50.0},
+    "exponential legs": {
+        "walk.walk_duration_law": "exponential", "walk.walk_duration_scale_ms": 4000.0, "run.t_end_s": 300.0,
+    },
     "no driving between samples": {"sample.sample_interval_ms": 0.0, "run.t_end_s": 50.0},
     "no stop": {"sample.stop_ms": 0.0, "sample.sample_interval_ms": 500.0, "run.t_end_s": 50.0},
     "samples far between": {"sample.sample_interval_ms": 60_000.0, "run.t_end_s": 300.0},

@@ -305,6 +305,13 @@ def test_leg_times_are_quantiles_of_a_clipped_cauchy() -> None:
         assert leg_duration_ms(PROGRAM, float(u)) == pytest.approx(expected, rel=1e-11)
 
 
+def test_exponential_leg_times_are_quantiles_of_a_clipped_exponential() -> None:
+    program = PROGRAM._replace(is_exponential=True)
+    for u in np.r_[2.0**-53, np.linspace(0.0005, 0.9995, 400), 1 - 2.0**-53]:
+        expected = float(np.clip(stats.expon.ppf(u, 7860.0, 10725.0), 1000.0, 30_000.0))
+        assert leg_duration_ms(program, float(u)) == pytest.approx(expected, rel=1e-11)
+
+
 def test_turns_are_even_between_the_ends() -> None:
     for u in (0.0, 0.25, 0.5, 0.9, 1.0):
         assert turn_angle_deg(PROGRAM, u) == pytest.approx(float(stats.uniform.ppf(u, -180.0, 360.0)))

@@ -55,6 +55,7 @@ OTHERS = {
     "robot.misalignment_run_spread": 0.01,
     "robot.speed_run_spread": 0.02,
     "rays.forward_each_m": (0.01, 0.02),
+    "walk.walk_duration_law": "exponential",
     "walk.blind_after_turn_ms": 100.0,
     "sample.signal_ms": 400.0,
     "odometry.gyro_scale_spread": 0.02,

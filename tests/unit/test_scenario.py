@@ -241,6 +241,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     }
     named |= {f"strategy.soft.{field}" for field in values["strategy"]["soft"]}
     optional = {
+        "walk.walk_duration_law",
         "floor.tiles", "floor.values", "floor.image_threshold", "floor.tile_width_m", "floor.tile_height_m",
         "sensor.vibrating_energies", "sensor.claimed_rates",
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",

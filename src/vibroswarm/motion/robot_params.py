@@ -202,6 +202,7 @@ def walk_program(scenario: Scenario) -> WalkProgram:
         tick_ms=scenario.run.control_period_ms,
         location_ms=walk.walk_duration_location_ms,
         scale_ms=walk.walk_duration_scale_ms,
+        is_exponential=walk.walk_duration_law == "exponential",
         leg_min_ms=walk.leg_min_ms,
         leg_max_ms=walk.leg_max_ms,
         turn_max_deg=walk.turn_max_deg,

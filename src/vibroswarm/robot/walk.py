@@ -2,7 +2,7 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| leg | T_r | ms | Cauchy(gamma_0, gamma), clipped |
+| leg | T_r | ms | Cauchy(gamma_0, gamma), or gamma_0 + Exp(gamma), clipped |
 | turn | phi | deg | U(-turn_max, turn_max) |
 | error | e | deg | angle still to turn, by the gyro |
 | integral | - | deg s | sum of e dt |
@@ -62,9 +62,11 @@ class WalkProgram(NamedTuple):
     tick_ms: int
     """Control period."""
     location_ms: float
-    """gamma_0 of the Cauchy law of legs."""
+    """gamma_0 of the law of legs."""
     scale_ms: float
-    """gamma of the Cauchy law of legs."""
+    """gamma of the law of legs."""
+    is_exponential: bool
+    """Whether legs are exponential, and not Cauchy."""
     leg_min_ms: float
     """Shortest leg."""
     leg_max_ms: float
@@ -137,8 +139,14 @@ class Dice(NamedTuple):
 
 @inlined
 def leg_duration_ms(program: WalkProgram, u: float) -> float:
-    """Return T_r ~ Cauchy(gamma_0, gamma), clipped to [leg_min, leg_max]: gamma_0 + gamma tan(pi (u - 1/2)), ms."""
-    leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))  # Eq. 6
+    """Return the duration of a leg, clipped to [leg_min, leg_max], ms.
+
+    It is Cauchy(gamma_0, gamma): gamma_0 + gamma tan(pi (u - 1/2)); or gamma_0 + Exp(gamma): gamma_0 - gamma ln(1 - u).
+    """
+    if program.is_exponential:
+        leg_ms = program.location_ms - program.scale_ms * math.log(1.0 - u)
+    else:
+        leg_ms = program.location_ms + program.scale_ms * math.tan(math.pi * (u - 0.5))  # Eq. 6
     return min(max(leg_ms, program.leg_min_ms), program.leg_max_ms)
 
 

@@ -297,10 +297,12 @@ class Rays(FrozenModel):
 class Walk(FrozenModel):
     """The random walk and the turns."""
 
+    walk_duration_law: Literal["exponential"] | None = None
+    """Distribution of leg times. If omitted (the paper), it is a Cauchy distribution."""
     walk_duration_location_ms: Annotated[float, Field(ge=0, le=1e9)] = 7860.0
-    """gamma_0: location of the Cauchy distribution of leg times."""
+    """gamma_0: location of the distribution of leg times; of an exponential one the shortest."""
     walk_duration_scale_ms: Annotated[float, Field(ge=0, le=1e9)] = 10725.0
-    """gamma: its scale."""
+    """gamma: its scale; of an exponential one the mean above the shortest."""
     leg_min_ms: Duration = 1000.0
     """Lower clip of leg times."""
     leg_max_ms: Duration = 30_000.0
