@@ -145,6 +145,7 @@ def walk_values(choose: Choice) -> dict[str, Any]:
     """Legs, turns and avoidance."""
     leg_min_ms = choose.one([0.0, 20.0, logarithmic(choose, 1.0, 20_000.0)])
     return {
+        "walk_duration_law": choose.one([None, None, "exponential"]),
         "walk_duration_location_ms": choose.one([0.0, logarithmic(choose, 1.0, 60_000.0)]),
         "walk_duration_scale_ms": choose.one([0.0, logarithmic(choose, 1.0, 60_000.0)]),
         "leg_min_ms": leg_min_ms,

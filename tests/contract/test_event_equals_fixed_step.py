@@ -264,7 +264,7 @@ def test_any_setting_is_identical(robots, width, height, threshold, tau, scale, 
 
 CHOICES = {
     "swarm.robots": 16, "robot.speed_redraw": 2, "sample.timer": 4, "sample.interrupts_avoidance": 2,
-    "run.control_period_ms": 8, "robot.misalignment_drift_samples": 3,
+    "run.control_period_ms": 8, "robot.misalignment_drift_samples": 3, "walk.walk_duration_law": 2,
 }  # fmt: skip
 """Fields of few values; of others, at least 30 must be drawn."""
 

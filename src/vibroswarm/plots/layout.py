@@ -171,17 +171,23 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
 
     ``height_in`` is the height of the figure, by default that of the style; a slide is never lower than its style.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     height = style.height_in if height_in is None else height_in
     if style.fixed_height:
         height = max(height, style.height_in)
-    figure = Figure(figsize=(style.width_in, height), layout="constrained")
-    FigureCanvasAgg(figure)  # remembers the sizes of texts from one layout to the next
+    figure = figure_of(style.width_in, height)
     if title:
         size = style.font_pt * 1.1
         figure.suptitle(fitted(title, size, style.width_in * 72 - size, lines=3), fontsize=size)
+    return figure
+
+
+def figure_of(width_in: float, height_in: float) -> Figure:
+    """Make an empty figure of a size."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)  # remembers the sizes of texts from one layout to the next
     return figure
 
 
