@@ -526,7 +526,7 @@ def test_error_bars_are_where_the_frame_says():
         bars, [[(x, low), (x, high)] for x, low, high in known.select("x", "low", "high").iter_rows()]
     )
     assert "1 of 3 have no value" in picture.caption
-    assert "1000 runs each" in picture.caption
+    assert "1,000 runs each" in picture.caption
     assert picture.numbers["estimate"].to_list() == frame["estimate"].to_list()
 
 

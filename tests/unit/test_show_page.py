@@ -327,7 +327,7 @@ def test_escaped_text_is_only_text(text: str):
     ("value", "said"),
     [
         (5, "5"), (5.0, "5"), (1234.56, "1235"), (0.123456, "0.123"), (-2.5, "-2.5"), (float("inf"), "∞"),
-        (-float("inf"), "-∞"), (1e-7, "1e-07"), (None, "-"), (float("nan"), "-"),
+        (-float("inf"), "-∞"), (1e-7, "1e-07"), (None, "-"), (float("nan"), "-"), (999.7, "1000"),
     ],
 )  # fmt: skip
 def test_a_number_alone_has_three_digits(value: float | None, said: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import LINE_SPACING, few_ticks, new_figure
+from vibroswarm.plots.layout import few_ticks, new_figure, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
 
@@ -43,9 +43,7 @@ def draw_certainty(
     from matplotlib.patches import Ellipse, Rectangle
 
     sizes = style_named(style)
-    # a map takes 0.4 of the width; ticks, the words above and the label below take five lines
-    height_in = 0.4 * sizes.width_in * size_m[1] / size_m[0] + 5 * sizes.font_pt * LINE_SPACING / 72
-    figure = new_figure(sizes, height_in=max(height_in, 0.5 * sizes.height_in), title=title)
+    figure = new_figure(sizes, title=title)
     doubt = np.sqrt(probability * (1.0 - probability))
     extent = (0.0, size_m[0], 0.0, size_m[1])
     panels: Any = figure.subplots(1, 2)
@@ -71,6 +69,7 @@ def draw_certainty(
             outline = Ellipse(centre, width, height) if is_disc else Rectangle(corner, width, height)
             outline.set(fill=False, **line)
             axes.add_patch(outline)
+    to_scale(figure, sizes, panels[:1], size_m[1] / size_m[0])
     row, column = (index.ravel() for index in np.indices(probability.shape))
     numbers = pl.DataFrame(
         {
@@ -107,9 +106,7 @@ def draw_rasters(
     sizes = style_named(style)
     across = min(len(panels), MOST_ACROSS)
     down = -(-len(panels) // across)
-    line_in = sizes.font_pt * LINE_SPACING / 72
-    height_in = down * (0.8 * sizes.width_in / across * size_m[1] / size_m[0] + 1.5 * line_in) + 3 * line_in
-    figure = new_figure(sizes, height_in=height_in, title=title)
+    figure = new_figure(sizes, title=title)
     grid: Any = figure.subplots(down, across, squeeze=False)
     image: Any = None
     for axes in grid.ravel()[len(panels) :]:
@@ -124,6 +121,7 @@ def draw_rasters(
     bar = figure.colorbar(image, ax=list(grid.ravel()), location="bottom", shrink=0.6, pad=0.03)
     bar.ax.tick_params(labelsize=sizes.small_pt)
     bar.set_label("probability", fontsize=sizes.small_pt)
+    to_scale(figure, sizes, grid[:, 0], size_m[1] / size_m[0])
     numbers = pl.concat(
         pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "probability": values.ravel()}).select(
             pl.lit(words).alias("panel"), pl.all()

@@ -19,6 +19,7 @@ from vibroswarm.plots.layout import (
     new_figure,
     number,
     of_runs,
+    to_scale,
     width_pt,
 )
 from vibroswarm.plots.picture import Picture, drawn
@@ -413,11 +414,7 @@ def _draw_density(
     """
     tiles, tile_size_m, corner_m = floor
     width_m, height_m = float(edges[0][-1]), float(edges[1][-1])
-    map_in = style.width_in * 0.65  # width of the map; labels and the scale of colours take the rest
-    # Below the map are the ticks and the label of x, about 3.5 lines; a title takes two lines above it.
-    height = min(style.tallest_in, map_in * height_m / width_m + style.font_pt * (5.5 if title else 3.5) / 72)
-    height = max(height, 0.6 * style.height_in)  # room for the colour bar beside the map of a very wide arena
-    figure = new_figure(style, height_in=height, title=title)
+    figure = new_figure(style, title=title)
     axes = figure.add_subplot()
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
@@ -442,6 +439,8 @@ def _draw_density(
         _tiles(axes, style, tiles, tile_size_m, corner_m, arena_m=(width_m, height_m))
     few_ticks(axes.xaxis, style)
     few_ticks(axes.yaxis, style)
+    # the label of the colour bar needs room also beside the map of a very wide arena
+    to_scale(figure, style, [axes], height_m / width_m, least_in=0.65 * style.height_in)
     return figure
 
 

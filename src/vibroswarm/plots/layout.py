@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, Look, Style
+from vibroswarm.show.numbers import counts as counted
+from vibroswarm.show.numbers import is_missing
+from vibroswarm.show.numbers import number as written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,18 +115,8 @@ def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with ``digits`` significant digits and no trailing zeros; a dash if it is missing or not finite.
-
-    If a number has, or is rounded to, more than ``digits`` digits before the point, all of them are written as long as
-    the number is below a million: 1234.5 becomes "1234". From a million on it has an exponent, such as "1.23e+06".
-    Numbers below about 0.0001, except 0, have an exponent too. The sign does not matter for these limits.
-    """
-    if value is None or not math.isfinite(value):
-        return "–"
-    text = f"{value:.{digits}g}"
-    if "e+" in text and abs(value) < 1e6:
-        text = f"{value:.0f}"
-    return ("0" if text in ("-0", "0") else text).replace("-", "−")
+    """Write a number with ``digits`` significant digits, as everywhere, with a real minus; a dash if it is missing."""
+    return "–" if is_missing(value) else written(value, digits=digits).replace("-", "−")
 
 
 def share(part: float, whole: float) -> str:
@@ -142,14 +135,11 @@ def share(part: float, whole: float) -> str:
 
 
 def of_runs(counts: Sequence[int], unit: str = "run") -> str:
-    """Write the numbers of runs of several groups, such as "1000 runs each" or "12 to 1000 runs each".
+    """Write the numbers of runs of several groups, such as "1,000 runs each" or "12 to 1,000 runs each".
 
-    With one group it is "1000 runs". ``counts`` has at least one number. ``unit`` is what is counted, in the singular.
+    With one group it is "1,000 runs". ``counts`` has at least one number. ``unit`` is what is counted, in the singular.
     """
-    least, most = min(counts), max(counts)
-    units = unit if most == 1 else f"{unit}s"
-    each = " each" if len(counts) > 1 else ""
-    return f"{most} {units}{each}" if least == most else f"{least} to {most} {units}{each}"
+    return counted(counts, unit) + (" each" if len(counts) > 1 else "")
 
 
 LINE_SPACING = 1.2
@@ -216,9 +206,9 @@ def lay_out(figure: Figure) -> None:
         middle = (box.x0 + box.x1) / 2  # of a label of x
         across = 2 * min(middle, figure.bbox.width - middle)
         for label, room in ((axes.xaxis.label, across), (axes.yaxis.label, box.height)):
-            size, lines = float(label.get_fontsize()), label.get_text().split("\n")
+            size = float(label.get_fontsize())
             room_pt = max(room * to_pt, LEAST_ROOM_EM * size)
-            if any(width_pt(line, size) > room_pt for line in lines):
+            if any(width_pt(line, size) > room_pt for line in label.get_text().split("\n")):
                 label.set_text(fitted(label.get_text(), size, room_pt, lines=2))
                 broken = True
     if broken:
@@ -226,12 +216,53 @@ def lay_out(figure: Figure) -> None:
 
 
 def _place_axes(figure: Figure) -> None:
+    for label in [axis.label for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
+        label.set_text("\n".join(map(plain, label.get_text().split("\n"))))
     engine: Any = figure.get_layout_engine()
     engine.execute(figure)
     renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     for axes in figure.axes:
         locator: Any = axes.get_axes_locator()
         axes.apply_aspect(locator(axes, renderer) if locator else None)
+
+
+def give_height(figure: Figure, style: Style, column: Sequence[Axes], high_in: float) -> None:
+    """Set the height of a figure so that axes get the height ``high_in`` together, whatever is around them.
+
+    A slide is made no lower than its style, so that its axes may be higher.
+
+    Args:
+        column: axes of equal height below each other.
+    """
+    _place_axes(figure)
+    own = sum(axes.get_position(original=True).height for axes in column)
+    height = (1 - own) * figure.get_figheight() + high_in
+    figure.set_figheight(max(height, style.height_in) if style.fixed_height else height)
+
+
+def to_scale(
+    figure: Figure, style: Style, column: Sequence[Axes], high_per_wide: float, *, least_in: float = 0.0
+) -> None:
+    """Set the height of a figure so that maps to scale fill the width that the layout leaves them.
+
+    Call it when all else is drawn. Maps are smaller where the picture would be higher than ``style.tallest_in``.
+
+    Args:
+        column: axes of equal size below each other. high_per_wide: height of a map in units of its width.
+        least_in: least height of the figure.
+    """
+    maps = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
+    for (
+        axes
+    ) in maps:  # what is around the maps is measured about axes that are as large as the layout lets them be
+        axes.set_aspect("auto")
+    for _ in range(2):  # a colour bar is the wider the higher it is
+        _place_axes(figure)
+        wide_in = column[0].get_position(original=True).width * figure.get_figwidth()
+        give_height(figure, style, column, len(column) * wide_in * high_per_wide)
+        figure.set_figheight(min(max(figure.get_figheight(), least_in), style.tallest_in))
+    for axes in maps:
+        axes.set_aspect("equal")
 
 
 def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
@@ -370,14 +401,12 @@ class Rows(NamedTuple):
     def settle(self, style: Style) -> None:
         """Set the figure's height so that the axes get the height ``high_in``; call it when all else is drawn.
 
-        For this the height of everything around the axes (labels, title, legend) is measured: the layout is computed in
-        a figure that is high enough in any case. A slide is made no lower than its style, so its axes may be higher. At
-        the end the ticks of x are thinned, which requires the final layout (``thin_ticks``).
+        For this the layout is computed in a figure that is high enough in any case. At the end the ticks of x are
+        thinned, which requires the final layout (``thin_ticks``).
         """
         self.figure.set_figheight(self.high_in + 4 * style.height_in)
-        around = self.figure.get_figheight() - axes_size_pt(self.figure, self.axes)[1] / 72
-        height = around + self.high_in
-        self.figure.set_figheight(max(height, style.height_in) if style.fixed_height else height)
+        lay_out(self.figure)  # breaks long labels
+        give_height(self.figure, style, [self.axes], self.high_in)
         thin_ticks(self.figure, self.axes, style)
 
     def place(self, row: int, series: int, of: int) -> float:

@@ -97,10 +97,10 @@ def number(
         text = text if float(text) else text.removeprefix("-")  # 0, not -0
     elif isinstance(value, int) or (float(value).is_integer() and abs(value) < 1e12):
         text = f"{int(value)}"
-    elif 10**digits <= abs(value) < 1e12:  # the format below would give it an exponent
-        text = f"{value:.0f}"
     else:
         text = f"{value:.{digits}g}"
+        if "e+" in text and abs(value) < 1e12:
+            text = f"{value:.0f}"
     return f"+{text}" if sign and value > 0 and text.strip("0.") else text
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of
+from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, Style, look, style_named
 from vibroswarm.tracking.track import GAP_S
@@ -55,12 +55,7 @@ def draw_tracks(
     margin_m = 0.03  # around positions and floor markers
     low = np.minimum(corners.min(axis=0), seen.min(axis=0)) - margin_m
     high = np.maximum(corners.max(axis=0), seen.max(axis=0)) + margin_m
-    # Size of the axes, in: about 78 % of the figure's width, and as tall as the floor is to scale, within limits. An
-    # inch is added for labels and legend.
-    wide_in = sizes.width_in * 0.78
-    to_scale_in = wide_in * float(high[1] - low[1]) / float(high[0] - low[0])
-    tall_in = min(max(to_scale_in, 0.4 * wide_in), 1.6 * wide_in)
-    figure = new_figure(sizes, height_in=tall_in + 1.0)
+    figure = new_figure(sizes)
     axes: Any = figure.add_subplot()
     axes.set(xlabel="x (m)", ylabel="y (m)")
     handles, parts = [], []
@@ -89,6 +84,7 @@ def draw_tracks(
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     names = [*(f"robot {robot}" for robot in robots), "stop", "marker of the floor"]
     legend_below(figure, sizes, [*handles, stood, square], names)
+    to_scale(figure, sizes, [axes], float((high - low)[1] / (high - low)[0]))
     caption = (
         f"Where {len(robots)} robots were seen; larger marks: where each was seen first. Lines break where a robot was "
         f"not seen for more than {GAP_S:g} s. Circles: {stops.height} stops."
@@ -251,10 +247,7 @@ def draw_lens(
     """
     sizes = style_named(style)
     width, height = size_px
-    # Height of the axes, in: the image takes about 82 % of the figure's width and is drawn to scale, but is at most 1.2
-    # times as tall as the figure is wide. 0.9 inch is added for labels and legend.
-    tall = 0.82 * sizes.width_in * height / width
-    figure = new_figure(sizes, height_in=min(tall, 1.2 * sizes.width_in) + 0.9)
+    figure = new_figure(sizes)
     axes: Any = figure.add_subplot()
     axes.set(xlabel="across the picture (px)", ylabel="down the picture (px)")
     # The area of a circle (points^2) grows with the error of the marker, up to an error of 2 mm.
@@ -283,6 +276,7 @@ def draw_lens(
         ]
     axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
     legend_below(figure, sizes, [dots], ["robot's marker; larger: less square"])
+    to_scale(figure, sizes, [axes], height / width)
     schema = {
         "what": pl.String,
         "marker": pl.Int64,
