@@ -120,7 +120,7 @@ class Plugin(NotebookView):
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(NotebookView):
     """A value, or an array of values, that robots report.
 
     Args:
