@@ -58,12 +58,7 @@ def claimed_rates(model: SensorModel, p: BaseModel, threshold: float | None, fac
     Raises:
         CodeError: the likelihood of a kind does not sum to 1.
     """
-    kinds = range(model.number_of("kinds", p))
-    measured = np.unique([model.values(kind, TRIED, p) for kind in kinds])
-    if (np.diff(model.classes(measured * factor, p)) < 0).any():
-        raise CodeError(
-            f"sensor '{model.name}': the reading falls as the value grows; see the protocol of sensors"
-        )
+    measured = _measured(model, p, factor)
     values = _values_to_sum(measured, model.number_of("readings", p))
     found = (
         _summed(model, p, values, factor) if values is not None else _integrated(model, p, measured, factor)
@@ -167,16 +162,43 @@ def _density(model: SensorModel, kind: int, value: Values, p: Any) -> Values:
 
 
 def _with_borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
-    """Return ``ends``, ascending, with the values between them at which the class changes, found by bisection."""
-    classes = model.classes(ends * factor, p)
-    first = np.searchsorted(classes, np.arange(1, model.number_of("readings", p)))
-    borders = np.flatnonzero((first > 0) & (first < ends.size)) + 1  # classes that begin between two ends
-    low, high = ends[first[borders - 1] - 1], ends[first[borders - 1]]
+    """Return ``ends``, ascending, with the values between them at which the class changes."""
+    least = _borders(model, p, ends, factor)
+    return np.unique(np.append(ends, least[np.isfinite(least)]))
+
+
+def _borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
+    """Return the least values that read as class 1, 2 and so on, or above, found by bisection between ``ends``.
+
+    Returns: (classes - 1,): -inf if all ends do, inf if none does.
+    """
+    classes, borders = model.classes(ends * factor, p), np.arange(1, model.number_of("readings", p))
+    first = np.searchsorted(classes, borders)
+    low, high = ends[np.maximum(first - 1, 0)], ends[np.minimum(first, ends.size - 1)]
     for _ in range(64):
         middle = 0.5 * (low + high)
         is_below = model.classes(middle * factor, p) < borders
         low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
-    return np.unique(np.concatenate([ends, high]))
+    return np.where(first == 0, -np.inf, np.where(first == ends.size, np.inf, high))
+
+
+@lru_cache(maxsize=64)
+def class_borders(model: SensorModel, p: BaseModel, threshold: float | None) -> Values:
+    """Return the least values that read as class 1, 2 and so on, (classes - 1,); inf if nothing measured does.
+
+    Arguments and errors are those of ``claimed_rates``. Values beyond the measured ones read as the nearest of these.
+    """
+    return _borders(model, p, _measured(model, p), 1.0)
+
+
+def _measured(model: SensorModel, p: BaseModel, factor: float = 1.0) -> Values:
+    """Return values that are measured, ascending; refuses a reading that falls as they grow."""
+    measured = np.unique([model.values(kind, TRIED, p) for kind in range(model.number_of("kinds", p))])
+    if (np.diff(model.classes(measured * factor, p)) < 0).any():
+        raise CodeError(
+            f"sensor '{model.name}': the reading falls as the value grows; see the protocol of sensors"
+        )
+    return measured
 
 
 def likelihood_at(model: SensorModel, contrast: float, value: Values, p: BaseModel) -> Values:
