@@ -294,8 +294,8 @@ def _check_kinds(s: Sections) -> None:
     if task.estimated:
         if not strategy.estimates:
             raise InputError(
-                f"'{s.task.name}' asks for the {task.estimated}, and '{s.strategy.name}' estimates no number; choose a "
-                "strategy that counts readings, such as none or mcp",
+                f"'{s.task.name}' asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' "
+                "estimates no number; choose a strategy that counts readings, such as none or mcp",
                 field="strategy.name",
             )
         return
