@@ -18,7 +18,7 @@ from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer_and_report
 from vibroswarm.motion.source import Motion
 from vibroswarm.observation.decision_boundary import readings_boundary
-from vibroswarm.observation.energy_model import claimed_rates, claims_differ, rates
+from vibroswarm.observation.energy_model import claimed_rates, claims_differ, likelihood_at, rates
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel, forget, register
 
@@ -47,6 +47,7 @@ def mine(likelihood: Likelihood | None, **parts: Any) -> Sensor:
         "measure": lambda kind, u, p: stats.norm.ppf(u, kind, 0.3),
         "reading": lambda value, p: value > 0.5,
     }
+    forget("mine")
     register(SensorModel(name="mine", likelihood=likelihood, **measured | parts))
     return Sensor(model="mine")
 
@@ -74,6 +75,26 @@ def test_a_density_gives_the_rates_of_its_distribution_function(law: Any) -> Non
     np.testing.assert_allclose(claimed_rates(sensor), expected, atol=5e-5)
     assert claims_differ(sensor)
     np.testing.assert_allclose(rates(sensor), claimed_of(stats.norm.cdf(0.5 / 0.3), stats.norm.sf(0.5 / 0.3)))
+
+
+@pytest.mark.parametrize("contrast", [0.0, 0.3, 1.0])
+def test_the_law_at_a_contrast_is_that_of_mixed_quantiles(contrast: float) -> None:
+    """Of normal laws it is normal: mean and standard deviation are mixed. The likelihood is not what is measured."""
+    laws = stats.norm(0.2, 0.2), stats.norm(4.0, 0.5)
+    sensor = mine(lambda kind, value, p: laws[kind].pdf(value), scales=True)
+    between = stats.norm(0.2 + contrast * 3.8, 0.2 + contrast * 0.3)
+    value = between.ppf(np.linspace(0.005, 0.995, 100))
+    np.testing.assert_allclose(likelihood_at(sensor, contrast, value), between.pdf(value), rtol=0.01)
+    assert not np.allclose(likelihood_at(sensor, 0.5 + 0.1 * contrast, value), between.pdf(value), rtol=0.1)
+    # Factors of tiles and robots widen it, as they widen the law of a kind.
+    spread = sensor.model_copy(update={"tile_spread": 0.3})
+    at = np.linspace(-3.0, 12.0, 4001)
+    assert np.trapezoid(likelihood_at(spread, contrast, at), at) == pytest.approx(1.0, abs=0.01)
+    # A sensor may state it.
+    stated = mine(None, scales=True, likelihood_at=lambda c, value, p: np.full(value.shape, 1.0 + c))
+    assert (likelihood_at(stated, contrast, value) == 1.0 + contrast).all()
+    with pytest.raises(CodeError, match="likelihood_at: returned"):
+        likelihood_at(mine(None, likelihood_at=lambda c, value, p: -value), contrast, value)
 
 
 def test_whole_and_few_values_are_summed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from vibroswarm.floors.place import Place
 from vibroswarm.robot.line_sensing import kind_of_line
 from vibroswarm.robot.walk import DRIVE, STOP
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.sensors.acceleration import accelerations, averaged_readings
 from vibroswarm.sensors.base import Samples
 
@@ -121,6 +123,67 @@ def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Pat
     _, swarm = swarms(name)
     program = built_for_arm(CLASSES.with_values({"strategy.name": name}), tmp_path)
     check_events(run_on_arm(program, swarm.short[0]), swarm.did[0], swarm)
+
+
+CALLER = """
+#include <stdio.h>
+#include "vibroswarm.h"
+void vs_poll(void) {}
+int main(void)
+{
+    static vs_Robot robot;
+    double value;
+    while (scanf("%lf", &value) == 1)
+        printf("%d\\n", (int)vs_class_of(&robot, (vs_real)value));
+    return 0;
+}
+"""
+
+
+@needs_gcc
+def test_c_reads_values_of_a_sensor_of_ones_own_as_its_file_does(tmp_path: Path) -> None:
+    """Grey levels, read by NumPy's functions; also next to the borders, and far beyond what is measured."""
+
+    def reading(value: Any, p: Any) -> Any:
+        return np.searchsorted([80.3, 160.7], value**2 / 100.0, side="right")
+
+    register(
+        SensorModel(
+            name="grey",
+            kinds=lambda p: 3,
+            readings=lambda p: 3,
+            measure=lambda kind, u, p: (70.0, 110.0, 160.0)[kind] + 30.0 * (u - 0.5),
+            reading=reading,
+        )
+    )
+    try:
+        c_library.write_library(CLASSES.with_values({"sensor.model": "grey"}), tmp_path)
+    finally:
+        forget("grey")
+    assert "read_value()" in (tmp_path / "examples/inspection/inspection.ino").read_text()
+    (tmp_path / "caller.c").write_text(CALLER)
+    sources = [str(path) for path in (tmp_path / "src").glob("*.c")]
+    command = [
+        "gcc",
+        "-DVS_PRECISION=3",
+        "-I",
+        str(tmp_path / "src"),
+        *sources,
+        "caller.c",
+        "-lm",
+        "-o",
+        "caller",
+    ]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    values = np.concatenate([np.linspace(0.0, 300.0, 5000), 10.0 * np.sqrt([80.3, 160.7]), [89.0, 1e9]])
+    values = np.concatenate([values, np.nextafter(values, 0.0)])
+    text = "\n".join(map(repr, values.tolist()))
+    found = subprocess.run([str(tmp_path / "caller")], input=text, capture_output=True, text=True, check=True)
+    classes = np.array(found.stdout.split(), dtype=int)
+    np.testing.assert_array_equal(classes, reading(values, None))
+    assert (
+        classes != reading(values + 1e-9, None)
+    ).any()  # control: the values next to the borders see the last bits
 
 
 class Shaken:

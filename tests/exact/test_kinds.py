@@ -129,7 +129,8 @@ def test_with_two_kinds_strategies_are_those_of_the_paper_bit_by_bit(
     name = "dirichlet" if ours == "none" else f"dirichlet_{ours}"
     paper = simulate(base.with_values({"strategy.name": ours}), seed=3, runs=6)
     kinds = simulate(base.with_values({"strategy.name": name, "task.name": "majority"}), seed=3, runs=6)
-    columns = ["decision", "decision_time_s", "belief_below", "belief_at_decision", "messages_received"]
+    columns = ["decision", "decision_time_s", "belief_below", "belief_at_decision", "messages_received",
+               "estimate", "estimate_spread"]  # fmt: skip
     assert kinds.robots.select(columns).equals(paper.robots.select(columns))
     assert kinds.runs["consensus"].equals(paper.runs["consensus"])
     assert paper.robots["decision"].n_unique() > 1

@@ -255,7 +255,8 @@ def test_gradients_and_hills_are_as_their_formula() -> None:
         ({"floor.values": [[0.5]], "floor.tiles": ["1"]}, "either tiles or values"),
         ({"floor.values": [[0.5]], "floor.source": "random:0.48"}, "name of their own"),
         ({"floor.source": "field:2", "sensor.model": "confusion"}, "need a sensor of strengths"),
-        ({"floor.source": "field:2", "sensor.edge_blur_m": 0.01}, "edges are those of kinds"),
+        ({"floor.source": "field:2", "sensor.edge_blur_m": 0.01}, "sensor.edge_blur_m: edges are those of kinds"),
+        ({"floor.source": "patch:0.1", "sensor.model": "acceleration"}, "has no laws: it measures at each place"),
     ],
 )  # fmt: skip
 def test_what_is_no_such_floor_is_refused_before_any_run(values: dict[str, Any], words: str | None) -> None:
@@ -290,7 +291,9 @@ def test_files_of_values_become_floors(tmp_path: Any) -> None:
     with pytest.raises(InputError, match="is no rectangle of numbers"):
         values_in(f"values:{tmp_path / 'bad.csv'}")
     (tmp_path / "high.csv").write_text("0,3.5\n", encoding="utf-8")
-    with pytest.raises(InputError, match="a value is from 0"):
+    for ends, wanted in (("-1..4", (0.2, 0.9)), ("0..3.5", (0.0, 1.0))):
+        assert values_in(f"values:{ends}:{tmp_path / 'high.csv'}") == ((wanted,), "high.csv")
+    with pytest.raises(InputError, match=r"from 0 to 3\.5, beyond 0 to 1; .*values:0\.\.4:"):
         values_in(f"values:{tmp_path / 'high.csv'}")
 
 
@@ -301,8 +304,9 @@ def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
         pytest.approx(np.mean(scenario.floor_for(1, run).surface.values) / STEPS) for run in range(4)
     ]
     assert result.runs["truth"].null_count() == 4
-    for name, words in (("share", "choose mean"), ("agree", "has values or patches")):
-        with pytest.raises(InputError, match=words):
+    words = {"share": "choose mean", "agree": "has values or patches", "majority": "has values or patches"}
+    for name, said in words.items():
+        with pytest.raises(InputError, match=said):
             scenario.with_values({"task.name": name})
     three = {"sensor.model": "confusion", "task.name": "mean", "strategy.name": "dirichlet"}
     with pytest.raises(InputError, match="3 kinds without values"):

@@ -67,6 +67,9 @@ def test_four_runs_by_hand() -> None:
     assert [i.estimate for i in shares] == [0.25, 0.25, 0.25, 0.25, 0.0]
     assert s.swarm_right == wilson(1, 4)
     assert (s.agreed_on_0, s.agreed_on_1) == (wilson(1, 4), wilson(1, 4))
+    assert s.agreed_on_other == wilson(0, 4)
+    third = [[2, 2], [1, 1], [0, 2], [3, 3]]
+    assert summary(*cell(third, [[1.0, 1.0]] * 4), T_END).agreed_on_other == wilson(2, 4)
     assert math.isnan(s.agreement_lasted.estimate)  # decisions are final
     agreements = pl.DataFrame({"run": [0, 2], "holds": [True, False]}, schema=AGREEMENTS)
     assert summary(*FOUR, T_END, agreements=agreements).agreement_lasted == wilson(1, 2)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from scipy import stats
 
 from vibroswarm import InputError, Study, preset, simulate
 from vibroswarm.analysis.figures import run_figures
@@ -50,6 +51,27 @@ def test_estimates_are_scored_and_no_decision_is_right() -> None:
     assert headline(found).startswith("ESTIMATES: ")
     assert "is 0.48" in headline(found)
     assert verdict(paper, run=0).estimate_error is None
+
+
+def test_the_share_of_any_kind_may_be_asked_for() -> None:
+    three = {
+        "sensor.model": "confusion",
+        "floor.source": "random:0.4,0.36,0.24",
+        "strategy.name": "dirichlet",
+    }
+    results = [
+        simulate(PAPER.with_values({**three, "task.name": "share", "task.share.kind": kind}), 1, 2)
+        for kind in (0, 1, 2)
+    ]
+    assert [result.runs["fill_ratio"][0] for result in results] == pytest.approx([0.4, 0.36, 0.24])
+    for kind, result in enumerate(results):
+        counts = result.reports.filter(run=1, robot=3).sort("index")["value"].to_numpy()[-3:]  # type: ignore[union-attr]
+        robot = result.robots.filter(run=1, robot=3)
+        marginal = stats.beta(counts[kind], counts.sum() - counts[kind])  # of a Dirichlet distribution
+        assert robot["estimate"][0] == pytest.approx(marginal.mean())
+        assert robot["estimate_spread"][0] == pytest.approx(marginal.std())
+    with pytest.raises(InputError, match=r"task\.share\.kind: 3 is no kind of tile that the sensor knows"):
+        PAPER.with_values({**three, "task.name": "share", "task.share.kind": 3})
 
 
 def test_a_study_of_estimates_compares_their_errors() -> None:

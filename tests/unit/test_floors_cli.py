@@ -113,3 +113,22 @@ def test_make_refuses_before_it_works(tmp_path):
         run("make", "--tiles", "5", "--fill-ratio", "0.48", "--moran", "0")
     with pytest.raises(InputError, match="end the name with"):
         run("make", "--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0", "--out", tmp_path / "a.gif")
+
+
+def test_patches_are_shown_where_they_are(capsys):
+    assert run("show", "patch:0.3@0.5", "--seed", 3) == 0
+    answer, *drawing = capsys.readouterr().out.splitlines()
+    assert answer == "1 patch on a still floor: fill ratio 0.045."
+    cells = [line for line in drawing if len(line) == 80 and not set(line) - set("#.·█")]
+    marked = np.array([[mark in "#█" for mark in line[::2]] for line in cells])
+    rows, columns = marked.any(axis=1).sum(), marked.any(axis=0).sum()
+    assert marked.sum() == rows * columns
+    assert {12, 13} >= {rows, columns}  # 0.3 m in cells of 25 mm
+    x_m, y_m = (float(word) for word in drawing[-1].split()[1:3])
+    middle = (
+        (marked.any(axis=0).nonzero()[0].mean() + 0.5) / 40,
+        1 - (marked.any(axis=1).nonzero()[0].mean() + 0.5) / 40,
+    )
+    assert np.abs(np.subtract(middle, (x_m, y_m))).max() < 0.02
+    assert run("measure", "patch:0.3@0.5", "--json") == 0
+    assert tables(capsys)["floors"][0]["fill_ratio"] == pytest.approx(0.045)

@@ -76,6 +76,20 @@ def test_coordinates_are_column_then_row(file):
     assert read_tiles(file("1 0\n0 1"), (3, 3)).tolist() == [[0, 1, 0], [1, 0, 0], [0, 0, 0]]
 
 
+def test_coordinates_may_have_kinds(file):
+    tiles = read_tiles(file(b"0,1,2\n2,0,1\n1,1,0\n"), (2, 3 + 1))
+    assert tiles.tolist() == [[0, 0, 1, 0], [2, 0, 0, 0]]
+    assert read_tiles(file(b"0,1,2\n2,0,1\n"), (2, 3)).tolist() == [
+        [0, 1, 2],
+        [2, 0, 1],
+    ]  # a grid of this size
+    assert read_tiles(file(b"0,1,2\n2,0,1\n# -1\n"), (2, 3)).tolist() == [[0, 0, 1], [2, 0, 0]]
+    with pytest.raises(InputError, match="line 2 repeats the tile"):
+        read_tiles(file(b"1,0,0\n1,0,2\n"), (4, 4))
+    with pytest.raises(InputError, match="line 1 holds '1,0,16'; a line of the list is"):
+        read_tiles(file(b"1,0,16\n"), (4, 4))
+
+
 def test_pairs_are_a_grid_where_they_fit_as_one(file):
     content = "1,0\n0,1\n"
     assert read_tiles(file(content)).tolist() == [[1, 0], [0, 1]]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import FAMILIES, NAMES, canonical, pattern
+from vibroswarm.floors.source import FAMILIES, NAMES, canonical, kinds_stated, pattern
 
 ONES = {
     "diagonal:0.48": 48,
@@ -101,3 +101,30 @@ def test_a_pattern_may_be_changed_without_changing_the_next():
     first = pattern("stripe:0.48")
     first[:] = 0
     assert int(pattern("stripe:0.48").sum()) == 48
+
+
+@pytest.mark.parametrize("name", ["stripe", "diagonal", "alternating"])
+def test_patterns_take_shares_of_kinds(name):
+    tiles = pattern(f"{name}:.34,0.33,.33")
+    assert np.bincount(tiles.ravel()).tolist() == [34, 33, 33]
+    same = np.mean(np.concatenate([(np.diff(tiles, axis=axis) == 0).ravel() for axis in (0, 1)]))
+    assert (
+        same == 0.0 if name == "alternating" else same > 0.65
+    )  # at random a third of the neighbours are alike
+    assert canonical(f"{name}:.34,0.33,.33") == f"{name}:0.34,0.33,0.33"
+    assert kinds_stated(f"{name}:0.34,0.33,0.33") == 3
+    assert kinds_stated(f"{name}:0.48") == kinds_stated("random:0.48") == 2
+    assert kinds_stated("field:2") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("block-diagonal:0.4,0.3,0.3", "has two kinds of tile; stripe, diagonal, alternating and random"),
+        ("stripe:0.4,0.3,0.2", "sum to 0.9"),
+        ("stripe:0.4,0.355,0.245", "0.355 of 10 x 10 tiles is 35.5 tiles"),
+    ],
+)
+def test_shares_that_a_pattern_cannot_have_are_refused(name, message):
+    with pytest.raises(InputError, match=message):
+        pattern(name)

@@ -381,6 +381,15 @@ def _agreed_on(answer: int) -> Callable[[Swarms], Array]:
     return of_run
 
 
+def _agreed_on_other(swarms: Swarms) -> Array:
+    """Return whether all agreed on an answer beyond 0 and 1, of which tasks of several kinds have some."""
+    decision = swarms.robots["decision"]
+    agreed = 0.0 * swarms.sum(decision)  # nan if the decision of a robot is not logged
+    for answer in np.unique(decision[decision > 1]).tolist():
+        agreed += _agreed_on(answer)(swarms)
+    return agreed
+
+
 def _share(counted: str, among: str) -> Callable[[Swarms], Array]:
     def of_run(swarms: Swarms) -> Array:
         counts = swarms.counts
@@ -483,6 +492,7 @@ FIGURES: Final = (
     ),
     RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(0), "runs"),
     RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(1), "runs"),
+    RunFigure("agreed_on_other", "agreed on another answer", _agreed_on_other, "runs"),
     RunFigure(
         "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
     ),

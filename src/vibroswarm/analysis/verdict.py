@@ -192,7 +192,8 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
         return {"asked_anew": known is not None and known.is_asked_anew(result.scenario.task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
-    return {"estimated": known.estimated, **{name: table[name][0] for name in ESTIMATES}}
+    words = known.estimated_in_words(result.scenario.task.params)
+    return {"estimated": words, **{name: table[name][0] for name in ESTIMATES}}
 
 
 def _expected_ones(result: Result, run: int, size: tuple[float, float], end_s: float) -> float:
@@ -307,7 +308,7 @@ def headline(found: Verdict) -> str:
     if found.consensus == "wrong":
         return f"CONSENSUS, WRONG: {together} '{answer}'{at}."
     if found.consensus == "truth_undefined":
-        reason = "the fill ratio equals the boundary, neither is" if found.of_shares else "neither answer is"
+        reason = "the fill ratio equals the boundary, neither is" if found.of_shares else "no answer is"
         if found.asked_anew:
             reason = "each is asked anew after its answers, some of which may be"
         return f"CONSENSUS: {together} '{answer}'{at}; {reason} right."

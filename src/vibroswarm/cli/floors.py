@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,8 @@ from vibroswarm.cli.output import print_saved_file
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
     from numpy.typing import NDArray
+
+    from vibroswarm.floors.floor import Floor
 
 FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)", "FLOOR")
 Seed = Annotated[int, Option("seed of a random floor")]
@@ -51,14 +54,14 @@ def show(
     force: Force = False,
 ) -> None:
     """Draw a floor in the terminal or to a file."""
-    from vibroswarm.documents.floor import tiles_document
+    from vibroswarm.documents.floor import floor_document
 
-    grid, name = _resolved(floor, tiles, image_threshold, seed)
+    found = _floor(floor, tiles, image_threshold, seed)
     if out is not None:
         from vibroswarm.plots.run import draw_floor
 
-        draw_floor(out, grid, name, replace=force)
-    print_document(tiles_document(name, grid, in_terminal(grid), _values(floor, tiles, seed)))
+        draw_floor(out, found.drawn_tiles, found.name, replace=force)
+    print_document(floor_document(found, in_terminal(found.drawn_tiles)))
     print_saved_file(out)
 
 
@@ -71,12 +74,9 @@ def measure(
 ) -> None:
     """Measure fill ratio, Moran index, entropy and clusters."""
     from vibroswarm.documents.floor import floors_document
-    from vibroswarm.floors.difficulty import measure
+    from vibroswarm.floors.difficulty import measure_floor
 
-    measured = {
-        floor: measure(_resolved(floor, tiles, image_threshold, seed)[0], _values(floor, tiles, seed))
-        for floor in floors
-    }
+    measured = {floor: measure_floor(_floor(floor, tiles, image_threshold, seed)) for floor in floors}
     print_document(floors_document(measured), as_json=json)
 
 
@@ -119,23 +119,17 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
 
 
-def _values(floor: str, tiles: str | None, seed: int) -> NDArray[np.float64] | None:
-    """Return the values of the tiles of a floor, None if it has kinds."""
-    from vibroswarm.floors.grid_text import parse_tiles
-    from vibroswarm.floors.source import values_of
-
-    return values_of(floor, None if tiles is None else parse_tiles(tiles), seed)
-
-
-def _resolved(
-    floor: str, tiles: str | None, image_threshold: str | None, seed: int
-) -> tuple[NDArray[np.uint8], str]:
-    """Return the tiles (rows, columns) and the name of a floor; the seed selects a random one."""
+def _floor(floor: str, tiles: str | None, image_threshold: str | None, seed: int) -> Floor:
+    """Return the floor called ``floor`` of 1 m x 1 m; the seed selects a random one."""
     from vibroswarm.errors import share_from
+    from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.io import THRESHOLD
-    from vibroswarm.floors.source import resolve
+    from vibroswarm.floors.source import resolve, surface_of
 
     size = None if tiles is None else parse_tiles(tiles)
     threshold = THRESHOLD if image_threshold is None else share_from(image_threshold, "--image-threshold")
-    return resolve(floor, size, seed, threshold=threshold)
+    grid, name = resolve(floor, size, seed, threshold=threshold)
+    rows, columns = grid.shape
+    surface = surface_of(floor, (rows, columns), (0.0, 0.0, 1.0, 1.0), seed)
+    return replace(Floor.filling(grid, name=name), surface=surface)

@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import shown
-from vibroswarm.floors.difficulty import Difficulty, Entry, measure
+from vibroswarm.floors.difficulty import Difficulty, Entry, measure_floor
 from vibroswarm.floors.floor import Floor, rows_of
-from vibroswarm.floors.surfaces import STEPS
+from vibroswarm.floors.patches import Patch
 from vibroswarm.show.document import Column, Document, Figure, Table, Text
 from vibroswarm.show.numbers import count, number
 
@@ -32,28 +31,41 @@ MEASURES: Final = {
 """How measures are written, by column."""
 
 
-def floor_document(floor: Floor) -> Document:
-    """Return a floor and its measures of difficulty."""
-    values = floor.surface.values
-    return tiles_document(shown(floor.name), floor.tiles, values=None if values is None else values / STEPS)
-
-
-def tiles_document(
-    name: str, tiles: NDArray[Any], drawing: str = "", values: NDArray[np.float64] | None = None
-) -> Document:
-    """Return the tiles of a floor, and their measures of difficulty.
+def floor_document(floor: Floor, drawing: str = "") -> Document:
+    """Return a floor and its measures of difficulty.
 
     Args:
-        drawing: of the tiles, in text; empty: none. values: of the tiles; None: they have kinds.
+        drawing: of the floor, in text; empty: none.
     """
-    difficulty = measure(tiles, values)
-    words = f"{_in_words(difficulty)}."
+    difficulty = measure_floor(floor)
+    patches = floor.surface.patches
+    words = (
+        f"{count(len(patches), 'patch', 'patches')} on a still floor: fill ratio {difficulty.fill_ratio:.4g}."
+        if floor.has_patches
+        else f"{_in_words(difficulty)}."
+    )
+    name = shown(floor.name)
     return Document(
         title=f"Floor {name}",
         answer=(words,),
-        parts=(*_drawing(drawing), _picture(tiles, words)),
+        parts=(*_drawing(drawing), *_listed(patches), _picture(floor.drawn_tiles, words)),
         data={"floors": _rows({name: difficulty})},
     )
+
+
+def _listed(patches: Sequence[Patch]) -> tuple[Table, ...]:
+    if not patches:
+        return ()
+    frame = pl.DataFrame([{"shape": "disc" if p.is_disc else "rectangle"} | p._asdict() for p in patches])
+    names = {
+        "x_m": "x (m)",
+        "y_m": "y (m)",
+        "width_m": "width (m)",
+        "height_m": "height (m)",
+        "contrast": "contrast",
+    }
+    columns = {name: Column(words, decimals=3) for name, words in names.items()}
+    return (Table(frame.drop("is_disc"), columns, name="patches"),)
 
 
 def _drawing(drawing: str) -> tuple[Text, ...]:

@@ -41,11 +41,12 @@ def file_document(path: Path, draw: Callable[[NDArray[np.uint8]], str]) -> Docum
 
         return table_document(_frame(path), path.name)
     if path.suffix in (*FLOORS, ".csv"):
-        from vibroswarm.documents.floor import tiles_document
+        from vibroswarm.documents.floor import floor_document
+        from vibroswarm.floors.floor import Floor
         from vibroswarm.floors.io import read_tiles
 
         tiles = read_tiles(path)
-        return tiles_document(path.name, tiles, draw(tiles))
+        return floor_document(Floor.filling(tiles, name=path.name), draw(tiles))
     raise InputError(
         "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png)",
         field=str(path),

@@ -20,6 +20,7 @@ from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
+from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.study_figures import (
@@ -236,17 +237,30 @@ class _SomeCells(NamedTuple):
     caption: str
 
 
+_AGREED_ON: Final = ("agreed_on_0", "agreed_on_1")
+
+
+def _agrees(one: CellOutcome, *, many: bool) -> bool:
+    """Return whether it counts on what the swarms of a cell agreed, of two answers or of ``many``."""
+    scenario = one.cell.scenario
+    is_asked = lacks_truth(one.summary) and not scenario.task.asks_number
+    return is_asked and (len(answers_of(scenario)) > 2) == many
+
+
 _OF_SOME_CELLS: Final = (
-    _SomeCells(
-        "agreement",
-        lambda one: lacks_truth(one.summary) and not one.cell.scenario.task.asks_number,
-        (
-            *("agreed_on_0", "agreed_on_1", "swarm_split", "swarm_incomplete"),
-            *("agreement_lasted", "consensus_time_s"),
-        ),
-        "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over runs. "
-        "Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions are "
-        "final). Runs without agreement count with their whole time.",
+    *(
+        _SomeCells(
+            name,
+            has_them,
+            (*agreed_on, "swarm_split", "swarm_incomplete", "agreement_lasted", "consensus_time_s"),
+            "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over "
+            "runs. Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions "
+            "are final). Runs without agreement count with their whole time.",
+        )
+        for name, has_them, agreed_on in (
+            ("agreement", lambda one: _agrees(one, many=False), _AGREED_ON),
+            ("agreement of many", lambda one: _agrees(one, many=True), (*_AGREED_ON, "agreed_on_other")),
+        )
     ),
     _SomeCells(
         "change",

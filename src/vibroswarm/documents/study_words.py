@@ -264,7 +264,9 @@ def _agreement(one: CellOutcome) -> str:
     lasted = ""
     if figures.agreement_lasted.n:
         lasted = f"; {with_limits(figures.agreement_lasted, '%')} of the agreements lasted to the end"
-    shares = figures.agreed_on_0, figures.agreed_on_1
+    shares = [figures.agreed_on_0, figures.agreed_on_1]
+    if len(sides) > 2:
+        sides, shares = (*sides[:2], "another answer"), [*shares, figures.agreed_on_other]
     agreed = ", ".join(
         f"on '{side}' in {with_limits(share, '%')}" + (" of the runs" if number == 0 else "")
         for number, (side, share) in enumerate(zip(sides, shares, strict=False))

@@ -23,10 +23,12 @@ from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
 from vibroswarm.robot.line_sensing import LineProgram, Wave, empty_wave
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, empty_mixture
-from vibroswarm.robot.sensing import SenseProgram, readings
+from vibroswarm.robot.sensing import ClassBorders, SenseProgram, readings
 from vibroswarm.robot.walk import WalkProgram
+from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors.acceleration import line_program
+from vibroswarm.sensors.claims import class_borders
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.static_analysis import PLACE, fields_read
 from vibroswarm.strategies.world import World, belief_below
@@ -68,6 +70,8 @@ class RobotParts:
     """Memory for it, of the right size."""
     has_own_sensor: bool
     """Whether robots do not measure vibration: the program around them hands them each reading."""
+    borders: ClassBorders | None
+    """Which class they read of a value of their own sensor; None if it measures classes, or several numbers."""
     blind_ms: float
     """How long the robot ignores its rays after a turn; 0: it never does."""
     estimates: int = len(ESTIMATE)
@@ -130,8 +134,18 @@ def parts_of(scenario: Scenario) -> RobotParts:
         lines=lines,
         wave=wave,
         has_own_sensor=not measures,
+        borders=None if measures else borders_of(scenario.sensor),
         blind_ms=float(setup["blind_ms"]),
     )
+
+
+def borders_of(sensor: Sensor) -> ClassBorders | None:
+    """Return the borders between the classes of a sensor, None if its values are classes, or of several numbers."""
+    model = sensors.sensor(sensor.model)
+    if model.sense is not None:
+        return None
+    least = class_borders(model, sensor.params, getattr(sensor.params, "rms_threshold", None))
+    return None if (least == np.arange(1, least.size + 1)).all() else ClassBorders(least)
 
 
 def refuse_options(scenario: Scenario, strategy: Strategy) -> None:

@@ -108,8 +108,12 @@ def sketch_text(parts: RobotParts) -> str:
         return text
     last, wheels = parts.scenario.sensor.readings - 1, "/* STUB: wheel speeds"
     stub = f"/* STUB: what the robot's sensor reads here: a class from 0 to {last}. */"
-    own = f"{stub}\nstatic vs_int read_class() {{ return 0; }}\n\n"
-    return text.replace(wheels, own + wheels).replace("vs_observed(&robot)", "read_class()")
+    function, call = "static vs_int read_class() { return 0; }", "read_class()"
+    if parts.borders is not None:
+        stub = "/* STUB: what the robot's sensor measures here. */"
+        function, call = "static float read_value() { return 0; }", "vs_class_of(&robot, read_value())"
+    own = f"{stub}\n{function}\n\n"
+    return text.replace(wheels, own + wheels).replace("vs_observed(&robot)", call)
 
 
 COMPILER: Final = "arm-none-eabi-gcc"

@@ -38,7 +38,7 @@ from vibroswarm.export.source import plain
 from vibroswarm.robot.features import Peak
 from vibroswarm.robot.line_sensing import LineProgram, Wave
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
-from vibroswarm.robot.sensing import SenseProgram, SenseState
+from vibroswarm.robot.sensing import ClassBorders, SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import arrays_of, fields_of
 from vibroswarm.strategies.world import Draws, Reading, World
@@ -227,6 +227,8 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         found["LineProgram"] = struct_of_class("vs_LineProgram", LineProgram, like=parts.lines)
         # mutable: as the mixture.
         found["Wave"] = struct_of_class("vs_Wave", Wave, mutable=True, like=parts.wave)
+    if parts.borders is not None:
+        found["ClassBorders"] = struct_of_class("vs_ClassBorders", ClassBorders, like=parts.borders)
     found["Robot"] = robot_struct(parts, found)
     return found
 
@@ -345,7 +347,10 @@ def checks_of(parts: RobotParts) -> list[str]:
 
 def groups_of(parts: RobotParts, *, for_tests: bool) -> dict[str, list[str]]:
     """Return the functions of a robot that can be called from outside, by the heading of their group."""
-    omitted = robot_program.OF_PLACES if parts.mixture is None else ()
+    omitted = (
+        *(robot_program.OF_PLACES if parts.mixture is None else ()),
+        *(robot_program.OF_VALUES if parts.borders is None else ()),
+    )
     groups = GROUPS | (TESTED if for_tests else {})
     return {heading: [name for name in names if name not in omitted] for heading, names in groups.items()}
 

@@ -28,6 +28,7 @@ ROWS: Final = {
     "SENSING": "SenseProgram",
     "LOCALISER": "LocalisationProgram",
     "LINES": "LineProgram",
+    "BORDERS": "ClassBorders",
 }
 """Constant rows of ``robot_memory``: the names of their classes."""
 FIELD: Final = "//@ "
@@ -64,6 +65,8 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
         rows["LOCALISER"] = parts.localiser._asdict()
     if parts.lines is not None:
         rows["LINES"] = parts.lines._asdict()
+    if parts.borders is not None:
+        rows["BORDERS"] = parts.borders._asdict()
     found = {
         macro_of(row, name): c_number(value, macro_of(row, name))
         for row, values in rows.items()

@@ -53,6 +53,7 @@ def plain_program(parts: RobotParts, mathematics: Any = math) -> types.ModuleTyp
         "SENSING": parts.sensing,
         "LOCALISER": parts.localiser,
         "LINES": parts.lines,
+        "BORDERS": parts.borders,
         "RMS_THRESHOLD": parts.rms_threshold,
         "SENSING_BLIND_MS": parts.blind_ms,
     }

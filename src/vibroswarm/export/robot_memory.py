@@ -23,6 +23,8 @@ LOCALISER: Final[Any] = None
 """``robot.pose_mixture.LocalisationProgram``."""
 LINES: Final[Any] = None
 """``robot.line_sensing.LineProgram``."""
+BORDERS: Final[Any] = None
+"""``robot.sensing.ClassBorders``."""
 RMS_THRESHOLD: Final = 0.0
 """Energy above which a robot reads 1."""
 SENSING_BLIND_MS: Final = 0.0

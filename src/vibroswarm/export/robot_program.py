@@ -35,6 +35,7 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.export.robot_memory import (
+    BORDERS,
     INBOX,
     JOBS,
     LINES,
@@ -73,7 +74,7 @@ from vibroswarm.localisation.odometry import normal
 from vibroswarm.robot import localisation, pose_mixture
 from vibroswarm.robot.features import spectrum_peak
 from vibroswarm.robot.line_sensing import kind_of_line
-from vibroswarm.robot.sensing import begin_sense, high_passed, observation, readings, sense_step
+from vibroswarm.robot.sensing import begin_sense, class_read, high_passed, observation, readings, sense_step
 from vibroswarm.robot.sensing import energy as energy_of
 from vibroswarm.robot.walk import (
     AVOID,
@@ -119,7 +120,7 @@ begin_places, add_drive, add_turn, add_obstacle, add_sample = (
 
 PROMPT: Final = (
     "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed", "sample", "receive", "missed",
-    "time_s", "energy",
+    "time_s", "energy", "class_of",
 )  # fmt: skip
 """Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
 PATIENT: Final = ("start", "told_pose", "work")
@@ -128,6 +129,8 @@ PARTS: Final = ("moved", "stopped", "hear", "take_sample", "timer", "told_simula
 """Parts of ``work`` and ``start``, which only tests call from outside."""
 OF_PLACES: Final = ("told_pose", "moved", "stopped", "told_simulated")
 """Those of all these that only robots have that estimate their places."""
+OF_VALUES: Final = ("class_of",)
+"""Those that only robots have that measure values with a sensor of their own, and read them as classes."""
 
 
 def start(r: Robot, seed: int, run: int, number: int) -> None:
@@ -385,6 +388,11 @@ def observed(r: Robot) -> int:
 def energy(r: Robot) -> float:
     """Return the energy of this stop, or until the next of the last: the RMS that ``observed`` compares."""
     return energy_of(r.sense)
+
+
+def class_of(r: Robot, value: float) -> int:
+    """Return the class that the robot's own sensor reads of a value that it measured, as the simulated sensor does."""
+    return class_read(BORDERS, value)
 
 
 def sample(r: Robot, reading: int) -> None:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -34,8 +34,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import as_tiles
+from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import pattern
+from vibroswarm.floors.surfaces import STEPS
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,13 @@ def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
         InputError: ``tiles`` is not a rectangle of 0 and 1, or ``ones`` is below 2.
     """
     return _entropy(cluster_sizes(tiles), ones)
+
+
+def measure_floor(floor: Floor) -> Difficulty:
+    """Return all measures of a floor at time 0; patches, which no tile shows, count in the fill ratio alone."""
+    values = floor.surface.values
+    found = measure(floor.tiles, None if values is None else values / STEPS)
+    return replace(found, fill_ratio=floor.fill_ratio) if floor.has_patches else found
 
 
 def measure(tiles: ArrayLike, values: ArrayLike | None = None) -> Difficulty:

@@ -33,6 +33,8 @@ TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
 DIGITS: Final = "0123456789abcdef"
 """Characters of the kinds of tile in text without separators."""
+DRAWN, WITHIN = 40, 5
+"""Rows and columns of cells in which patches are drawn, and of the points of each cell at which they are looked for."""
 KIND_LIMIT: Final = len(DIGITS)
 """Maximum number of kinds of tile."""
 
@@ -168,6 +170,23 @@ class Floor(NotebookView):
     def _with_tiles(self, tiles: NDArray[np.uint8]) -> Floor:
         """Return a floor of the same position and name with these tiles, which does not change."""
         return Floor(tiles, *self.geometry[2:], name=self.name)
+
+    @property
+    def has_patches(self) -> bool:
+        """Whether patches, which may be none in a run, say what it is like, and not its tiles."""
+        return self.surface is not PLAIN and self.surface.values is None
+
+    @property
+    def drawn_tiles(self) -> NDArray[np.uint8]:
+        """Tiles as drawings show them; with patches, ``DRAWN`` x ``DRAWN`` cells, 1 where a patch lies in them."""
+        if not self.has_patches:
+            return self.tiles
+        rows, columns, width_m, height_m, left_m, bottom_m = self.geometry
+        share = (np.arange(DRAWN * WITHIN) + 0.5) / (DRAWN * WITHIN)
+        x_m, y_m = np.meshgrid(left_m + columns * width_m * share, bottom_m + rows * height_m * share[::-1])
+        touched = self.contrast_at(x_m, y_m) > 0.0
+        cells = np.any(touched.reshape(DRAWN, WITHIN, DRAWN, WITHIN), axis=(1, 3))
+        return np.asarray(cells, dtype=np.uint8)
 
     @property
     def fill_ratio(self) -> float:

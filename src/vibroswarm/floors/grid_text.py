@@ -1,9 +1,9 @@
 """Floors as text: rows of kinds such as 0 and 1, with or without separators, and the lab's lists of coordinates.
 
 A grid has one row of tiles per line, top row first: ``01010``, ``0 1 0 1 0``, ``0,1,0,1,0`` (also with ';' or tab).
-Kinds above 9 need separators. A
-list of coordinates has one vibrating tile per line, ``column,row``, counted from 0 at the top left; a line ``# -1``
-ends the list. A list of that line alone is a floor on which no tile vibrates. A list does not state the size of the
+Kinds above 9 need separators. A list of coordinates has one vibrating tile per line, ``column,row``, counted from 0 at
+the top left, or with its kind ``column,row,kind``; a line ``# -1`` ends the list. A list of that line alone is a floor
+on which no tile vibrates. A list does not state the size of the
 floor, so it must be given. Empty lines, and other lines that begin with '#', are skipped.
 """
 
@@ -78,10 +78,12 @@ def read_text(text: str, name: str, size: Size | None = None) -> NDArray[np.uint
     # cells, unless it can be a grid of two columns. With a known size, it is a grid if it has this size and holds only
     # 0 and 1; a grid of two columns with other kinds has to be written without separators. Without a known size, it is
     # a list (which is refused below) if all cells are integers, and not all of them 0 or 1; any other text is read as a
-    # grid, whose checks report the wrong cell.
-    pairs = all(len(line.cells) == 2 and line.separated for line in lines)
+    # grid, whose checks report the wrong cell. Triples of cells are a list if they end with "# -1", or are no grid of
+    # the known size.
+    pairs, triples = (all(len(line.cells) == width and line.separated for line in lines) for width in (2, 3))
     grid_fits = size is not None and not ended and size == (len(lines), 2) and _all_bits(lines)
-    if ended or (pairs and not grid_fits and (size is not None or _coordinates(lines))):
+    listed = pairs and not grid_fits and (size is not None or _coordinates(lines))
+    if ended or listed or (triples and size is not None and size != (len(lines), 3)):
         if size is None:
             raise InputError(
                 "is a list of coordinates, which does not say how many tiles there are; "
@@ -214,21 +216,28 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
 
 
 def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.uint8]:
-    """Return the tiles of a floor of this size, given the coordinates (column, row) of its vibrating tiles.
+    """Return the tiles of a floor of this size, given (column, row), or (column, row, kind), of those not of kind 0.
 
     Raises:
-        InputError: a line is not a pair of integers, or names a tile that is outside the floor or was named before; the
-            message names the line.
+        InputError: a line is no pair of integers (with a kind), or names a tile that is outside the floor or was named
+            before; the message names the line.
     """
     rows, columns = size
     tiles = np.zeros(size, dtype=np.uint8)
+    named = np.zeros(size, dtype=np.bool_)
     for line in lines:
         at = f"line {line.number}"
-        if len(line.cells) != 2 or not all(_WHOLE.fullmatch(cell) for cell in line.cells):
+        kind = _kind(line.cells[2]) if len(line.cells) == 3 else 1
+        if (
+            len(line.cells) not in (2, 3)
+            or kind is None
+            or not all(_WHOLE.fullmatch(cell) for cell in line.cells[:2])
+        ):
             raise InputError(
-                f"{at} holds '{_short(','.join(line.cells))}'; a line of the list is column,row", field=name
+                f"{at} holds '{_short(','.join(line.cells))}'; a line of the list is column,row or column,row,kind",
+                field=name,
             )
-        column, row = (int(cell) for cell in line.cells)
+        column, row = (int(cell) for cell in line.cells[:2])
         for value, count, axis in ((column, columns, "column"), (row, rows, "row")):
             if not 0 <= value < count:
                 raise InputError(
@@ -236,9 +245,9 @@ def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.u
                     f"{axis}s are 0 to {count - 1}",
                     field=name,
                 )
-        if tiles[row, column]:
+        if named[row, column]:
             raise InputError(f"{at} repeats the tile at column {column}, row {row}; name it once", field=name)
-        tiles[row, column] = 1
+        named[row, column], tiles[row, column] = True, kind
     return tiles
 
 

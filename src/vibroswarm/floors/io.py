@@ -89,14 +89,16 @@ def read_tiles(
     return read_text(text, name, tiles)
 
 
-def read_values(path: Path | str, size: Size | None = None) -> NDArray[np.float64]:
+def read_values(
+    path: Path | str, size: Size | None = None, ends: tuple[float, float] = (0.0, 1.0)
+) -> NDArray[np.float64]:
     """Read a value for each tile, from 0 to 1: numbers of a text or CSV, or grey levels of a PNG picture.
 
     Args:
         size: rows and columns, into which a picture is divided; None: each pixel is a tile. Numbers must be of this
-            size.
+            size. ends: the numbers that are the values 0 and 1; not used for pictures.
     Raises:
-        InputError: the file cannot be read, or is no rectangle of numbers from 0 to 1.
+        InputError: the file cannot be read, or is no rectangle of numbers between ``ends``.
     """
     name = str(path)
     data = read_bytes(Path(path), FILE_LIMIT, "a floor")
@@ -112,6 +114,16 @@ def read_values(path: Path | str, size: Size | None = None) -> NDArray[np.float6
         values = np.array(rows, dtype=np.float64)
     except ValueError:  # other text, or rows of different lengths
         raise InputError("is no rectangle of numbers; give one row of tiles per line", field=name) from None
+    low, high = ends
+    if not low < high:
+        raise InputError(f"{low:g}..{high:g} is no range; give values:LOW..HIGH:{name}", field="--floor")
+    if values.ndim == 2 and values.size and not (low <= values.min() and values.max() <= high):
+        raise InputError(
+            f"holds numbers from {values.min():g} to {values.max():g}, beyond {low:g} to {high:g}; state a range that "
+            f"holds them, as values:{math.floor(values.min())}..{math.ceil(values.max())}:{name}",
+            field=name,
+        )
+    values = (values - low) / (high - low)
     steps_of(values, name)  # which checks it
     if size is not None and values.shape != size:
         raise InputError(

@@ -3,12 +3,14 @@
 | source | floor |
 |---|---|
 | ``diagonal:0.46`` | a pattern of the paper, 10 x 10 tiles, top row first |
+| ``stripe:0.4,0.36,0.24`` | likewise with shares of the kinds 0, 1, 2: ``stripe``, ``diagonal`` or ``alternating`` |
 | ``random:0.48`` | a share of vibrating tiles at random places: a new floor for each run |
 | ``random:0.4,0.36,0.24`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
 | ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2`` | patches and values, see ``surfaces`` |
 | ``floors/mine.csv`` | a file, see ``io`` |
 | ``palette:ffffff,0000ff,ff0000:mine.png`` | a picture; these colours are the kinds 0, 1 and 2 |
 | ``values:floors/mine.csv`` | a file of numbers from 0 to 1, or a grey picture |
+| ``values:3..12:floors/mine.csv`` | a file of numbers from 3 to 12, which are the values 0 and 1 |
 
 Random floors have an exact number of tiles of each kind.
 
@@ -22,6 +24,7 @@ The paper's table has five patterns at two fill ratios. Two names differ from th
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -37,9 +40,11 @@ from vibroswarm.floors.io import THRESHOLD, read_palette, read_tiles, read_value
 from vibroswarm.floors.surfaces import (
     EXAMPLES,
     PATCHES,
-    STEPS,
+    PLAIN,
+    Surface,
     kind_of_name,
     kinds_of,
+    named_patches,
     named_values,
     steps_of,
 )
@@ -82,15 +87,56 @@ def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
-        name: one of ``NAMES``, also in another spelling that ``canonical`` accepts.
+        name: one of ``NAMES``, also in another spelling that ``canonical`` accepts; or one of ``ORDERS`` with shares of
+            kinds.
     Raises:
         InputError: no pattern has this name.
     """
-    drawing, cleared = _PATTERNS[canonical(name)]  # cleared: tiles that vibrate in the drawing but are still
+    name = canonical(name)
+    if "," in name:
+        return _pattern_of_kinds(name)
+    drawing, cleared = _PATTERNS[name]  # cleared: tiles that vibrate in the drawing but are still
     tiles = as_tiles([[int(tile) for tile in row] for row in drawing.split()])
     for row, column in cleared:
         tiles[row, column] = 0
     return tiles
+
+
+_SIDE: Final = 10
+"""Rows and columns of patterns."""
+_ROW, _COLUMN = np.divmod(np.arange(_SIDE * _SIDE), _SIDE)
+ORDERS: Final = {
+    "stripe": np.arange(_SIDE * _SIDE),
+    "diagonal": np.argsort(_COLUMN - _ROW, kind="stable"),
+    "alternating": np.arange(_SIDE * _SIDE),
+}
+"""Patterns of any number of kinds: order in which tiles, row by row from the top, get the kinds 1, 2 and so on, then 0;
+in ``alternating`` each gets the kind that lags its share most, one tile less for each neighbour of that kind."""
+
+
+def _pattern_of_kinds(name: str) -> NDArray[np.uint8]:
+    """Return the tiles of a pattern with shares of kinds, such as ``stripe:0.4,0.36,0.24``."""
+    shares = random_shares(name)
+    left = np.array([0, *(exact_ones(_SIDE, _SIDE, share) for share in shares[1:])])
+    left[0] = _SIDE * _SIDE - left.sum()
+    kinds = np.roll(np.repeat(np.arange(left.size), left), -left[0])
+    if family(name) == "alternating":
+        for k in range(kinds.size):
+            lags = np.array(shares) * (k + 1) - np.bincount(kinds[:k], minlength=left.size)
+            lags[kinds[k - 1]] -= k % _SIDE > 0
+            lags[kinds[k - _SIDE]] -= k >= _SIDE
+            kinds[k] = np.where(left > 0, lags, -np.inf).argmax()
+            left[kinds[k]] -= 1
+    tiles = np.empty(_SIDE * _SIDE, dtype=np.uint8)
+    tiles[ORDERS[family(name) or ""]] = kinds
+    return tiles.reshape(_SIDE, _SIDE)
+
+
+def kinds_stated(source: str) -> int | None:
+    """Return the number of kinds whose shares a name states; None of values, patches and files."""
+    if is_random(source):
+        return len(random_shares(source))
+    return None if family(source) is None else max(canonical(source).count(",") + 1, 2)
 
 
 def family(name: str) -> str | None:
@@ -114,6 +160,13 @@ def canonical(name: str) -> str:
             f"'{name}' is not a pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field="--floor"
         )
     fill = name.partition(":")[2].strip().lower().replace("_", "-")
+    if "," in fill:
+        if kind not in ORDERS:
+            raise InputError(
+                f"'{name}' has two kinds of tile; {', '.join(ORDERS)} and {RANDOM} take shares of kinds",
+                field=_FIELD,
+            )
+        return f"{kind}:{','.join(f'{share:g}' for share in random_shares(name))}"
     fills = [known.partition(":")[2] for known in NAMES if known.startswith(f"{kind}:")]
     if fill not in fills:  # it may be written in another way, such as .48
         fill = next((known for known in fills if _same_number(known, fill)), fill)
@@ -199,18 +252,31 @@ VALUES_OF: Final = "values:"
 """What the name of a file with values of tiles begins with, as a floor."""
 
 
+_SCALE: Final = re.compile(r"-?\d*\.?\d+\.\.-?\d*\.?\d+:")
+
+
+def parts_of_values(spec: str) -> tuple[str, str]:
+    """Return the name of a file of values in two parts: ``values:`` or ``values:3..12:``, and the path."""
+    first, path = spec.strip()[: len(VALUES_OF)], spec.strip()[len(VALUES_OF) :]
+    scale = _SCALE.match(path)
+    return (first, path) if scale is None else (first + scale[0], path[scale.end() :])
+
+
 def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, ...], ...], str] | None:
     """Return the values of the tiles in a file, row by row, and its name; None if ``spec`` names no file of values.
 
     Args:
-        spec: such as ``values:floors/mine.csv``, or a grey picture. size: rows and columns, as in ``io.read_values``.
+        spec: such as ``values:floors/mine.csv``, or a grey picture; ``values:3..12:floors/mine.csv`` says which numbers
+            are the values 0 and 1. size: rows and columns, as in ``io.read_values``.
     Raises:
         InputError: there is no such file, or it has no values.
     """
     if not spec.strip().lower().startswith(VALUES_OF):
         return None
-    path = spec.strip()[len(VALUES_OF) :]
-    values = read_values(path, size)
+    prefix, path = parts_of_values(spec)
+    scale = prefix[len(VALUES_OF) : -1]
+    ends = tuple(map(float, scale.split(".."))) if scale else (0.0, 1.0)
+    values = read_values(path, size, (ends[0], ends[1]))
     return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
 
 
@@ -230,20 +296,21 @@ def _palette_tiles(spec: str, size: Size | None) -> tuple[NDArray[np.uint8], str
     return read_palette(path, [colour.strip() for colour in colours.split(",")], size), Path(path).name
 
 
-def values_of(spec: str, size: Size | None = None, seed: int = 0, run: int = 0) -> NDArray[np.float64] | None:
-    """Return the values of the tiles of a floor, (rows, columns); None if it has kinds.
+def surface_of(
+    spec: str, size: Size, box_m: tuple[float, float, float, float], seed: int = 0, run: int = 0
+) -> Surface:
+    """Return values and patches of a floor.
 
     Args:
-        spec, size, seed, run: as ``resolve`` takes them.
-    Raises:
-        InputError: it is a floor of values, and ``resolve`` refuses it.
+        spec, seed, run: as ``resolve`` takes them. size: rows and columns, as ``resolve`` found them. box_m: left,
+            bottom, right and top of the part in which patches lie.
     """
     if (found := values_in(spec, size)) is not None:
-        return np.asarray(steps_of(found[0]) / STEPS)
-    if kind_of_name(spec) in ("", PATCHES):
-        return None
-    rows, columns = size or DEFAULT_SIZE
-    return np.asarray(named_values(spec, rows, columns, seed, run) / STEPS)
+        return Surface(values=steps_of(found[0]))
+    kind = kind_of_name(spec)
+    if kind == PATCHES:
+        return Surface(patches=named_patches(spec, box_m, seed, run))
+    return Surface(values=named_values(spec, *size, seed, run)) if kind else PLAIN
 
 
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:

@@ -332,7 +332,7 @@ def loss_uniform(seed: int, run: int, receiver: int, sender: int, number: int) -
     return uniform(seed, run, receiver, LOSS, number, sender)
 
 
-def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
+def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     """Return the final state of each robot as columns by name, (runs * robots,) each.
 
     They are the columns of ``FINALS`` without run and robot, and ``sent``, the number of messages that the robot sent.
@@ -349,10 +349,12 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
         name: states[name].astype(np.float64) if name in fields else np.full(agents.size, np.nan)
         for name in ("alpha", "beta")
     }
-    estimate, spread = (
-        estimate_of(counts["alpha"], counts["beta"]),
-        spread_of(counts["alpha"], counts["beta"]),
-    )
+    ones, zeros = counts["alpha"], counts["beta"]
+    if shares := strategy_used(scenario).shares:
+        of_kinds = getattr(swarm.arrays, shares).astype(np.float64)
+        ones = of_kinds[:, getattr(scenario.task.params, "kind", 1)]
+        zeros = of_kinds.sum(axis=1) - ones
+    estimate, spread = estimate_of(ones, zeros), spread_of(ones, zeros)
     if "estimate" in fields and "estimate_spread" in fields:  # the strategy's own
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     return {
@@ -370,14 +372,14 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
     }
 
 
-def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
+def final_frame(scenario: Scenario, ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
     """Return the final state of each robot as a table: the columns of ``FINALS``, and ``sent``.
 
     Args:
         ends: table of the motion with a row for each run and robot, in the order of the rows of ``swarm``.
     """
     kinds = {**FINALS, "sent": pl.UInt32}
-    columns = final_columns(swarm).items()
+    columns = final_columns(scenario, swarm).items()
     series = [as_column(name, column, kinds[name]) for name, column in columns]
     return pl.DataFrame([ends["run"], ends["robot"], *series])
 

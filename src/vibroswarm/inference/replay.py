@@ -54,7 +54,7 @@ def infer(
         CodeError: the strategy did something that strategies may not do.
     """
     timeline = timeline_of(scenario, motion)
-    return _tables(timeline, *_logged(scenario, seed, timeline, observations))
+    return _tables(scenario, timeline, *_logged(scenario, seed, timeline, observations))
 
 
 def infer_and_report(
@@ -64,7 +64,7 @@ def infer_and_report(
     timeline = timeline_of(scenario, motion)
     swarm, messages, log = _logged(scenario, seed, timeline, observations)
     reports = report_frame(strategy_used(scenario), timeline, log, swarm)
-    return *_tables(timeline, swarm, messages, log), reports
+    return *_tables(scenario, timeline, swarm, messages, log), reports
 
 
 def _logged(
@@ -77,11 +77,13 @@ def _logged(
     return _replayed(scenario, seed, timeline, observations, messages, log), messages, log
 
 
-def _tables(timeline: Timeline, swarm: Swarm, messages: Any, log: Log) -> tuple[pl.DataFrame, pl.DataFrame]:
+def _tables(
+    scenario: Scenario, timeline: Timeline, swarm: Swarm, messages: Any, log: Log
+) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Return the inference table and the final state of each robot."""
     key = [timeline.samples[name] for name in ("run", "robot", "sample")]
     columns = inference_columns(messages, log)
-    return pl.DataFrame([*key, *columns]), final_frame(timeline.ends, swarm)
+    return pl.DataFrame([*key, *columns]), final_frame(scenario, timeline.ends, swarm)
 
 
 def replay_to_end(

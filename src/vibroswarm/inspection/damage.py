@@ -32,7 +32,7 @@ from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import kernel
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
-from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.observation.energy_model import energy_of, likelihood_at
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors.base import MOST_KINDS
 
@@ -120,8 +120,8 @@ def ratios_at(law: Law, value: Floats) -> Floats:
 def contrast_ratios(law: Law, value: Floats, contrast: float) -> Floats:
     """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
 
-    At contrast 1 it is that of the law. Below, it is computed from tables: the density of a quantile function Q is
-    1 / Q'(u), averaged over the factors of tiles and robots; that of measured values is a histogram, as at contrast 1.
+    At contrast 1 it is that of the law; below, that of the likelihood that the sensor claims at the contrast
+    (``energy_model.likelihood_at``). That of measured values is a histogram, as at contrast 1.
     """
     if contrast >= 1.0:
         return ratios_at(law, value)
@@ -179,22 +179,10 @@ def _contrast_table(law: Law, contrast: float) -> Floats:
         between = values_at(law, u, True, contrast)
         sensor = law.sensor.model_copy(update={"vibrating_energies": tuple(between.tolist())})
         return ratios_of_values(Law(sensor, law.origin), table.value)
-    factors, weights = np.ones(1), np.ones(1)
-    if law.sensor.tile_spread is not None or law.sensor.robot_spread is not None:
-        from vibroswarm.observation.energy_model import typical_factors
-
-        factors, weights = typical_factors(law.sensor)
-    at = np.linspace(0, POINTS - 1, 200).round().astype(np.int64)
-    logs = []
-    for share in (0.0, contrast):
-        quantile = mixed(table.still, table.vibrating, share)[at]
-        middle = 0.5 * (quantile[1:] + quantile[:-1])
-        density = np.diff(table.u[at]) / np.maximum(np.diff(quantile), 1e-9)
-        total = sum(
-            w * np.interp(table.value / c, middle, density, left=0.0, right=0.0) / c
-            for c, w in zip(factors.tolist(), weights.tolist(), strict=True)
-        )
-        logs.append(np.log(np.maximum(total, 1e-12)))
+    logs = [
+        np.log(np.maximum(likelihood_at(law.sensor, share, table.value, law.place), 1e-12))
+        for share in (0.0, contrast)
+    ]
     return np.asarray(np.clip(logs[1] - logs[0], -8.0, 8.0))
 
 

@@ -19,6 +19,7 @@ rates.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any, Final
 
@@ -33,6 +34,7 @@ from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors.claims import CLAIMED_AS_TRUE
 from vibroswarm.sensors.claims import claimed_rates as rates_of_likelihood
+from vibroswarm.sensors.claims import likelihood_at as density_at
 
 
 def model_of(sensor: Sensor) -> SensorModel:
@@ -350,13 +352,31 @@ def log_likelihood(
         InputError: the sensor states no likelihood.
     """
     model, p = model_of(sensor), _params(sensor, place)
+    found = _mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))
+    with np.errstate(divide="ignore"):  # ln 0 is -inf
+        return np.log(found)
+
+
+def likelihood_at(
+    sensor: Sensor, contrast: float, energy: NDArray[np.float64], place: Place | None = None
+) -> NDArray[np.float64]:
+    """Return the likelihood that robots claim of energies at a contrast between still and vibrating, (samples,).
+
+    See ``sensors.claims.likelihood_at``; if tiles or robots differ, it is the mean as in ``log_likelihood``.
+    """
+    model, p = model_of(sensor), _params(sensor, place)
+    return _mean_density(sensor, energy, lambda value: density_at(model, contrast, value, p))
+
+
+def _mean_density(
+    sensor: Sensor, value: NDArray[np.float64], density: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Return the mean density of values over the distribution of the factors of tiles and robots, (samples,)."""
     factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
     if factors_differ(sensor):
         factors, weights = typical_factors(sensor)
-    value = _values(sensor, energy)
     total = np.zeros(len(value))
     for factor, weight in zip(factors.tolist(), weights.tolist(), strict=True):
         # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
-        total += weight * (model.densities(kind, value / factor, p) / factor)
-    with np.errstate(divide="ignore"):  # ln 0 is -inf
-        return np.log(total)
+        total += weight * (density(value / factor) / factor)
+    return total

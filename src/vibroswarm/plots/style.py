@@ -315,6 +315,7 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
     "forget": (2, 0),
     "reset": (3, 1),
     "fading": (4, 2),
+    "averaging": (5, 3),
 }
 """For each strategy, its indices in ``SERIES`` (colour) and ``MARKERS``. Never change them: readers compare pictures
 that were drawn at different times."""

@@ -244,7 +244,7 @@ def _replay_once(
     if status != DONE:
         raise CodeError(f"strategy '{strategy.name}': {ERROR_TEXT[status]}")
     ends = recording.ends.filter(pl.col("run") == run)
-    return final_frame(ends, swarm), int(missing), inference_columns(messages, log)
+    return final_frame(scenario, ends, swarm), int(missing), inference_columns(messages, log)
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:

@@ -21,6 +21,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vibroswarm.core.jit import kernel
 
 
@@ -91,6 +94,23 @@ def high_passed(program: SenseProgram, filtered: float, value: float, last: floa
 def energy(state: SenseState) -> float:
     """Return E, the root mean square of the readings so far; 0 before the first."""
     return math.sqrt(state.squares / state.taken) if state.taken > 0 else 0.0  # Algorithm 2
+
+
+class ClassBorders(NamedTuple):
+    """Which class a robot reads of a value of its own sensor."""
+
+    least: NDArray[np.float64]
+    """(classes - 1,), ascending: the least value that reads as class 1, 2 and so on; inf: none does."""
+
+
+@kernel
+def class_read(borders: ClassBorders, value: float) -> int:
+    """Return the class of a value: how many borders are at or below it."""
+    found = 0
+    for k in range(borders.least.size):
+        if value >= borders.least[k]:
+            found = k + 1
+    return found
 
 
 @kernel

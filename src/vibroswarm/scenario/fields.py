@@ -32,15 +32,12 @@ from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, Floor, as_tiles, words_of_kinds
-from vibroswarm.floors.source import is_redrawn, named_tiles
+from vibroswarm.floors.source import is_redrawn, named_tiles, surface_of
 from vibroswarm.floors.surfaces import (
-    PATCHES,
     PLAIN,
     Surface,
     kind_of_name,
     kinds_of,
-    named_patches,
-    named_values,
     steps_of,
 )
 from vibroswarm.scenario.change_fields import Change
@@ -171,20 +168,17 @@ class FloorField(FrozenModel):
         """Return values and patches of (seed, run); patches lie inside floor and arena."""
         if self.values is not None:
             return Surface(values=steps_of(self.values))
-        kind = kind_of_name(self.source) if self.tiles is None else ""
+        if self.tiles is not None:
+            return PLAIN
         rows, columns, width_m, height_m, left_m, bottom_m = plain.geometry
-        if kind == PATCHES:
-            right_m, top_m = left_m + columns * width_m, bottom_m + rows * height_m
-            box_m = (
-                max(left_m, 0.0),
-                max(bottom_m, 0.0),
-                min(right_m, arena.width_m),
-                min(top_m, arena.height_m),
-            )
-            return Surface(patches=named_patches(self.source, box_m, seed, run))
-        if kind:
-            return Surface(values=named_values(self.source, rows, columns, seed, run))
-        return PLAIN
+        right_m, top_m = left_m + columns * width_m, bottom_m + rows * height_m
+        box_m = (
+            max(left_m, 0.0),
+            max(bottom_m, 0.0),
+            min(right_m, arena.width_m),
+            min(top_m, arena.height_m),
+        )
+        return surface_of(self.source, (rows, columns), box_m, seed, run)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
         """Return the tiles of (seed, run) (uint8, (rows, columns), kinds, top row first), and the floor's name.

@@ -28,7 +28,7 @@ from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.io import THRESHOLD, is_picture
-from vibroswarm.floors.source import VALUES_OF, family, is_generated, resolve, values_in
+from vibroswarm.floors.source import VALUES_OF, family, is_generated, parts_of_values, resolve, values_in
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
@@ -418,8 +418,9 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
     size = (floor.get("rows"), floor.get("columns"))
     shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
     if source.lower().startswith(VALUES_OF):
-        beside = folder / source[len(VALUES_OF) :]
-        named = f"{VALUES_OF}{beside}" if beside.is_file() else source
+        prefix, path_of_values = parts_of_values(source)
+        beside = folder / path_of_values
+        named = f"{prefix}{beside}" if beside.is_file() else source
         floor["values"], floor["source"] = values_in(named, shape)  # type: ignore[misc, arg-type]
         return None
     path = folder / source

@@ -12,7 +12,7 @@ import numpy as np
 from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import is_random, random_shares, shadows
+from vibroswarm.floors.source import kinds_stated, shadows
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
@@ -270,11 +270,11 @@ def _check_kinds(s: Sections) -> None:
             f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
-    shares = random_shares(name) if s.floor.is_named and is_random(name) else ()
-    if len(shares) > 2 and len(shares) < kinds:
+    stated = kinds_stated(s.floor.source) if s.floor.is_named else None
+    if stated is not None and stated < kinds:
         raise InputError(
-            f"'{name}' has shares of {len(shares)} kinds, and the sensor '{s.sensor.model}' knows {kinds}; give a "
-            "share of each, 0 for those that are not there",
+            f"'{name}' states {stated} kinds of tile, and the sensor '{s.sensor.model}' knows {kinds}; give a share of "
+            "each, 0 for those that are not there, as random:0.5,0.5,0",
             field="floor.source",
         )
     if max(kinds, readings) > 2:
@@ -294,8 +294,8 @@ def _check_kinds(s: Sections) -> None:
     if task.estimated:
         if not strategy.estimates:
             raise InputError(
-                f"'{s.task.name}' asks for the {task.estimated}, and '{s.strategy.name}' estimates no number; choose a "
-                "strategy that counts readings, such as none or mcp",
+                f"'{s.task.name}' asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' "
+                "estimates no number; choose a strategy that counts readings, such as none or mcp",
                 field="strategy.name",
             )
         return
@@ -339,16 +339,25 @@ def _check_surface(s: Sections) -> None:
     """Refuse what values of tiles and patches do not go with, and what is wrong with those of run 0."""
     surface = s.floor.placed_in(s.arena, 0, 0).surface
     sensor, what = s.sensor, "values of tiles" if surface.values is not None else "patches"
-    if max(sensor.kinds, sensor.readings) > 2 or not sensors.sensor(sensor.model).scales:
+    model = sensors.sensor(sensor.model)
+    if model.sense is not None:
         raise InputError(
-            f"{what} need a sensor of strengths with two kinds of tile, such as gamma, and '{sensor.model}' is none",
+            f"{what} are contrasts between the laws of two kinds of tile, and '{sensor.model}' has no laws: it "
+            "measures at each place, from kinds of tile; choose a floor of kinds",
+            field="floor.source",
+        )
+    if max(sensor.kinds, sensor.readings) > 2 or not model.scales:
+        own = "; a sensor of your own says so by scales=True" if model.code and not model.scales else ""
+        raise InputError(
+            f"{what} need a sensor of strengths with two kinds of tile, such as gamma, and '{sensor.model}' is none"
+            f"{own}",
             field="sensor.model",
         )
-    edges = sensor.edge_reach_m is not None or sensor.edge_blur_m is not None
-    if surface.values is not None and edges:
-        raise InputError(
-            "edges are those of kinds of tile, and this floor has values", field="sensor.edge_reach_m"
-        )
+    for field in ("edge_reach_m", "edge_blur_m"):
+        if surface.values is not None and getattr(sensor, field) is not None:
+            raise InputError(
+                "edges are those of kinds of tile, and this floor has values", field=f"sensor.{field}"
+            )
 
 
 def _check_asks_for_change(s: Sections) -> None:

@@ -17,6 +17,7 @@ A sensor is one file: parameters, and plain functions of NumPy arrays.
     def measure(kind, u, p): ...           # (samples,) values: quantiles ``u`` (samples,) of the law of one kind
     def reading(value, p): ...             # (samples,) classes of values
     def likelihood(kind, value, p): ...    # optional: density (or share) of values under the law of one kind
+    def likelihood_at(contrast, value, p): ...  # optional: the same at a contrast between the kinds 0 and 1
 
 A sensor whose values depend on the place, as acceleration does, has in place of ``measure``
 
@@ -114,7 +115,7 @@ class SensorModel(Plugin):
     """A sensor, see the module's docstring.
 
     Args:
-        measure, sense, reading, kinds, readings, likelihood: the functions of the module's docstring.
+        measure, sense, reading, kinds, readings, likelihood, likelihood_at: the functions of the module's docstring.
         has_threshold: whether the parameters, in a table of their own, have ``rms_threshold`` of the section beside.
         numbers: names of the numbers of a value, a function of the parameters. In tables the first is the column
             ``energy``, and the others are columns of their names.
@@ -123,7 +124,8 @@ class SensorModel(Plugin):
             ``sensor.rms_threshold``: the share of values of a kind at or below each threshold, if that has a formula.
         check: optional, a function of the parameters that raises an ``InputError`` if they do not go together.
         in_section: whether the parameters are fields of the section ``sensor`` itself, and not of a table of its own.
-        scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply.
+        scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply. With two
+            kinds of tile such a sensor also measures values of tiles and patches (``floors.patches``).
         claims_truth: whether ``likelihood`` states the law of ``measure``. The rates that robots claim are then those
             of ``measure`` to the last bit, and are not summed up from the likelihood.
     """
@@ -134,6 +136,7 @@ class SensorModel(Plugin):
     kinds: Callable[[Any], int] = _two
     readings: Callable[[Any], int] = _two
     likelihood: Callable[[int, Values, Any], Values] | None = None
+    likelihood_at: Callable[[float, Values, Any], Values] | None = None
     share_at_most: Callable[[int, Values, Any], Values] | None = None
     check: Callable[[Any], None] | None = None
     in_section: bool = False
@@ -202,13 +205,17 @@ class SensorModel(Plugin):
             raise InputError(
                 f"sensor '{self.name}' states no likelihood, which is needed here", field="sensor.model"
             )
+        return self._checked_densities("likelihood", kind, value, p)
+
+    def _checked_densities(
+        self, part: Literal["likelihood", "likelihood_at"], of: float, value: Values, p: BaseModel
+    ) -> Values:
+        """Return what one of the likelihoods says of values on a kind, or at a contrast; raises as ``densities``."""
+        wrong = f"sensor '{self.name}', {part}: returned %s; return one number of at least 0 for each value"
         with errors_in(self.code):
-            found = np.asarray(self.likelihood(kind, value, p), dtype=np.float64)
+            found = np.asarray(getattr(self, part)(of, value, p), dtype=np.float64)
         if found.shape != (value.shape if self.sense is None else value.shape[:1]):
-            raise CodeError(
-                f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
-                "value"
-            )
+            raise CodeError(wrong % shown(found))
         if np.isnan(found).any() and np.isnan(value).any():
             raise InputError(
                 f"the likelihood of '{self.name}' needs {', '.join(self.names_of_numbers(p))}, and only the first is "
@@ -216,11 +223,12 @@ class SensorModel(Plugin):
                 field="sensor.model",
             )
         if not (found >= 0.0).all():
-            raise CodeError(
-                f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
-                "value"
-            )
+            raise CodeError(wrong % shown(found))
         return found
+
+    def densities_at(self, contrast: float, value: Values, p: BaseModel) -> Values:
+        """Return the likelihood that the sensor states at a contrast (``likelihood_at``); raises as ``densities``."""
+        return self._checked_densities("likelihood_at", contrast, value, p)
 
     def values(self, kind: int, u: Values, p: BaseModel) -> Values:
         """Return what samples measure on a kind of tile, in the shape of ``u``.

@@ -1,9 +1,11 @@
-"""How often robots believe that they read each class, by the likelihood that their sensor states.
+"""What follows from the likelihood that a sensor states: rates of reading each class, and the law at a contrast.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | likelihood | L_i(v) | 1 / unit of v, or a share | what robots claim of the value v on a tile of kind i |
 | claimed rate | c_ij | - | sum, or integral, of L_i over the values v that read as class j; rows sum to 1 |
+| claimed quantile | Q_i(u) | as v | F_i^-1(u), F_i the integral of L_i |
+| likelihood at contrast c | L_c(v) | 1 / unit of v | 1 / Q_c'(u) where Q_c(u) = (1 - c) Q_0(u) + c Q_1(u) = v |
 
 What a robot claims need not be true: ``measure`` draws the values, and ``likelihood`` says what robots believe of them.
 Values are summed over if there are few of them, or if they are whole numbers: all but those that hardly a sample
@@ -12,7 +14,7 @@ measures. Others are integrated over, also beyond those that are measured, up to
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +22,7 @@ from pydantic import BaseModel
 
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError
+from vibroswarm.floors.patches import mixed
 from vibroswarm.sensors.base import TRIED, SensorModel, Values
 
 FEW: Final = 256
@@ -41,6 +44,8 @@ CLAIMED_AS_TRUE: Final = 1e-3
 """Claimed rates that differ by at most this from the true ones count as these."""
 SETTLED: Final = 1e-9
 """An interval is halved if that changes its integral by more."""
+GRID: Final = 20_001
+"""Values at which a claimed law is integrated to find its quantiles."""
 
 
 @lru_cache(maxsize=64)
@@ -53,12 +58,7 @@ def claimed_rates(model: SensorModel, p: BaseModel, threshold: float | None, fac
     Raises:
         CodeError: the likelihood of a kind does not sum to 1.
     """
-    kinds = range(model.number_of("kinds", p))
-    measured = np.unique([model.values(kind, TRIED, p) for kind in kinds])
-    if (np.diff(model.classes(measured * factor, p)) < 0).any():
-        raise CodeError(
-            f"sensor '{model.name}': the reading falls as the value grows; see the protocol of sensors"
-        )
+    measured = _measured(model, p, factor)
     values = _values_to_sum(measured, model.number_of("readings", p))
     found = (
         _summed(model, p, values, factor) if values is not None else _integrated(model, p, measured, factor)
@@ -162,13 +162,85 @@ def _density(model: SensorModel, kind: int, value: Values, p: Any) -> Values:
 
 
 def _with_borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
-    """Return ``ends``, ascending, with the values between them at which the class changes, found by bisection."""
-    classes = model.classes(ends * factor, p)
-    first = np.searchsorted(classes, np.arange(1, model.number_of("readings", p)))
-    borders = np.flatnonzero((first > 0) & (first < ends.size)) + 1  # classes that begin between two ends
-    low, high = ends[first[borders - 1] - 1], ends[first[borders - 1]]
+    """Return ``ends``, ascending, with the values between them at which the class changes."""
+    least = _borders(model, p, ends, factor)
+    return np.unique(np.append(ends, least[np.isfinite(least)]))
+
+
+def _borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
+    """Return the least values that read as class 1, 2 and so on, or above, found by bisection between ``ends``.
+
+    Returns: (classes - 1,): -inf if all ends do, inf if none does.
+    """
+    classes, borders = model.classes(ends * factor, p), np.arange(1, model.number_of("readings", p))
+    first = np.searchsorted(classes, borders)
+    low, high = ends[np.maximum(first - 1, 0)], ends[np.minimum(first, ends.size - 1)]
     for _ in range(64):
         middle = 0.5 * (low + high)
         is_below = model.classes(middle * factor, p) < borders
         low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
-    return np.unique(np.concatenate([ends, high]))
+    return np.where(first == 0, -np.inf, np.where(first == ends.size, np.inf, high))
+
+
+@lru_cache(maxsize=64)
+def class_borders(model: SensorModel, p: BaseModel, threshold: float | None) -> Values:
+    """Return the least values that read as class 1, 2 and so on, (classes - 1,); inf if nothing measured does.
+
+    Arguments and errors are those of ``claimed_rates``. Values beyond the measured ones read as the nearest of these.
+    """
+    return _borders(model, p, _measured(model, p), 1.0)
+
+
+def _measured(model: SensorModel, p: BaseModel, factor: float = 1.0) -> Values:
+    """Return values that are measured, ascending; refuses a reading that falls as they grow."""
+    measured = np.unique([model.values(kind, TRIED, p) for kind in range(model.number_of("kinds", p))])
+    if (np.diff(model.classes(measured * factor, p)) < 0).any():
+        raise CodeError(
+            f"sensor '{model.name}': the reading falls as the value grows; see the protocol of sensors"
+        )
+    return measured
+
+
+def likelihood_at(model: SensorModel, contrast: float, value: Values, p: BaseModel) -> Values:
+    """Return the likelihood that robots claim of values at a contrast between the kinds 0 and 1.
+
+    It is what the sensor states (``likelihood_at``); else it follows from the claimed quantiles of both kinds, in steps
+    between those of ``_contrast_u``, and is 0 beyond them.
+
+    Args:
+        model: a sensor of strengths (``SensorModel.scales``), of one number.
+    Returns: in the shape of ``value``.
+    """
+    if model.likelihood_at is not None:
+        return model.densities_at(contrast, value, p)
+    still, vibrating = (_claimed_quantiles(model, kind, p) for kind in (0, 1))
+    quantile = mixed(still, vibrating, contrast)
+    middle = 0.5 * (quantile[1:] + quantile[:-1])
+    density = np.diff(_contrast_u()) / np.maximum(np.diff(quantile), 1e-9)
+    return np.asarray(np.interp(value, middle, density, left=0.0, right=0.0))
+
+
+@cache
+def _contrast_u() -> Values:
+    """Return the numbers u of the quantiles of which laws at contrasts are made; denser at the ends of (0, 1)."""
+    from scipy.special import ndtr  # its import takes long
+
+    return np.asarray(ndtr(np.linspace(-4.5, 4.5, 4000)[np.linspace(0, 3999, 200).round().astype(np.int64)]))
+
+
+@lru_cache(maxsize=64)
+def _claimed_quantiles(model: SensorModel, kind: int, p: BaseModel) -> Values:
+    """Return the quantiles of the law that robots claim on a kind of tile at ``_contrast_u``."""
+    u = _contrast_u()
+    if model.likelihood is None or model.measure is None or model.claims_truth:
+        return model.values(kind, u, p).astype(np.float32).astype(np.float64)  # as in tables
+    measured = np.concatenate([model.values(kind, TRIED, p) for kind in (0, 1)])
+    low, high = measured.min(), measured.max()
+    for _ in range(DOUBLINGS):  # until the range holds the law
+        at = np.linspace(low, high, GRID)
+        density = _density(model, kind, at, p)
+        share = np.append(0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(at)))
+        if share[-1] >= 1.0 - CLAIMED_AS_TRUE:
+            break
+        low, high = low - (high - low), high + (high - low)
+    return np.interp(u, share / share[-1], at)

@@ -7,6 +7,7 @@ from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these reg
 # isort: split
 from vibroswarm.strategies import (  # noqa: F401
     asdf,
+    averaging,
     bayes_bots,
     bayes_cpf,
     dbbs,

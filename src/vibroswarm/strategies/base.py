@@ -152,6 +152,9 @@ class Strategy(Plugin):
             have after each sample, and of ``Arrays``, which they have at the end of a run (table ``reports``). Fields
             ``estimate`` and ``estimate_spread`` of ``State`` (nan: none yet) are also the robot's estimate of the fill
             ratio, with its standard deviation, in the table of robots.
+        shares: optional, an array of ``Arrays`` with a number for each kind of tile: counts of readings, or as many as
+            stand for what a robot knows. The robot's estimate is then that of the kind that the task asks for (``kind``
+            of its parameters; else 1) by the Dirichlet distribution of these counts.
         many_readings: whether readings may be of more than two classes.
         answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
@@ -183,6 +186,7 @@ class Strategy(Plugin):
     boundary_half: bool = False
     told: tuple[str, ...] = ()
     reports: tuple[Report | str, ...] = ()
+    shares: str = ""
     many_readings: bool = False
     answers_kinds: bool = False
     knows_error_rates: bool = False
@@ -271,9 +275,10 @@ class Strategy(Plugin):
 
     @property
     def estimates(self) -> bool:
-        """Whether robots have an estimate of the fill ratio: their own, or the mean of a posterior of counts."""
+        """Whether robots have an estimate of a share: their own, or the mean of a posterior of counts."""
         fields = set(self.state_type.names or ())
-        return {"alpha", "beta"} <= fields or {"estimate", "estimate_spread"} <= fields
+        own = {"alpha", "beta"} <= fields or {"estimate", "estimate_spread"} <= fields
+        return own or bool(self.shares)
 
     @property
     def has_opposite(self) -> bool:

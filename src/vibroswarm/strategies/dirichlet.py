@@ -155,6 +155,7 @@ dirichlet = register(
         answers_kinds=True,
         boundary_half=True,
         reports=("counts",),
+        shares="counts",
         about="no feedback, several kinds of tile: a robot sends its reading, and decides which kind is most common",
     )
 )

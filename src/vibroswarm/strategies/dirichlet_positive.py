@@ -36,6 +36,7 @@ dirichlet_positive = register(
         answers_kinds=True,
         boundary_half=True,
         reports=("counts",),
+        shares="counts",
         about="positive feedback, several kinds of tile: a robot sends its decision once it has one",
     )
 )

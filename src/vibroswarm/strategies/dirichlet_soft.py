@@ -131,6 +131,7 @@ dirichlet_soft = register(
         answers_kinds=True,
         boundary_half=True,
         reports=("counts",),
+        shares="counts",
         about="soft feedback, several kinds of tile: a robot sends a kind drawn between its reading and its belief",
     )
 )

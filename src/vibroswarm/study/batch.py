@@ -233,7 +233,7 @@ class _SharedMotion:
                     maps += of_cells(found, equal_cells)
             else:
                 swarm = replay_to_end(*replayed)
-            finals_by_scenario.append(final_columns(swarm))
+            finals_by_scenario.append(final_columns(scenario, swarm))
             if strategy_used(scenario).reports:
                 reported += of_cells(reported_at_end(scenario, swarm, runs, asked), equal_cells)
             if is_followed(scenario):

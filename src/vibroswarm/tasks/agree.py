@@ -15,7 +15,6 @@ import numpy as np
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.tasks import majority
 from vibroswarm.tasks.base import Asked, Task, register
 from vibroswarm.tasks.fill_ratio import ANSWERS as FILL_RATIO
@@ -27,11 +26,7 @@ def truth(floor: Floor, asked: Asked, p: Any) -> None:
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors on which one kind of tile is more common than another."""
-    if floor.surface is not PLAIN:
-        raise InputError(
-            "'agree' asks for a side between kinds of tile, and this floor has values or patches; choose fill_ratio",
-            field="task.name",
-        )
+    majority.check_kinds(floor, "'agree' asks for a side between kinds of tile")
     tiles = np.bincount(floor.tiles.ravel(), minlength=asked.kinds)
     if tiles.max() - tiles.min() > 1:
         counts = ", ".join(f"{number} of kind {kind}" for kind, number in enumerate(tiles.tolist()))

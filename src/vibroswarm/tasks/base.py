@@ -65,7 +65,8 @@ class Task(Plugin):
         truth: the function ``truth`` of the module's docstring. about: the question, for messages and lists. answers:
             what the decisions 0, 1 and so on mean, or a function of the number of kinds that returns this;
             ``{boundary}`` is replaced by the decision boundary in percent. estimated: the number that is asked for, in
-            words, such as "share of tiles that vibrate"; empty: the task asks for a decision. check: optional, a
+            words, such as "share of tiles that vibrate", or a function of the parameters that returns it; empty: the
+            task asks for a decision. check: optional, a
             function like ``truth`` that raises an ``InputError`` if the question makes no sense on a floor.
             asked_anew: a function of the parameters, whether each robot is asked anew once its decision becomes 1.
             presumed: the answer that is right at time 0 on every floor, and for which undecided robots stand; None: it
@@ -76,7 +77,7 @@ class Task(Plugin):
 
     truth: Callable[[Floor, Asked, Any], Any]
     answers: tuple[str, ...] | Callable[[int], tuple[str, ...]] = ("no", "yes")
-    estimated: str = ""
+    estimated: str | Callable[[Any], str] = ""
     check: Callable[[Floor, Asked, Any], None] | None = None
     asked_anew: Callable[[Any], bool] | None = None
     presumed: int | None = None
@@ -91,6 +92,10 @@ class Task(Plugin):
         super().__post_init__()
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
+
+    def estimated_in_words(self, params: BaseModel) -> str:
+        """Return the number that is asked for, in words; empty: the task asks for a decision."""
+        return self.estimated(params) if callable(self.estimated) else self.estimated
 
     def answers_of(self, kinds: int) -> tuple[str, ...]:
         """Return the meaning of each decision, with this number of kinds of tile."""

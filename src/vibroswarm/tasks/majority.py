@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.tasks.base import Asked, Task, register
 
 TIE: Final = 1e-12
@@ -24,11 +26,34 @@ def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
     return None if most - second < TIE else shares.index(most)
 
 
+def check(floor: Floor, asked: Asked, p: Any) -> None:
+    """Refuse floors of values and patches, which are contrasts between two kinds."""
+    check_kinds(floor, "'majority' asks which kind of tile is the most common")
+
+
+def check_kinds(floor: Floor, asks: str) -> None:
+    """Refuse floors of values and patches.
+
+    Args:
+        asks: what is asked, in words.
+    """
+    if floor.surface is not PLAIN:
+        raise InputError(
+            f"{asks}, and this floor has values or patches; choose fill_ratio", field="task.name"
+        )
+
+
 def answers(kinds: int) -> tuple[str, ...]:
     """Return the answers in words."""
     return tuple(f"kind {kind} is most common" for kind in range(kinds))
 
 
 majority = register(
-    Task(name="majority", truth=truth, about="which kind of tile is most common?", answers=answers)
+    Task(
+        name="majority",
+        truth=truth,
+        check=check,
+        about="which kind of tile is most common?",
+        answers=answers,
+    )
 )

@@ -1,27 +1,47 @@
-"""Which share of the tiles vibrates? A number, not a decision: the robots' estimates are scored.
+"""Which share of the tiles is of a kind, such as vibrating? A number: the robots' estimates are scored.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| share | f | - | Eq. 3, of the part of the floor that lies in the arena: tiles of kind 1 |
+| share | f | - | Eq. 3, of the part of the floor that lies in the arena: tiles of the kind that is asked for, 1 |
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.sensors.base import MOST_KINDS
+from vibroswarm.tasks import agree
 from vibroswarm.tasks.base import Asked, Task, register
-from vibroswarm.tasks.fill_ratio import ANSWERS
+
+
+class Params:
+    """Which share is asked for."""
+
+    kind: Annotated[int, Field(ge=0, lt=MOST_KINDS)] = 1
+    """Kind of tile; 1 is vibrating."""
 
 
 def truth(floor: Floor, asked: Asked, p: Any) -> float:
-    """Return the fill ratio in the arena."""
-    return asked.fill_ratio
+    """Return the share of the kind in the arena; that of kind 1 is the fill ratio."""
+    return asked.fill_ratio if p.kind == 1 else floor.share_within(p.kind, asked.width_m, asked.height_m)
+
+
+def estimated(p: Any) -> str:
+    """Return what is estimated, in words."""
+    return "share of tiles that vibrate" if p.kind == 1 else f"share of tiles of kind {p.kind}"
 
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
-    """Refuse floors whose tiles have values, of which none or all vibrate."""
+    """Refuse a kind that the sensor does not know, and floors whose tiles have values, of which none or all vibrate."""
+    if p.kind >= asked.kinds:
+        raise InputError(
+            f"{p.kind} is no kind of tile that the sensor knows, which are 0 to {asked.kinds - 1}",
+            field="task.share.kind",
+        )
     if floor.surface.values is not None:
         raise InputError(
             "'share' asks for the share of tiles that vibrate, and these have values; choose mean",
@@ -32,10 +52,11 @@ def check(floor: Floor, asked: Asked, p: Any) -> None:
 share = register(
     Task(
         name="share",
+        params=Params,
         truth=truth,
         check=check,
-        about="which share of the tiles vibrates? The robots' estimates are scored",
-        answers=ANSWERS,
-        estimated="share of tiles that vibrate",
+        about="which share of the tiles vibrates, or is of another kind? The robots' estimates are scored",
+        answers=agree.answers,
+        estimated=estimated,
     )
 )
