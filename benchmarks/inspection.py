@@ -23,8 +23,9 @@ from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.missed import Trials, pooled_trials
 from vibroswarm.inspection.others import by_tiles
-from vibroswarm.inspection.patches import declared, log_likelihoods, raster, shares_of
+from vibroswarm.inspection.patches import declared, log_likelihoods, raster, scan_statistic, shares_of
 from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.scan import intact_statistics, p_value
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.inspection.tile_map import tile_map
@@ -138,6 +139,23 @@ def measure_isotonic(count: int) -> None:
                     f"on average, a90/95 above the truth in {share(above, 200)}",
                     flush=True,
                 )
+
+
+def measure_scan(count: int) -> None:
+    """Print how often fresh intact inspections, each with motion and surface of its own, are called at each level."""
+    levels, replicates, until_s = (0.1, 0.05, 0.01), 199, 600.0
+    for name in ("optimised-places", "calibrated"):
+        p, patches = [], declared((1.0, 1.0))
+        for number, samples in enumerate(inspections(name, count, until_s, "random:0.0", 8)):
+            shares = shares_of(samples, patches)
+            drawn = intact_statistics(samples, patches, shares, replicates, number)
+            own = scan_statistic(patches, log_likelihoods(shares, samples.column("log_ratio")[:, None]))
+            p.append(p_value(float(own[0]), drawn))
+            if len(p) % 100 == 0:
+                called = "; ".join(
+                    f"at {level:.0%}: {share(int((np.array(p) <= level).sum()), len(p))}" for level in levels
+                )
+                print(f"{name}, {until_s:g} s, {len(p)} intact inspections called {called}", flush=True)
 
 
 def told_at_looks(
@@ -263,7 +281,7 @@ def measure_time(count: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["map", "pod", "isotonic", "risk", "checks", "time"])
+    parser.add_argument("what", choices=["map", "pod", "isotonic", "scan", "risk", "checks", "time"])
     parser.add_argument("--inspections", type=int, default=200)
     parser.add_argument("--preset", default="optimised-places", help="of risk")
     parser.add_argument("--surfaces", type=int, default=1, help="of each sort in each inspection, for risk")
