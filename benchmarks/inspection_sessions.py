@@ -146,10 +146,43 @@ def shares_by_counting(samples: Samples) -> Floats:
     return np.stack([rates, (rates - false) / (1.0 - missed - false)], axis=1)
 
 
+def effects_of_time(samples: Samples, *, vibrating: bool) -> Floats:
+    """Return the variance of log values between two minutes of a robot and its others, and the same by chance.
+
+    Means of tiles and of robots are taken out. Chance: the same of values exchanged within each robot, (201,) in all.
+    """
+    assert samples.floor is not None
+    tile = samples.floor.tile_at(samples.column("x_m"), samples.column("y_m"))
+    there = (samples.floor.tiles.ravel()[np.maximum(tile, 0)] == vibrating) & (tile >= 0)
+    robot = samples.frame["robot"].to_numpy().astype(np.int64)[there]
+    rest = np.log(np.maximum(samples.column("value")[there], 1e-3))
+    for _ in range(10):
+        for group in (tile[there], robot):
+            _, index = np.unique(group, return_inverse=True)
+            rest = rest - (np.bincount(index, rest) / np.bincount(index))[index]
+    _, index = np.unique(1000 * robot + samples.column("time_s")[there] // BLOCK_S, return_inverse=True)
+    random, order = generator(1, "values exchanged within robots"), np.argsort(robot, kind="stable")
+    found = [variance_between(rest, index)]
+    for _ in range(200):
+        mixed = np.empty(rest.size)
+        mixed[order] = rest[np.lexsort((random.random(rest.size), robot))]
+        found.append(variance_between(mixed, index))
+    return np.array(found)
+
+
+def variance_between(value: Floats, index: NDArray[np.int64]) -> float:
+    """Return the variance of the means of groups beyond what values within them give (method of moments)."""
+    size = np.bincount(index)
+    mean = np.bincount(index, value) / size
+    within = ((value - mean[index]) ** 2).sum() / (value.size - size.size)
+    each = (value.size - (size**2).sum() / value.size) / (size.size - 1)
+    return float(((size * mean**2).sum() / (size.size - 1) - within) / each)
+
+
 def measured(folder: Path) -> Iterator[str]:
     """Yield what is measured of each session, in lines."""
     real = read_recordings(folder, REAL)
-    found = dataset_of([real])
+    found, effects = dataset_of([real]), []
     for run, row in enumerate(real.runs.iter_rows(named=True)):
         samples = (inspection := inspect(real, run=run)).samples
         yield f"session {run + 1}: the robots agreed at {row['consensus_time_s']:.0f} s ({row['consensus']})"
@@ -165,8 +198,18 @@ def measured(folder: Path) -> Iterator[str]:
             p = tile_map(law(samples), SHOWN_S)
             more = ", ".join(f"{majority(one):.3f}" for one in p)
             yield f"  fitted blindly, {words}: {words_of(samples, p)}; P(more than half vibrate) {more}"
+        effects.append([effects_of_time(samples, vibrating=one) for one in (False, True)])
         counted, corrected = (", ".join(f"{one:.1%}" for one in row) for row in shares_by_counting(samples).T)
         yield f"  readings of 1, with 95 % limits: {counted}; corrected by the law's error rates: {corrected}"
+    # Of all sessions; what is beyond chance, and its one-sided limit of 95 %.
+    of_all = np.mean(effects, axis=0)
+    for kind, row in zip(("still", "vibrating"), of_all, strict=True):
+        beyond = row[0] - row[1:].mean()
+        limit = beyond + 1.645 * row[1:].std()
+        yield (
+            f"effect of time where it is {kind}: {max(beyond, 0.0) ** 0.5:.1%}, at most {max(limit, 0.0) ** 0.5:.1%}, "
+            f"p = {np.mean(row >= row[0]):.3f}"
+        )
 
 
 if __name__ == "__main__":
