@@ -1,11 +1,12 @@
 """Measure what docs/figures/inspect.md says of simulated inspections, whose robots estimate their places.
 
-python benchmarks/inspection.py map|pod|isotonic|risk|checks|time --inspections 200
+python benchmarks/inspection.py --help
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,16 +19,40 @@ from scipy.optimize import isotonic_regression
 from vibroswarm import Scenario, preset, simulate
 from vibroswarm.analysis.intervals import generator, wilson_limits
 from vibroswarm.analysis.map_scores import map_scores
+from vibroswarm.errors import InputError
+from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.checks import PLACES, law_checks
-from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
-from vibroswarm.inspection.laws import law_of_scenario
+from vibroswarm.inspection.damage import (
+    drawn_patches,
+    drawn_values,
+    patch_of,
+    random_places,
+    ratios_at,
+    sensed,
+    values_where,
+)
+from vibroswarm.inspection.laws import law_of_measured, law_of_scenario
 from vibroswarm.inspection.missed import Trials, pooled_trials
 from vibroswarm.inspection.others import by_tiles
-from vibroswarm.inspection.patches import declared, log_likelihoods, raster, shares_of
+from vibroswarm.inspection.patches import (
+    SIZES_M,
+    Form,
+    Patches,
+    Shares,
+    Side,
+    declared,
+    log_likelihoods,
+    raster,
+    scan_statistic,
+    shares_of,
+)
+from vibroswarm.inspection.region import Region, posterior_of, region_of
 from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.scan import BLOCK_S, called_patches, intact_statistics, near, p_value, statistic_of
 from vibroswarm.inspection.sources import samples_of_result
-from vibroswarm.inspection.stopping import Question, rule_of
+from vibroswarm.inspection.stopping import Question, Rule
 from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.observation.energy_model import energy_of
 
 Floats = NDArray[np.float64]
 LOOKS = 40
@@ -40,10 +65,10 @@ def scenario_of(name: str, t_end_s: float, floor: str) -> Scenario:
 
 
 def inspections(
-    name: str, count: int, t_end_s: float, floor: str, seed: int, *, bits: bool = False
+    name: str, count: int, t_end_s: float, floor: str, seed: int, *, bits: bool = False, tiles: int = 5
 ) -> Iterator[Samples]:
     """Return the samples of simulated inspections, one after the other."""
-    scenario = scenario_of(name, t_end_s, floor)
+    scenario = scenario_of(name, t_end_s, floor).with_values({"floor.rows": tiles, "floor.columns": tiles})
     stated = law_of_scenario(scenario, "the scenario")
     law = replace(
         stated, law=replace(stated.law, bits=bits)
@@ -62,6 +87,8 @@ def interval(values: Floats) -> str:
 
 def share(k: int, n: int) -> str:
     """Return a share with Wilson's limits."""
+    if n == 0:
+        return "-"
     low, high = wilson_limits(k, n)
     return f"{k / n:.1%} [{float(low):.1%}, {float(high):.1%}]"
 
@@ -115,6 +142,31 @@ def measure_pod(count: int) -> None:
             )
 
 
+def measure_plates(count: int) -> None:
+    """Print a90/95 of as many plates as there might be, one in each inspection, drawn again and again."""
+    damaged, fresh = (
+        list(inspections("optimised-places", count, 1200.0, "random:0.0", seed)) for seed in (2, 3)
+    )
+    for until_s in (300.0, 1200.0):
+        trials = pooled_trials(damaged, fresh, until_s=until_s, each=10)
+        random, words = generator(2, "number of plates"), []
+        for plates in (60, 200, 1000):
+            some = (random.integers(trials.found.size, size=plates) for _ in range(100))
+            limits_m = [some_of(trials, one).fit().a90_95_m for one in some]
+            low, middle, high = 100 * np.quantile(np.nan_to_num(limits_m, nan=9.99), (0.05, 0.5, 0.95))
+            words.append(f"{plates} plates {middle:.1f} cm (5 to 95 %: {low:.1f} to {high:.1f})")
+        a90_cm = 100 * trials.fit().a90_m
+        print(
+            f"{until_s:g} s: a90 {a90_cm:.1f} cm of {trials.found.size} surfaces; a90/95: {', '.join(words)}",
+            flush=True,
+        )
+
+
+def some_of(trials: Trials, which: NDArray[np.int64]) -> Trials:
+    """Return some of the trials of damage."""
+    return Trials(trials.size_m[which], trials.found[which], trials.false, trials.intact)
+
+
 def measure_isotonic(count: int) -> None:
     """Compare fits of plates, one in each inspection, with an isotonic fit to many surfaces, with and without p_f."""
     even_m, wide_m = np.arange(0.03, 0.305, 0.01).round(3), np.geomspace(0.01, 0.3, 18).round(4)
@@ -140,20 +192,211 @@ def measure_isotonic(count: int) -> None:
                 )
 
 
+def measure_scan(count: int) -> None:
+    """Print how often fresh intact inspections, each with motion and surface of its own, are called at each level."""
+    levels, replicates, until_s = (0.1, 0.05, 0.01), 199, 600.0
+    for name in ("optimised-places", "calibrated"):
+        p, patches = [], declared((1.0, 1.0))
+        for number, samples in enumerate(inspections(name, count, until_s, "random:0.0", 8)):
+            shares = shares_of(samples, patches)
+            drawn = intact_statistics(samples, patches, shares, replicates, number)
+            own = scan_statistic(patches, log_likelihoods(shares, samples.column("log_ratio")[:, None]))
+            p.append(p_value(float(own[0]), drawn))
+            if len(p) % 100 == 0:
+                called = "; ".join(
+                    f"at {level:.0%}: {share(int((np.array(p) <= level).sum()), len(p))}" for level in levels
+                )
+                print(f"{name}, {until_s:g} s, {len(p)} intact inspections called {called}", flush=True)
+
+
+Damages = list[Patch]
+"""Patches that are on a surface at once, each (replicates,)."""
+
+
+def damages_of(what: str, random: np.random.Generator, each: int) -> tuple[Damages, list[Side]]:
+    """Return drawn damage of one sort, and the sizes that are declared for it."""
+    surface, squares = (1.0, 1.0), list[Side](SIZES_M)
+    if what == "two squares":  # one in the left half, one in the right
+        halves = [random_places(random, np.full(each, 0.2), (0.5, 1.0)) for _ in range(2)]
+        return [patch_of(x_m + 0.5 * k, y_m, 0.2) for k, (x_m, y_m) in enumerate(halves)], squares
+    if what == "disc of 14 cm":
+        discs = [Form(side, side, True) for side in SIZES_M]
+        return [drawn_patches(random, np.full(each, 0.14), surface, 1.0, "disc")], [*squares, *discs]
+    if what == "crack of 30 cm x 2 cm":
+        cracks = [(long, 0.02) for long in (0.1, 0.2, 0.3, 0.4, 0.6)]
+        cracks += [(0.02, long) for long, _ in cracks]
+        return [drawn_patches(random, np.full(each, 0.3), surface, 1.0, "crack")], [*squares, *cracks]
+    side_m, contrast = random.uniform(0.08, 0.25, each), random.uniform(0.4, 1.0, each)
+    if what != "squares of 8 to 25 cm, contrast .4 to 1":
+        side_m, contrast = np.full(each, float(what.split()[-2]) / 100.0), np.ones(each)
+    x_m, y_m = random_places(random, side_m, surface)
+    return [Patch(x_m, y_m, side_m, side_m, contrast)], squares
+
+
+SORTS = (
+    "square of 10 cm", "square of 14 cm", "square of 20 cm", "squares of 8 to 25 cm, contrast .4 to 1", "two squares",
+    "disc of 14 cm", "crack of 30 cm x 2 cm",
+)  # fmt: skip
+
+
+def measure_region(count: int) -> None:
+    """Print how often the joint region of a called patch holds the damage, among surfaces that are called."""
+    for name in ("optimised-places", "calibrated"):
+        held, called = dict.fromkeys(SORTS, 0), dict.fromkeys(SORTS, 0)
+        random = generator(9, "damage for regions")
+        for number, samples in enumerate(inspections(name, count, 600.0, "random:0.0", 9)):
+            for what in SORTS:
+                damages, sides = damages_of(what, random, 1)
+                patches = declared(samples.size_m, sides)
+                shares = shares_of(samples, patches)
+                x_m, y_m = samples.column("true_x_m")[:, None], samples.column("true_y_m")[:, None]
+                inside = [sensed(random, samples.law.sensor, patch, x_m, y_m) for patch in damages]
+                value = values_where(random, samples, 1, np.any(inside, axis=0), damages[0].contrast)[:, 0]
+                read = samples.with_columns(value=value, log_ratio=ratios_at(samples.law, value))
+                critical = critical_of(samples, patches, shares, number, replicates=99)
+                there = np.ones(value.size, dtype=bool)
+                boxes, _ = called_patches(read, patches, shares, critical, 0.5, there)
+                for box in boxes[: len(damages)]:
+                    region = region_of(posterior_of(read, patches, shares, there))
+                    there &= ~near(read, box)
+                    called[what] += 1
+                    held[what] += any(holds(region, one) for one in damages)
+        for what in SORTS:
+            print(f"{name}, {what}: the region holds it in {share(held[what], called[what])}", flush=True)
+
+
+def holds(region: Region, patch: Patch) -> bool:
+    """Return whether a region holds the first replicate of a patch."""
+    form = Form(patch.width_m[0], patch.height_m[0], patch.is_disc)
+    return region.holds(form, patch.x_m[0], patch.y_m[0], patch.contrast[0])
+
+
+def critical_of(
+    samples: Samples, patches: Patches, shares: Shares, seed: int, replicates: int = 199
+) -> float:
+    """Return T from which 5 % of intact surfaces are called."""
+    return float(np.quantile(intact_statistics(samples, patches, shares, replicates, seed), 0.95))
+
+
+def measure_spreads(count: int) -> None:
+    """Print what the spreads of places are, and what it costs to state them too exactly."""
+    presets = "optimised-places", "calibrated"
+    for (tiles, at_s), name in itertools.product(((5, 120.0), (10, 300.0)), presets):
+        scores: dict[float, list[tuple[float, float]]] = {1.0: [], 0.5: [], 0.1: []}
+        stated, errors, within = [], [], []
+        for samples in inspections(
+            name, count, at_s, f"random:{0.48 if tiles == 5 else 0.4}", 10, tiles=tiles
+        ):
+            assert samples.floor is not None
+            spread = {axis: samples.column(f"spread_{axis}_m") for axis in "xy"}
+            error = {axis: samples.column(f"{axis}_m") - samples.column(f"true_{axis}_m") for axis in "xy"}
+            stated.append(np.mean([each**2 for each in spread.values()]))
+            errors.append(np.mean([each**2 for each in error.values()]))
+            within.append(np.mean([np.abs(error[axis]) <= spread[axis] for axis in "xy"]))
+            for factor, of in scores.items():
+                changed = samples.with_columns(**{f"spread_{axis}_m": factor * spread[axis] for axis in "xy"})
+                found = map_scores(tile_map(changed, [at_s])[0], samples.floor)
+                of.append((found["brier"], found["surely_wrong"]))
+        right = np.array(scores[1.0])
+        for factor in (0.5, 0.1):
+            wrong = np.array(scores[factor])
+            print(
+                f"{name}, {tiles} x {tiles} tiles, {at_s:g} s, spreads times {factor:g}: Brier score worse by "
+                f"{interval(wrong[:, 0] - right[:, 0])}; surely wrong {wrong[:, 1].mean():.2f} in place of "
+                f"{right[:, 1].mean():.2f} tiles; stated {100 * np.mean(stated) ** 0.5:.1f} cm, truly "
+                f"{100 * np.mean(errors) ** 0.5:.1f} cm, {np.mean(within):.0%} within one",
+                flush=True,
+            )
+
+
+def measure_power(count: int) -> None:
+    """Print how often a robot's gain and drift are noticed on intact surfaces, and a right law."""
+    gains, drifts = (1.1, 1.25, 1.5, 2.0), (0.1, 0.2, 0.4)
+    for name in ("optimised-places", "calibrated"):
+        refused = {"right": 0} | {
+            f"{what} {k:g}": 0 for what, ks in (("gain", gains), ("drift", drifts)) for k in ks
+        }
+        for number, samples in enumerate(inspections(name, count, 1200.0, "random:0.0", 11)):
+            value, time_s, is_first = (
+                samples.column("value"),
+                samples.column("time_s"),
+                samples.frame["robot"] == 0,
+            )
+            factors = {"right": np.ones(value.size)} | {f"gain {k:g}": np.full(value.size, k) for k in gains}
+            factors |= {f"drift {k:g}": 1.0 + k * time_s / time_s.max() for k in drifts}
+            for what, factor in factors.items():
+                changed = samples.with_columns(value=np.where(is_first, factor * value, value))
+                refused[what] += checked(changed, number) != set()
+        print(f"{name}: {'; '.join(f'{what} {share(k, count)}' for what, k in refused.items())}", flush=True)
+
+
+def measure_reference(count: int) -> None:
+    """Print false calls, and squares of 15 cm that are found, by a law of few measured values."""
+    found = list(inspections("optimised-places", count, 300.0, "random:0.0", 12))
+    patches = declared((1.0, 1.0))
+    for values in (20, 40, 100, 400):
+        false, hits, refused = 0, 0, 0
+        for number, samples in enumerate(found):
+            random, sensor = generator(number, f"{values} measured values"), samples.law.sensor
+            vibrating, still = (
+                energy_of(sensor, kind, random.random(values)).astype(np.float64) for kind in (1, 0)
+            )
+            try:
+                law = law_of_measured(vibrating, still, "values").law
+            except InputError:
+                refused += 1
+                continue
+            shares = shares_of(samples, patches)
+            damage = patch_of(*random_places(random, np.full(5, 0.15), samples.size_m), 0.15)
+            read = [drawn_values(random, samples, 5, one) for one in (None, damage)]
+            # One surface is judged by the law itself; ``statistic_of`` would judge drawn ones by its resampled laws.
+            logs = [log_likelihoods(shares, ratios_at(law, values)) for values in read]
+            critical = critical_of(replace(samples, law=law), patches, shares, number)
+            called = [scan_statistic(patches, one) >= critical for one in logs]
+            false, hits = false + int(called[0].sum()), hits + int(called[1].sum())
+        n = 5 * (count - refused)
+        print(
+            f"{values} values of each kind: false calls {share(false, n)}, found {share(hits, n)}; refused {refused}",
+            flush=True,
+        )
+
+
+def measure_effects(count: int) -> None:
+    """Print false calls at 5 % where each robot's gain varies every two minutes, which no law knows."""
+    patches = declared((1.0, 1.0))
+    for name in ("optimised-places", "calibrated"):
+        called = dict.fromkeys((0.0, 0.05, 0.1, 0.2), 0)
+        random = generator(13, "effects of time")
+        for number, samples in enumerate(inspections(name, count, 1200.0, "random:0.0", 13)):
+            shares = shares_of(samples, patches)
+            critical = critical_of(samples, patches, shares, number)
+            block = (
+                1000 * samples.frame["robot"].to_numpy().astype(np.int64)
+                + samples.column("time_s") // BLOCK_S
+            )
+            _, index = np.unique(block, return_inverse=True)
+            for spread in called:
+                values = drawn_values(random, samples, 10)
+                values *= np.exp(spread * random.standard_normal((int(index.max()) + 1, 10)))[index]
+                called[spread] += int((statistic_of(samples, patches, shares, values) >= critical).sum())
+        words = (f"{spread:.0%}: {share(k, 10 * count)}" for spread, k in called.items())
+        print(f"{name}, false calls by effects of time of {'; '.join(words)}", flush=True)
+
+
 def told_at_looks(
-    samples: Samples, values: Floats, sides_m: list[float], contrasts: tuple[float, ...]
+    samples: Samples, values: Floats, sides_m: list[float], contrasts: tuple[float, ...], strict: bool
 ) -> Floats:
     """Return the told risk of each surface at each look, (looks, surfaces).
 
     Args:
         values: of each sample and surface.
     """
-    patches, question = declared(samples.size_m, sides_m), Question(min(sides_m), contrasts)
+    patches, question = declared(samples.size_m, sides_m), Question(min(sides_m), contrasts, strict=strict)
     look = np.ceil(samples.column("time_s") / (1200.0 / LOOKS)).astype(np.int64) - 1
-    return rule_of(samples, patches, shares_of(samples, patches), question, look, LOOKS).told(values)
+    return Rule(samples, patches, shares_of(samples, patches), question, look, LOOKS).told(values)
 
 
-def measure_risk(count: int, name: str, surfaces: int) -> None:
+def measure_risk(count: int, name: str, surfaces: int, strict: bool) -> None:
     """Print true beside told risks: half of the surfaces are damaged, and an inspection ends when it is tolerated."""
     risks = (0.1, 0.05, 0.01)
     cases = {(side, told): (side, told) for side in (0.2, 0.1) for told in ((1.0,), (1.0, 0.75, 0.5))}
@@ -165,7 +408,7 @@ def measure_risk(count: int, name: str, surfaces: int) -> None:
             x_m, y_m = random_places(random, np.full(surfaces, side_m), samples.size_m)
             patches = None, patch_of(x_m, y_m, side_m), patch_of(x_m, y_m, side_m, 0.5)
             values = np.hstack([drawn_values(random, samples, surfaces, patch) for patch in patches])
-            told = told_at_looks(samples, values, sides, contrasts)
+            told = told_at_looks(samples, values, sides, contrasts, strict)
             for group, column in zip(least, np.hsplit(told, 3), strict=True):
                 least[group].append(column)
         tables = {group: np.concatenate(columns, axis=1) for group, columns in least.items()}
@@ -263,12 +506,16 @@ def measure_time(count: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["map", "pod", "isotonic", "risk", "checks", "time"])
+    measures = [name.removeprefix("measure_") for name in list(globals()) if name.startswith("measure_")]
+    parser.add_argument("what", choices=measures)
     parser.add_argument("--inspections", type=int, default=200)
     parser.add_argument("--preset", default="optimised-places", help="of risk")
     parser.add_argument("--surfaces", type=int, default=1, help="of each sort in each inspection, for risk")
+    parser.add_argument(
+        "--strict", action="store_true", help="the risk must be tolerated at every place, for risk"
+    )
     options = parser.parse_args()
     if options.what == "risk":
-        measure_risk(options.inspections, options.preset, options.surfaces)
+        measure_risk(options.inspections, options.preset, options.surfaces, options.strict)
     else:
         globals()[f"measure_{options.what}"](options.inspections)

@@ -346,8 +346,22 @@ def test_a_recording_may_have_places_of_the_robots_themselves(
         assert ("within 1, 2 and 4 stated standard deviations" in words) == (name == "seen")
         assert ("how wrong they are is not known" in words) == (name == "alone")
     assert "there is no session 9" in error_of(capsys, tmp_path / "seen", "--run", "9")
-    text = (tmp_path / "seen.toml").read_text().replace('place_spread_m = "own_spread"\n', "")
-    (tmp_path / "seen.toml").write_text(text)
+    assert "--spread-mm" in error_of(
+        capsys, tmp_path / "seen", "--laws", "optimised-places", "--spread-mm", "5"
+    )
+    assert "--size" in error_of(capsys, tmp_path / "seen", "--size", "1x1")
+    head, *named = (tmp_path / "seen.toml").read_text().splitlines()
     again = (tmp_path / "seen.csv", "--columns", tmp_path / "seen.toml", "--floor", tmp_path / "floor.txt")
-    assert run("lab", "import", *again, "--tiles", "5x5", "--out", tmp_path / "again") == 2
+    again = ("lab", "import", *again, "--tiles", "5x5", "--any-floor", "--out", tmp_path / "again")
+    (tmp_path / "seen.toml").write_text("\n".join([head, *named[:-1]]))
+    assert run(*again) == 2
     assert "name all or none" in capsys.readouterr().err
+    (tmp_path / "seen.toml").write_text("\n".join([head, *named[:-3]]))
+    assert run(*again) == 0
+    for spread, words in (
+        ("0", "taken as exact and independent; how wrong they are is not known"),
+        ("5", "taken as independent"),
+    ):
+        capsys.readouterr()
+        assert run("inspect", tmp_path / "again", "--laws", "optimised-places", "--spread-mm", spread) == 0
+        assert f"Places {words}" in " ".join(capsys.readouterr().out.split())

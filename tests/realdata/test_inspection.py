@@ -7,6 +7,7 @@ law and the places fit this floor, not how often a map would be wrong on another
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,12 @@ import pytest
 
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.fit_sensor import SPREADS
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.inspection import Inspection, inspect
 from vibroswarm.inspection.laws import law_named, law_of_sessions, write_law
 from vibroswarm.inspection.others import by_tiles
-from vibroswarm.inspection.samples import ratios_of_values
+from vibroswarm.inspection.samples import Law, ratios_of_values
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.paper.real_data import REAL, read_recordings
@@ -88,3 +90,23 @@ def test_a_control_must_fail(sessions: list[Inspection], control: str) -> None:
         ]
         assert min(score["brier"] for score in scores) > 0.25
         assert min(score["surely_wrong"] for score in scores) >= 5
+
+
+def test_a_law_that_splits_the_values_of_the_session_itself_must_fail(sessions: list[Inspection]) -> None:
+    """The larger half of the values is taken for vibrating; nothing is known of edges, tiles and robots."""
+    wrong, at_s = [], [180.0, 300.0]
+    for found in sessions:
+        value = found.samples.column("value")
+        stated: dict[str, float | None] = dict.fromkeys(("edge_reach_m", "edge_blur_m", *SPREADS))
+        for kind, part in (("still", value <= np.median(value)), ("vibrating", value > np.median(value))):
+            scale = value[part].var() / value[part].mean()
+            stated |= {
+                f"{kind}_shape": value[part].mean() / scale, f"{kind}_scale": scale, f"{kind}_location": 0.0,
+            }  # fmt: skip
+        law = Law(found.samples.law.sensor.model_copy(update=stated), "of the session itself")
+        blind = replace(found.samples, law=law).with_columns(log_ratio=ratios_of_values(law, value))
+        scores = [map_scores(p, blind.floor) for p in tile_map(blind, at_s)]
+        wrong.append(max(score["surely_wrong"] for score in scores))
+        of_others = [map_scores(p, blind.floor) for p in tile_map(found.samples, at_s)]
+        assert max(score["surely_wrong"] for score in of_others) == 0
+    assert sum(number >= 1 for number in wrong) >= 2

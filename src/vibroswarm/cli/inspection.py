@@ -40,7 +40,9 @@ class Evidence:
     size: Annotated[
         tuple[float, ...] | None, Option("of a CSV: width and height of the surface, m", "WxH", read=size)
     ] = None
-    spread_mm: Annotated[float, Option("of a CSV: standard deviation of its places", "MM", low=0)] = 0.0
+    spread_mm: Annotated[
+        float, Option("of a CSV, or seen by a camera: standard deviation of places", "MM", low=0)
+    ] = 0.0
     robot_spread: Annotated[
         str | None,
         Option(
@@ -227,19 +229,21 @@ def _inspected(
 
     known: dict[str, Any] = {
         "run": evidence.run, "laws": evidence.laws, "bits": evidence.bits, "seed": seed, **_asked(damage),
+        "spread_m": evidence.spread_mm / 1000.0,
         "spreads": tuple(
             0.0 if text is None else share_from(text, field)
             for text, field in ((evidence.tile_spread, "--tile-spread"), (evidence.robot_spread, "--robot-spread"))
         ),
     }  # fmt: skip
+    is_csv = source is not None and source.suffix == ".csv"
+    _refuse(evidence.size is not None and not is_csv, "--size", "describes a CSV; give one")
     if source is None:
-        _refuse(evidence.size is not None, "--size", "describes a CSV; give one")
         made = scenario_from(_with_default(scenario))
         say_compiling(scenario=made)
         return inspect_source(made, **known)
     given = scenario.preset or scenario.scenario or scenario.settings or scenario.strategy or scenario.robots
     _refuse(bool(given), str(source), "is inspected as it is; leave the options of a simulation out")
-    if source.suffix != ".csv":
+    if not is_csv:
         _refuse(
             bool(scenario.floor or scenario.tiles),
             str(source),
@@ -249,7 +253,7 @@ def _inspected(
     width, height = evidence.size or (None, None)
     size_m = None if width is None or height is None else (width, height)
     floor = _floor_of(scenario, size_m)
-    return inspect_source(source, size_m=size_m, spread_m=evidence.spread_mm / 1000.0, floor=floor, **known)
+    return inspect_source(source, size_m=size_m, floor=floor, **known)
 
 
 def _asked(damage: Damage) -> dict[str, Any]:

@@ -130,8 +130,10 @@ def _presumed(samples: Samples) -> Iterator[str]:
         )
     elif samples.column("spread_x_m").any():
         yield "Places taken as independent; how wrong they are is not known."
+    elif samples.frame["true_x_m"].null_count():
+        yield "Places taken as exact and independent; how wrong they are is not known (state it: --spread-mm)."
     else:
-        yield "Places taken as exact."
+        yield "Places are exact."
     if samples.floor is not None:
         before = (
             "vibrating with probability 1/2" if samples.kinds is None else "of each kind equally probable"

@@ -13,8 +13,7 @@ drawn surfaces: each is judged by a law fitted to a resampled reference, and mea
 law that judged values like those to which it was fitted would tell them apart better than any others: with a hundred
 measured values of each kind half of all intact surfaces were called.
 
-Tiles without a grid are squares of ``TILE_M``. The laws have no effect of time: drift is tested, not simulated
-(``checks``).
+Tiles without a grid are squares of ``TILE_M``. Nothing varies with time: drift is tested, not simulated (``checks``).
 """
 
 from __future__ import annotations

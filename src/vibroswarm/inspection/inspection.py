@@ -161,8 +161,8 @@ def inspect(
             values (.csv), a folder of a recording, or recordings. By default that of the result's scenario; for a
             recording it is fitted to the other sessions, or to the session itself if it is the only one.
         bits: use readings of 0 and 1 in the place of energies.
-        size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places. floor: its grid
-            of tiles, as a floor that says which tiles vibrate, or as rows and columns.
+        size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places, or of those of a
+            camera. floor: grid of tiles of a CSV, as a floor that says which tiles vibrate, or as rows and columns.
         spreads: how much tiles and robots differ (standard deviations of the logarithm of their factors), for a law of
             measured values, which does not say it.
         question: what damage must be found, and how surely; without a grid it is always asked.
@@ -218,7 +218,8 @@ def _samples_of(
         source = read_result(path)
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    return samples_of_result(source, run, _law_of(source, run, laws, spreads, draws), bits=bits)
+    law = _law_of(source, run, laws, spreads, draws)
+    return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
 
 
 def _law_of(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
+from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.damage import contrast_ratios
 from vibroswarm.inspection.patches import Form, Patches, Shares, log_likelihoods
@@ -54,6 +55,33 @@ class Places(NamedTuple):
         return html_view(self)
 
 
+@kernel
+def _density(shape: NDArray[np.int64], at: Floats, of_shape: NDArray[np.int64], p: Floats, triangles: Floats,
+             out: Floats) -> None:  # fmt: skip
+    """Write f at each place to ``out``.
+
+    Args:
+        at: (4, places). of_shape, p, triangles: as in ``Posterior``.
+    """
+    tiny = 1e-12
+    for i in range(out.size):
+        out[i] = 0.0
+        for term in range(p.size):
+            part = p[term] if of_shape[term] == shape[i] else 0.0
+            axis = 0
+            while part > 0.0 and axis < 4:
+                left, top, right = (
+                    triangles[axis, 0, term],
+                    triangles[axis, 1, term],
+                    triangles[axis, 2, term],
+                )
+                rising = (at[axis, i] - left + tiny) / (top - left + tiny)
+                falling = (right - at[axis, i] + tiny) / (right - top + tiny)
+                part *= max(min(rising, falling, 1.0), 0.0) * 2.0 / (right - left)
+                axis += 1
+            out[i] += part
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior(NotebookView):
     """Density of the place, size and contrast of one patch: a mixture of products of triangles."""
@@ -75,13 +103,9 @@ class Posterior(NotebookView):
 
     def density(self, at: Places) -> Floats:
         """Return f at places, (number,)."""
-        tiny = 1e-12
-        found = np.where(at.shape[:, None] == self.shape, self.p, 0.0)
-        for value, (left, top, right) in zip(at[1:], self.triangles, strict=True):
-            rising = (value[:, None] - left + tiny) / (top - left + tiny)
-            falling = (right - value[:, None] + tiny) / (right - top + tiny)
-            found *= np.clip(np.minimum(rising, falling), 0.0, 1.0) * 2.0 / (right - left)
-        return np.asarray(found.sum(axis=1))
+        out = np.empty(at.shape.size)
+        _density(at.shape, np.stack(at[1:]), self.shape, self.p, self.triangles, out)
+        return out
 
     def shape_of(self, form: Form) -> int:
         """Return the number of the shape of a form; -1: there is none."""

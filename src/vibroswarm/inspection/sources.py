@@ -31,7 +31,9 @@ from vibroswarm.show.numbers import listed
 KEY: Final = ("run", "robot", "sample")
 
 
-def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = False) -> Samples:
+def samples_of_result(
+    result: Result, run: int, law: FittedLaw, *, bits: bool = False, spread_m: float = 0.0
+) -> Samples:
     """Return the samples of one run of a result.
 
     Places are those that the robots estimate, if the result has them; else the true ones, or in a recording those of
@@ -41,19 +43,23 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
 
     Args:
         bits: use the readings, 0 or 1, in the place of the energies.
+        spread_m: standard deviation in x and in y of the places of a recording that a camera or its log gives.
     Raises:
-        InputError: there is no such run, or it has no energies.
+        InputError: there is no such run, it has no energies, or how sure its places are is known.
     """
     result = corrected(result, law.camera)
     of_run = pl.col("run") == run
     motion = result.motion.filter(of_run).select(*KEY, "time_s", "x_m", "y_m")
     if motion.is_empty():
         raise InputError(f"there is no run {run}, or it has no samples", field="--run")
-    frame, places = _with_places(result, motion, of_run)
+    if spread_m and (result.places is not None or _are_true(result, run)):
+        known = "true" if result.places is None else "estimated by the robots, which say how sure they are"
+        raise InputError(f"is of the places of a camera or a CSV; these are {known}", field="--spread-mm")
+    frame, places = _with_places(result, motion, of_run, spread_m)
     is_seen = not isinstance(result, Recording) or result.is_tracked(run)
     errors = _place_errors(frame, motion) if result.places is not None and is_seen else None
     truth = motion.select(*KEY, true_x_m="x_m", true_y_m="y_m")
-    if isinstance(result, Recording) and (result.places is None or not is_seen):
+    if not (_are_true(result, run) if result.places is None else is_seen):
         truth = truth.with_columns(true_x_m=None, true_y_m=None)
     frame = frame.join(truth, on=KEY, maintain_order="left")
     many = law.law.sensor.kinds > 2
@@ -112,11 +118,15 @@ def _values(result: Result, of_run: pl.Expr, bits: bool) -> pl.DataFrame:
     return read
 
 
-def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple[pl.DataFrame, str]:
+def _with_places(
+    result: Result, motion: pl.DataFrame, of_run: pl.Expr, spread_m: float
+) -> tuple[pl.DataFrame, str]:
     """Return samples with places, spreads and the time from which they count; and how places are known, in words."""
-    exact = motion.with_columns(spread_x_m=pl.lit(0.0), spread_y_m=pl.lit(0.0))
     if result.places is None:
-        return exact, _known_from(result, int(motion["run"][0]))
+        stated = pl.lit(spread_m)
+        return motion.with_columns(spread_x_m=stated, spread_y_m=stated), _known_from(
+            result, int(motion["run"][0])
+        )
     own = result.places.filter(of_run)
     at_once = own.select(*KEY, "x_m", "y_m", spread_x_m="spread_m", spread_y_m="spread_m")
     later = own.filter(pl.col("lagged_sample").is_not_null()).join(
@@ -134,13 +144,18 @@ def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple
 
 def _known_from(result: Result, run: int) -> str:
     """Return how the places of a result are known whose robots do not estimate them, in words."""
+    if _are_true(result, run):
+        of = " of the study's simulator" if isinstance(result, Recording) else ""
+        return f"true places{of}, which no real robot knows: an upper bound"
+    assert isinstance(result, Recording)
+    return "seen by a camera" if result.is_tracked(run) else "as its log has them"
+
+
+def _are_true(result: Result, run: int) -> bool:
+    """Return whether the places of motion are true: of a simulator, ours or that of the study."""
     if not isinstance(result, Recording):
-        return "true places, which no real robot knows: an upper bound"
-    if result.is_tracked(run):
-        return "seen by a camera"
-    if result.sessions[run]["reader"] == "webots":
-        return "true places of the study's simulator, which no real robot knows: an upper bound"
-    return "as its log has them"
+        return True
+    return not result.is_tracked(run) and bool(result.sessions[run]["reader"] == "webots")
 
 
 def _samples(
