@@ -119,6 +119,24 @@ def test_other_figures_of_a_search_are_seen(search: Path, study: Path, tmp_path:
     assert differing.startswith("runs/changed: candidate ")
 
 
+def test_what_is_damaged_is_not_verified(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("cut", "whole"):
+        shutil.copytree(study, tmp_path / name)
+    begin(tmp_path, "reproduce")
+    (table,) = (tmp_path / "cut" / "shards").glob("*.parquet")
+    table.write_bytes(table.read_bytes()[:-1])
+    assert main(["verify", str(tmp_path), "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["answer"][0].startswith(
+        "NOT VERIFIED: 1 file cannot be read. Of the others, all 12 runs came out"
+    )
+    assert "is cut off" in told["warnings"][0]
+    with pytest.raises(InputError, match=r"holds no runs; damaged: .*is cut off"):
+        verify(tmp_path / "cut")
+
+
 def test_other_versions_are_named(result: Path, tmp_path: Path) -> None:
     read = Result.read(result)
     older = {**read.versions, "numpy": "1.0"}

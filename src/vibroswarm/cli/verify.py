@@ -21,7 +21,7 @@ def verify(
 
     A run that differs was made by other code or other versions of libraries, on another processor architecture, or its
     files were changed. Runs of folders within, such as a study's second block, are drawn too. The exit code is 1 if a
-    run differs.
+    run differs, or a file with runs is damaged.
 
     examples:
       vibroswarm verify out/study

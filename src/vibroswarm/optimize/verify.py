@@ -24,9 +24,10 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.optimize.evaluate import do_piece
 from vibroswarm.optimize.loop import RecordedRun, recorded_runs
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import SEARCH, versions_of
+from vibroswarm.optimize.steps import SEARCH, STEPS, read_step, versions_of
 from vibroswarm.result import TABLES, Result
 from vibroswarm.simulation import simulate, versions
+from vibroswarm.study.store import SHARDS
 from vibroswarm.study.study_result import StudyResult
 
 RUNS_AGAIN: Final = 20
@@ -49,6 +50,8 @@ class Verified(NotebookView):
     """One row for each run that was simulated again, ``COMPARED``."""
     saved: int
     """Number of runs in the folder."""
+    damaged: tuple[str, ...] = ()
+    """Files that cannot be read, whose runs are not among those that are drawn, with what is wrong."""
     other_versions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Software of which another version made the runs: that version, and the one at hand."""
 
@@ -59,8 +62,8 @@ class Verified(NotebookView):
 
     @property
     def holds(self) -> bool:
-        """Whether all of them came out the same."""
-        return self.same == self.runs.height
+        """Whether all of them came out the same, and no file is damaged."""
+        return self.same == self.runs.height and not self.damaged
 
     @property
     def share_that_differs(self) -> Interval:
@@ -78,6 +81,8 @@ class _Part:
     """Simulates some of them again; yields a row of ``COMPARED`` for each."""
     made_by: Sequence[Mapping[str, str]]
     """Versions that made it."""
+    damaged: Sequence[str] = ()
+    """As in ``Verified``."""
 
 
 def verify(
@@ -110,8 +115,9 @@ def verify(
             f"holds {KINDS[kind]}, without runs that could be simulated again", field=str(folder)
         )
     saved = [(place, one) for place, part in parts.items() for one in part.saved]
+    damaged = tuple(one for part in parts.values() for one in part.damaged)
     if not saved:
-        raise InputError("holds no runs", field=str(folder))
+        raise InputError(f"holds no runs{''.join(f'; damaged: {one}' for one in damaged)}", field=str(folder))
     drawn = _drawn(saved, runs, seed)
     rows = []
     for place in dict.fromkeys(place for place, _ in drawn):
@@ -122,7 +128,7 @@ def verify(
                 progress(len(rows) / len(drawn))
     made_by = [versions for part in parts.values() for versions in part.made_by]
     table = pl.DataFrame(rows, schema=COMPARED, orient="row")
-    return Verified(folder, table, len(saved), _other_versions(made_by))
+    return Verified(folder, table, len(saved), damaged, _other_versions(made_by))
 
 
 def _parts(folder: Path) -> dict[Path, _Part]:
@@ -179,11 +185,17 @@ def _of_study(folder: Path) -> _Part:
                 yield cell.name, run, *_compared(pairs)
 
     saved = [(cell, run) for cell, stored in numbers.items() for run in stored]
-    return _Part(saved, again, result.store.made_by)
+    damaged = [f"{folder / SHARDS}: {one}" for one in result.store.damaged]
+    return _Part(saved, again, result.store.made_by, damaged)
 
 
 def _of_search(folder: Path) -> _Part:
-    search = Search.read(folder / SEARCH)
+    search, damaged = Search.read(folder / SEARCH), []
+    for path in sorted((folder / STEPS).glob("*.json")):
+        try:
+            read_step(path, search)
+        except InputError as error:
+            damaged.append(str(error))
 
     def again(chosen: Sequence[RecordedRun]) -> Iterator[tuple[str, int, bool, str]]:
         for one in chosen:
@@ -191,7 +203,7 @@ def _of_search(folder: Path) -> _Part:
             same = not isinstance(found, str) and np.array_equal(found[0], one.figures)
             yield f"candidate {one.candidate}", one.piece.first, same, "" if same else "steps"
 
-    return _Part(recorded_runs(search, folder), again, [versions_of(folder)])
+    return _Part(recorded_runs(search, folder), again, [versions_of(folder)], damaged)
 
 
 def _drawn(saved: Sequence[Any], count: int, seed: int) -> list[Any]:

@@ -161,8 +161,7 @@ class Store:
         manifest = read_manifest(folder, "study")
         saved_hash = entry(manifest, "hash", str, path)
         made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
-        text = read_text(folder / MARKER, "a study")
-        study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
+        text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
         # If another version of this program made the folder, it may have computed another hash for the same study,
         # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
         # the same.
