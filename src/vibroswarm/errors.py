@@ -12,8 +12,8 @@ import logging
 import math
 import multiprocessing
 import operator
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -35,6 +35,18 @@ def shown_name(name: object) -> str:
     """Return a name for a message; of more than 300 characters, only the first 200 and their number."""
     text = str(name)
     return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
+
+
+@contextmanager
+def in_file(path: Path) -> Iterator[None]:
+    """Add to an ``InputError`` about a value the file that has it, unless the message names the file."""
+    try:
+        yield
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        message = str(error).removeprefix(f"{shown_name(error.field)}: ")
+        raise InputError(f"{message} (in {shown_name(path)})", field=error.field) from None
 
 
 class RunError(RuntimeError):

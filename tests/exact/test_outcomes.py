@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from helpers.result_outcomes import from_result
-from vibroswarm.analysis.figures import Swarms, figures_of
+from vibroswarm.analysis import cell_summary, figures
+from vibroswarm.analysis.figures import RunFigure, Swarms, figures_of
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import estimate_of
@@ -23,11 +24,15 @@ from vibroswarm.inference.outcomes import (
     robot_columns,
     run_columns,
 )
+from vibroswarm.league.entries import Entry, LeagueFloor
+from vibroswarm.league.standings import League
 from vibroswarm.optimize.objective import NAMES, Objective
 from vibroswarm.optimize.outcomes import from_tables
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch_table import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of
+from vibroswarm.study.detection import detection_of, detection_study
+from vibroswarm.study.study_result import StudyResult
 from vibroswarm.tasks import Asked, task
 
 T_END = 100.0
@@ -305,3 +310,46 @@ def test_on_the_boundary_no_robot_is_right_or_wrong() -> None:
     assert (found.decision != -1).any()
     assert not found.right.any()
     assert not found.wrong.any()
+
+
+def first_wrong_s(swarms: Swarms) -> NDArray[np.float64]:
+    """Time of the first wrong decision of each run; nan without one."""
+    decision = swarms.robots["decision"]
+    wrong = (decision >= 0) & (decision != swarms.by_robot(swarms.truth))
+    return swarms.least(np.where(wrong, swarms.robots["decision_time_s"], np.nan))
+
+
+def first_wrong_by_hand(study: StudyResult, cell: int) -> float | None:
+    robots, runs = study.tables(cell)
+    times = []
+    for run, truth in runs.select("run", "truth").iter_rows():
+        wrong = robots.filter((pl.col("run") == run) & pl.col("decision").is_in([1 - truth]))
+        times += [wrong["decision_time_s"].min()] if wrong.height else []
+    return float(np.mean(times)) if times else None
+
+
+def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    figure = RunFigure("first_wrong_s", "first wrong decision", first_wrong_s, better=-1, unit="s")
+    for module in (figures, cell_summary):
+        monkeypatch.setattr(module, "FIGURES", (*figures.FIGURES, figure))
+    monkeypatch.setitem(figures.BY_NAME, figure.name, figure)
+    base = preset("paper").with_values(
+        {"run.t_end_s": 120.0, "decision.min_observations": 5, "decision.credible_threshold": 0.6}
+    )
+    floors = tuple(LeagueFloor("random", f, f"random:{f}") for f in (0.48, 0.56))
+    standings = League(
+        base, (Entry("none", "none", {}), Entry("soft", "soft", {})), floors, (2,), 4, 3
+    ).play()
+    detected = detection_study(base, [2], [0.48, 0.56], 4, 3).run()
+    for study, table in (
+        (standings.study, standings.study.summary()),
+        (standings.study, standings.summary),
+        (detected, detection_of(detected, 0.05).tables["summary"]),
+    ):
+        assert {figure.name, "first_wrong_s_low", "robots_right"} <= set(table.columns)
+        found = dict(table.select("cell", figure.name).iter_rows())
+        by_hand = {cell: first_wrong_by_hand(study, cell) for cell in study.selected}
+        assert found == pytest.approx(by_hand, nan_ok=True)
+        assert any(value is not None for value in by_hand.values())

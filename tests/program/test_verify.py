@@ -14,6 +14,7 @@ from vibroswarm import InputError, Result, Study, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.core.folders import write_described
 from vibroswarm.core.tables import parquet_bytes
+from vibroswarm.documents.saved import begin
 from vibroswarm.optimize import verify as module
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
@@ -99,18 +100,41 @@ def test_a_search_is_the_same(search: Path) -> None:
     assert found.saved == held(search)["runs_there"]
 
 
-def test_other_figures_of_a_search_are_seen(search: Path, tmp_path: Path) -> None:
-    """Negative control: the last bit of one figure of one run of a step."""
-    folder = tmp_path / "changed"
+def test_other_figures_of_a_search_are_seen(search: Path, study: Path, tmp_path: Path) -> None:
+    """Negative control: the last bit of one figure of one run of a step, in a folder such as that of a reproduction."""
+    folder = tmp_path / "runs" / "changed"
+    shutil.copytree(study, tmp_path / "runs" / "study")
     shutil.copytree(search, folder)
+    begin(tmp_path, "reproduce")
+    assert verify(tmp_path, 2).holds
     path = folder / "steps" / "00001.parquet"
     table = pl.read_parquet(path)
     figures = table["figure_0"].to_numpy().copy()
     figures.view("uint64")[0] ^= 1
     table = table.with_columns(pl.Series("figure_0", figures))
     write_described(path.parent, path.stem, "step", {"step": parquet_bytes(table)})
-    found = verify(folder, 10**6)
-    assert found.runs.height - found.same == 1
+    found = verify(tmp_path, 10**6)
+    assert found.saved == found.runs.height == 12 + held(search)["runs_there"]
+    (differing,) = found.runs.filter(~found.runs["same"])["cell"]
+    assert differing.startswith("runs/changed: candidate ")
+
+
+def test_what_is_damaged_is_not_verified(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("cut", "whole"):
+        shutil.copytree(study, tmp_path / name)
+    begin(tmp_path, "reproduce")
+    (table,) = (tmp_path / "cut" / "shards").glob("*.parquet")
+    table.write_bytes(table.read_bytes()[:-1])
+    assert main(["verify", str(tmp_path), "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["answer"][0].startswith(
+        "NOT VERIFIED: 1 file cannot be read. Of the others, all 12 runs came out"
+    )
+    assert "is cut off" in told["warnings"][0]
+    with pytest.raises(InputError, match=r"holds no runs; damaged: .*is cut off"):
+        verify(tmp_path / "cut")
 
 
 def test_other_versions_are_named(result: Path, tmp_path: Path) -> None:

@@ -310,6 +310,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         "floors",
         "beliefs",
         "faults",
+        "summary",
     )
     assert set(kept) == {f"{name}.csv" for name in tables}
     assert main([*line, "--json", "--workers", "1"]) == 0

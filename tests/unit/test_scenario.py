@@ -19,6 +19,7 @@ from helpers.scenario_fields import FLAGS, FLOATS, INTS, OTHERS, WORDS, annotati
 from vibroswarm import tasks
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
+from vibroswarm.optimize.spec import Search
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_fields import FAULTS, SINCE
 from vibroswarm.scenario.presets import describe, preset_names
@@ -31,6 +32,7 @@ from vibroswarm.scenario.scenario import (
     value_of,
 )
 from vibroswarm.simulation import simulate
+from vibroswarm.study.spec import Study
 
 OF_MAPS = ("variance_factor", "min_samples", "falls_from", "trust_limit", "broken_prior", "prior_median")
 """Fields without a unit of strategies that keep a map; of these, the first may not be 0."""
@@ -709,3 +711,14 @@ def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
 def test_methods_and_properties_are_no_fields(name: str) -> None:
     with pytest.raises(InputError, match="there is no such field"):
         Scenario()[name]
+
+
+@pytest.mark.parametrize("kind", [Scenario, Study, Search])
+def test_wrong_values_of_a_file_are_told_with_the_file(kind: Any, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    section = "swarm" if kind is Scenario else "scenario.swarm"
+    file.write_text(f'[{section}]\nrobots = "many"\n')
+    with pytest.raises(
+        InputError, match=rf"^swarm\.robots: 'many' is wrong: .* \(in {re.escape(str(file))}\)$"
+    ):
+        kind.read(file)

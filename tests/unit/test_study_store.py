@@ -357,13 +357,15 @@ def test_a_store_of_an_older_format_is_refused_in_one_sentence() -> None:
 
 def test_other_versions_are_not_mixed_unless_told(copy: Path) -> None:
     about = one_of(copy, "*.json")
-    about.write_text(about.read_text().replace(versions()["numpy"], "0.1"))
+    text = about.read_text().replace(versions()["numpy"], "0.1").replace(versions()["code"], "other code")
+    about.write_text(text)
     assert STUDY.run(copy).runs().height == 60, "what is all there can be read"
     with pytest.raises(InputError, match=r"numpy 0\.1 there"):
         STUDY.with_runs(31).run(copy)
     more = STUDY.with_runs(31).run(copy, mixed=True, workers=1)
     assert more.runs().height == 62
     assert len(more.store.made_by) == 2
+    assert set(more.runs()["code"]) == {"other code", versions()["code"]}
 
 
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(

@@ -150,7 +150,8 @@ def league(
         standings, replace(made, entries=basic_entries), reference, tests, execution, output.out
     )
     if output.out is not None:
-        write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
+        saved = tables | {"summary": standings.summary}
+        write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in saved.items()})
     deliver(league_document(standings, tables), output, "league")
 
 

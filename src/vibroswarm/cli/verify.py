@@ -10,7 +10,7 @@ from vibroswarm.cli.options import Json
 
 
 def verify(
-    folder: Annotated[Path, Option("folder of a run, study, league or search", "DIR")],
+    folder: Annotated[Path, Option("folder of a run, study, league, search or reproduction", "DIR")],
     /,
     *,
     runs: Annotated[int, Option("runs to simulate again, drawn from all", low=1)] = 20,
@@ -20,12 +20,14 @@ def verify(
     """Simulate a sample of saved runs again from their seed, and compare them bit by bit.
 
     A run that differs was made by other code or other versions of libraries, on another processor architecture, or its
-    files were changed. The exit code is 1 if a run differs.
+    files were changed. Runs of folders within, such as a study's second block, are drawn too. The exit code is 1 if a
+    run differs, or a file with runs is damaged.
 
     examples:
       vibroswarm verify out/study
       vibroswarm verify out/league --runs 200
       vibroswarm verify out/pso                  a search: runs of its steps
+      vibroswarm verify out/paper                a reproduction: runs of its cells and searches
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.progress import progress_bar

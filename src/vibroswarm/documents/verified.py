@@ -14,7 +14,12 @@ def verified_document(verified: Verified) -> Document:
     runs = (
         f"all {count(again, 'run')}" if every else f"{again:,} of {verified.saved:,} runs, drawn at random,"
     )
-    if verified.holds:
+    if verified.damaged and not differing:
+        answer = (
+            f"NOT VERIFIED: {count(len(verified.damaged), 'file')} cannot be read. Of the others, {runs} came out the "
+            "same again, bit by bit.",
+        )
+    elif verified.holds:
         upper = percent(verified.share_that_differs.high)
         rest = "" if every else f" With 95 % confidence, less than {upper} of the saved runs differ."
         answer = (f"Verified: {runs} came out the same again, bit by bit.{rest}",)
@@ -31,7 +36,8 @@ def verified_document(verified: Verified) -> Document:
     return Document(
         title=f"Runs of {verified.folder} simulated again",
         answer=answer,
-        warnings=tuple(
+        warnings=tuple(f"damaged: {one}" for one in verified.damaged)
+        + tuple(
             f"made by {name} {theirs}; this is {name} {own}, so that runs may differ"
             for name, (theirs, own) in verified.other_versions.items()
         ),

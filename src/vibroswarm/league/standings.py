@@ -51,6 +51,7 @@ from vibroswarm.study.factors import LABEL
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.summary import outcome_of
 
 FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
 """Figures of the standings; the table of the module's docstring explains them."""
@@ -266,6 +267,13 @@ class Standings(NotebookView):
             }
             rows.append(row)
         return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
+
+    @cached_property
+    def summary(self) -> pl.DataFrame:
+        """All figures of each cell of the ``main`` entries, as a study has them (``summary.Outcome.table``)."""
+        labels = {entry.label for entry in main_entries(self.league.entries)}
+        selected = tuple(cell.number for cell in self.study.study.cells if cell.point[LABEL] in labels)
+        return outcome_of(replace(self.study, selected=selected), compare=False).table
 
     @cached_property
     def maps(self) -> pl.DataFrame:

@@ -35,7 +35,7 @@ from typing import Any, Final
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, nearest, shown, whole_number_of
+from vibroswarm.errors import InputError, check_choice, in_file, nearest, shown, whole_number_of
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.optimize import methods, optuna_samplers  # noqa: F401  (the second registers methods)
 from vibroswarm.optimize.evaluate import NUMBERS
@@ -276,14 +276,11 @@ class Search(NotebookView):
             InputError: the file cannot be read, or something in it is wrong.
         """
         path = Path(path)
-        return cls.from_toml(
-            read_text(path, "a search"),
-            name=str(path),
-            folder=path.parent,
-            method=method,
-            cost=cost,
-            budget=budget,
-        )
+        text = read_text(path, "a search")
+        with in_file(path):
+            return cls.from_toml(
+                text, name=str(path), folder=path.parent, method=method, cost=cost, budget=budget
+            )
 
     def to_values(self) -> dict[str, Any]:
         """Return the search as nested tables for TOML, from which ``from_toml`` reads a search with the same hash.

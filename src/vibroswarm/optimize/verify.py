@@ -6,7 +6,7 @@ of libraries, on another processor architecture, or its files were changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -16,16 +16,18 @@ import polars as pl
 from polars.testing import assert_frame_equal
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
+from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.folders import KINDS, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.optimize.evaluate import do_piece
-from vibroswarm.optimize.loop import recorded_runs
+from vibroswarm.optimize.loop import RecordedRun, recorded_runs
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import SEARCH, versions_of
+from vibroswarm.optimize.steps import SEARCH, STEPS, read_step, versions_of
 from vibroswarm.result import TABLES, Result
 from vibroswarm.simulation import simulate, versions
+from vibroswarm.study.store import SHARDS
 from vibroswarm.study.study_result import StudyResult
 
 RUNS_AGAIN: Final = 20
@@ -48,6 +50,8 @@ class Verified(NotebookView):
     """One row for each run that was simulated again, ``COMPARED``."""
     saved: int
     """Number of runs in the folder."""
+    damaged: tuple[str, ...] = ()
+    """Files that cannot be read, whose runs are not among those that are drawn, with what is wrong."""
     other_versions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Software of which another version made the runs: that version, and the one at hand."""
 
@@ -58,13 +62,27 @@ class Verified(NotebookView):
 
     @property
     def holds(self) -> bool:
-        """Whether all of them came out the same."""
-        return self.same == self.runs.height
+        """Whether all of them came out the same, and no file is damaged."""
+        return self.same == self.runs.height and not self.damaged
 
     @property
     def share_that_differs(self) -> Interval:
         """Share of all saved runs that would differ, from the sample, with Wilson's 95 % limits."""
         return wilson(self.runs.height - self.same, self.runs.height)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A folder within the verified one that holds runs."""
+
+    saved: Sequence[Any]
+    """Its saved runs, in a form that ``again`` takes."""
+    again: Callable[[Sequence[Any]], Iterator[tuple[str, int, bool, str]]]
+    """Simulates some of them again; yields a row of ``COMPARED`` for each."""
+    made_by: Sequence[Mapping[str, str]]
+    """Versions that made it."""
+    damaged: Sequence[str] = ()
+    """As in ``Verified``."""
 
 
 def verify(
@@ -76,7 +94,8 @@ def verify(
     """Simulate a sample of the runs of a folder again, and compare their tables with the saved ones.
 
     Args:
-        folder: of a result, a study (also of a league or a detection), or a search, whose steps are compared. runs:
+        folder: of a result, a study (also of a league or a detection), a search, whose steps are compared, or a
+            reproduction. Runs of folders within, such as a study's second block, are among those that are drawn. runs:
             number of runs, drawn from all saved ones; if there are fewer, all. seed: of the draw. progress: called with
             the share of the runs that is done.
     Raises:
@@ -85,86 +104,106 @@ def verify(
     """
     folder = path_of(folder, "folder")
     runs = whole_number_of(runs, "runs", 1, 10**6)
-    report = progress or (lambda done: None)
     kind = str(read_manifest(folder)["kind"])
-    if kind == "study":
-        return _of_study(StudyResult.open(folder), runs, seed, report)
-    if kind == "search":
-        return _of_search(folder, runs, seed, report)
-    if kind == "result":
-        return _of_result(folder, Result.read(folder), runs, seed, report)
     if kind == "recording":
         raise InputError(
             "holds recorded runs, which no seed repeats; 'lab replay' judges them", field=str(folder)
         )
-    raise InputError(f"holds {KINDS[kind]}, without runs that could be simulated again", field=str(folder))
-
-
-def _of_result(
-    folder: Path, result: Result, runs: int, seed: int, report: Callable[[float], None]
-) -> Verified:
-    assert result.seed is not None  # only recordings have none
-    saved = result.runs["run"].to_list()
-    if not saved:
-        raise InputError("holds no runs", field=str(folder))
-    rows = []
-    chosen = _drawn(saved, runs, seed)
-    energies = result.observations["energy"].null_count() < result.observations.height
-    for place, run in enumerate(chosen):
-        again = simulate(
-            result.scenario,
-            result.seed,
-            [run],
-            motion=result.source,
-            segments=result.segments is not None,
-            moves=result.moves is not None,
-            energies=energies,
+    parts = _parts(folder)
+    if not parts:
+        raise InputError(
+            f"holds {KINDS[kind]}, without runs that could be simulated again", field=str(folder)
         )
-        pairs = {name: (_of_run(getattr(result, name), run), getattr(again, name)) for name in TABLES}
-        rows.append(("", run, *_compared(pairs)))
-        report((place + 1) / len(chosen))
-    table = pl.DataFrame(rows, schema=COMPARED, orient="row")
-    return Verified(folder, table, len(saved), _other_versions([result.versions]))
-
-
-def _of_study(result: StudyResult, runs: int, seed: int, report: Callable[[float], None]) -> Verified:
-    numbers = {cell: result.runs_there(cell, result.runs_of(cell)) for cell in result.selected}
-    saved = [(cell, run) for cell, stored in numbers.items() for run in stored]
+    saved = [(place, one) for place, part in parts.items() for one in part.saved]
+    damaged = tuple(one for part in parts.values() for one in part.damaged)
     if not saved:
-        raise InputError("holds no runs", field=str(result.store.folder))
+        raise InputError(f"holds no runs{''.join(f'; damaged: {one}' for one in damaged)}", field=str(folder))
     drawn = _drawn(saved, runs, seed)
     rows = []
-    for number in dict.fromkeys(cell for cell, _ in drawn):  # one cell in memory at a time
-        cell = result.cell(number)
-        robots, of_runs = result.tables(number)
-        for run in (run for of, run in drawn if of == number):
-            again = simulate(
-                cell.scenario, result.study.seed, [run], motion=result.study.motion, energies=False
+    for place in dict.fromkeys(place for place, _ in drawn):
+        within = "" if place == folder else place.relative_to(folder).as_posix()
+        for cell, *row in parts[place].again([one for of, one in drawn if of == place]):
+            rows.append((": ".join(filter(None, (within, cell))), *row))
+            if progress is not None:
+                progress(len(rows) / len(drawn))
+    made_by = [versions for part in parts.values() for versions in part.made_by]
+    table = pl.DataFrame(rows, schema=COMPARED, orient="row")
+    return Verified(folder, table, len(saved), damaged, _other_versions(made_by))
+
+
+def _parts(folder: Path) -> dict[Path, _Part]:
+    """Return a folder and those within it that hold runs, by path; unfinished temporary folders are left out."""
+    kinds = {"result": _of_result, "study": _of_study, "search": _of_search}
+    places = sorted(path.parent for path in folder.rglob(MANIFEST))
+    return {
+        place: kinds[kind](place)
+        for place in places
+        if not any(name.startswith(".") for name in place.relative_to(folder).parts)
+        and (kind := str(read_manifest(place)["kind"])) in kinds
+    }
+
+
+def _of_result(folder: Path) -> _Part:
+    result = Result.read(folder)
+    seed = result.seed
+    assert seed is not None  # only recordings have none
+    energies = result.observations["energy"].null_count() < result.observations.height
+
+    def again(chosen: Sequence[int]) -> Iterator[tuple[str, int, bool, str]]:
+        for run in chosen:
+            one = simulate(
+                result.scenario,
+                seed,
+                [run],
+                motion=result.source,
+                segments=result.segments is not None,
+                moves=result.moves is not None,
+                energies=energies,
             )
-            pairs = {
-                "robots": (_of_run(robots, run), again.robots.select(list(ROBOTS))),
-                "runs": (_of_run(of_runs, run, list(RUNS)), again.runs.select(list(RUNS))),
-            }
-            rows.append((cell.name, run, *_compared(pairs)))
-            report(len(rows) / len(drawn))
-    table = pl.DataFrame(rows, schema=COMPARED, orient="row")
-    return Verified(result.store.folder, table, len(saved), _other_versions(result.store.made_by))
+            pairs = {name: (_of_run(getattr(result, name), run), getattr(one, name)) for name in TABLES}
+            yield "", run, *_compared(pairs)
+
+    return _Part(result.runs["run"].to_list(), again, [result.versions])
 
 
-def _of_search(folder: Path, runs: int, seed: int, report: Callable[[float], None]) -> Verified:
-    search = Search.read(folder / SEARCH)
-    recorded = recorded_runs(search, folder)
-    if not recorded:
-        raise InputError("holds no runs", field=str(folder))
-    rows = []
-    drawn = _drawn(recorded, runs, seed)
-    for one in drawn:
-        again = do_piece(one.piece, search.objectives)
-        same = not isinstance(again, str) and np.array_equal(again[0], one.figures)
-        rows.append((f"candidate {one.candidate}", one.piece.first, same, "" if same else "steps"))
-        report(len(rows) / len(drawn))
-    table = pl.DataFrame(rows, schema=COMPARED, orient="row")
-    return Verified(folder, table, len(recorded), _other_versions([versions_of(folder)]))
+def _of_study(folder: Path) -> _Part:
+    result = StudyResult.open(folder)
+    numbers = {cell: result.runs_there(cell, result.runs_of(cell)) for cell in result.selected}
+
+    def again(chosen: Sequence[tuple[int, int]]) -> Iterator[tuple[str, int, bool, str]]:
+        for number in dict.fromkeys(cell for cell, _ in chosen):  # one cell in memory at a time
+            cell = result.cell(number)
+            robots, of_runs = result.tables(number)
+            for run in (run for of, run in chosen if of == number):
+                one = simulate(
+                    cell.scenario, result.study.seed, [run], motion=result.study.motion, energies=False
+                )
+                pairs = {
+                    "robots": (_of_run(robots, run), one.robots.select(list(ROBOTS))),
+                    "runs": (_of_run(of_runs, run, list(RUNS)), one.runs.select(list(RUNS))),
+                }
+                yield cell.name, run, *_compared(pairs)
+
+    saved = [(cell, run) for cell, stored in numbers.items() for run in stored]
+    damaged = [f"{folder / SHARDS}: {one}" for one in result.store.damaged]
+    return _Part(saved, again, result.store.made_by, damaged)
+
+
+def _of_search(folder: Path) -> _Part:
+    search, damaged = Search.read(folder / SEARCH), []
+    for path in sorted((folder / STEPS).glob("*.json")):
+        try:
+            read_step(path, search)
+        except InputError as error:
+            damaged.append(str(error))
+
+    def again(chosen: Sequence[RecordedRun]) -> Iterator[tuple[str, int, bool, str]]:
+        for one in chosen:
+            found = do_piece(one.piece, search.objectives)
+            same = not isinstance(found, str) and np.array_equal(found[0], one.figures)
+            yield f"candidate {one.candidate}", one.piece.first, same, "" if same else "steps"
+
+    return _Part(recorded_runs(search, folder), again, [versions_of(folder)], damaged)
 
 
 def _drawn(saved: Sequence[Any], count: int, seed: int) -> list[Any]:

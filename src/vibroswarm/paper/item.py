@@ -359,9 +359,10 @@ def load_tables(folder: Path, fingerprint: str) -> Tables | None:
         manifest, files = read_described(folder, "item")
         if entry(manifest, "fingerprint", str, folder) != fingerprint:
             return None
-        return {name: read_frame(path, name) for name, path in files.items()}
+        tables = {name: read_frame(path, name) for name, path in files.items()}
     except InputError:
         return None
+    return tables if CLAIMS not in tables or tables[CLAIMS].schema == frame([]).schema else None
 
 
 def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:

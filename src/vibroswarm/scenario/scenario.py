@@ -25,7 +25,7 @@ from pydantic import BaseModel, ValidationError, model_validator
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
-from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown, whole_number_of
+from vibroswarm.errors import InputError, check_kind, in_file, nearest, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.io import THRESHOLD, is_picture
 from vibroswarm.floors.source import VALUES_OF, family, is_generated, parts_of_values, resolve, values_in
@@ -130,7 +130,8 @@ class Scenario(Sections, NotebookView):
         """
         path = path_of(path)
         text = read_text(path, "a scenario")
-        return cls.from_toml(text, name=str(path), folder=path.parent)
+        with in_file(path):
+            return cls.from_toml(text, name=str(path), folder=path.parent)
 
     def to_toml(self) -> str:
         """Return the whole scenario as TOML; ``from_toml`` gives back an equal one."""

@@ -17,7 +17,7 @@ import polars as pl
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import wilson_limits
-from vibroswarm.analysis.map_figures import mean_figures
+from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import costs_of
@@ -25,6 +25,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.summary import outcome_of
 
 FILLS: Final = (0.24, 0.32, 0.36, 0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68, 0.76)
 """Fill ratios around a boundary of one half."""
@@ -39,7 +40,8 @@ class Detection(NotebookView):
     """What a detection found."""
 
     tables: Mapping[str, pl.DataFrame]
-    """``detection``, ``needed`` and ``pairs``, as ``analysis.detection`` makes them; ``maps`` if robots keep maps."""
+    """``detection``, ``needed`` and ``pairs``, as ``analysis.detection`` makes them; ``maps`` if robots keep maps; and
+    ``summary``, all figures of each cell (``Outcome.table``)."""
     scenario: Scenario
     """The scenario of all runs, in which floor and number of robots vary."""
     seed: int
@@ -116,9 +118,11 @@ def detection_of(
     cells = [result.tables(number) for number in result.selected]
     need = needed(cells, scenario.run.t_end_s, error, false_alarms=alarms)
     curve = detection_curve(cells, scenario.run.t_end_s)
-    tables = {"detection": curve, "needed": need, "pairs": pairs(need)}
-    if (maps := _maps(result, cells)).height:
-        tables["maps"] = maps
+    summary = outcome_of(result, compare=False).table
+    tables = {"detection": curve, "needed": need, "pairs": pairs(need), "summary": summary}
+    if keeps_map(scenario):
+        fills = pl.Series("fill_ratio", [runs["fill_ratio"][0] for _, runs in cells])
+        tables["maps"] = _maps(summary.with_columns(fills))
     return Detection(tables, scenario, study.seed, error, alarms, tuple(added), tuple(_warnings(study)))
 
 
@@ -192,26 +196,11 @@ def detect_by(
     return found
 
 
-def _maps(result: StudyResult, cells: Sequence[tuple[pl.DataFrame, pl.DataFrame]]) -> pl.DataFrame:
-    """Return fill ratio, robots and figures of maps with limits, a row for each cell whose robots keep them.
-
-    Args:
-        cells: tables of robots and of runs of the selected cells.
-    """
-    of_cell = {number: own for (number,), own in result.maps().group_by("cell")}
-    rows = [
-        {
-            "fill_ratio": runs["fill_ratio"][0],
-            "robots": result.study.cells[number].scenario.swarm.robots,
-            "runs": runs.height,
-            **mean_figures(of_cell[number]),
-        }
-        for number, (_, runs) in zip(result.selected, cells, strict=True)
-        if number in of_cell
-    ]
-    return (
-        pl.DataFrame(rows, infer_schema_length=None).sort("fill_ratio", "robots") if rows else pl.DataFrame()
-    )
+def _maps(cells: pl.DataFrame) -> pl.DataFrame:
+    """Return fill ratio, robots, runs and figures of maps with limits, a row for each cell."""
+    figures = [f"{name}{end}" for name in MAPPED for end in ("", "_low", "_high")]
+    rows = cells.select("fill_ratio", "runs", *figures, robots="swarm.robots")
+    return rows.sort("fill_ratio", "robots")
 
 
 def sizes_of(scenario: Scenario) -> tuple[int, ...]:

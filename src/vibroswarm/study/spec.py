@@ -31,6 +31,7 @@ from vibroswarm.errors import (
     check_choice,
     check_format,
     check_kind,
+    in_file,
     nearest,
     path_of,
     shown,
@@ -360,7 +361,8 @@ class Study(NotebookView):
             InputError: it cannot be read, or something in it is wrong.
         """
         path = path_of(path)
-        return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
+        with in_file(path):
+            return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
 
     def to_toml(self) -> str:
         """Write the study as TOML; ``from_toml`` reads one with the same cells, runs and seed.

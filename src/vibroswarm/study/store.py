@@ -161,8 +161,7 @@ class Store:
         manifest = read_manifest(folder, "study")
         saved_hash = entry(manifest, "hash", str, path)
         made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
-        text = read_text(folder / MARKER, "a study")
-        study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
+        text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
         # If another version of this program made the folder, it may have computed another hash for the same study,
         # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
         # the same.
@@ -299,7 +298,8 @@ class Store:
     def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
         """Return a lazy table of the rows of the first ``runs`` runs of a group.
 
-        Shards may overlap if several writers ran the same runs; each run is taken from one shard only.
+        Shards may overlap if several writers ran the same runs; each run is taken from one shard only. The column
+        ``code`` of the robots is the hash of the program's code that made the run.
 
         Returns: None if none of these runs is stored, or no shard has this table.
         """
@@ -316,6 +316,8 @@ class Store:
             # saves them.
             if table in shard.files:
                 frame = scan_frame(shard.files[table])
+                if table == "robots":
+                    frame = frame.with_columns(code=pl.lit(shard.made_by.get("code", "")))
                 if (first, last) != (shard.first, shard.last):
                     frame = frame.filter(pl.col("run").is_between(first, last, closed="left"))
                 frames.append(frame)
