@@ -104,9 +104,14 @@ def another(name: str) -> Any:
     return default(name) * 0.999 if default(name) else 1e-3
 
 
-def chosen(kind: str, entry: str) -> dict[str, str]:
-    """Values that select an entry; beside a sensor of three kinds, a strategy and a task that go with it."""
-    of_kinds = {"strategy.name": "dirichlet", "task.name": "majority"}
+def chosen(kind: str, entry: str) -> dict[str, Any]:
+    """Values that select an entry; beside a sensor of several kinds, a strategy, a task and a floor that go with it."""
+    of_kinds = {
+        "strategy.name": "dirichlet",
+        "task.name": "majority",
+        "floor.source": "ours",
+        "floor.tiles": ["01", "10"],
+    }
     return {field_of(kind): entry} | (of_kinds if kind == "sensor" else {})
 
 
