@@ -161,6 +161,18 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
         )
 
 
+def check_keys(keys: Iterable[object], field: str, known: Iterable[object]) -> None:
+    """Refuse a table with a key that is not known.
+
+    Raises:
+        InputError: the message names the first such key and suggests the one with the most similar spelling.
+    """
+    there = list(map(str, known))
+    unknown = [str(key) for key in keys if key not in there]
+    if unknown:
+        raise InputError(f"unknown key '{unknown[0]}'{nearest(unknown[0], there)}", field=field)
+
+
 def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: str) -> None:
     """Refuse a value that is not an instance of ``kind``.
 

@@ -255,7 +255,7 @@ def test_items_that_need_other_presets_are_skipped_in_words(
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--only", "fill"], "no item 'fill'"),
+        (["--only", "fill"], "--only: there is no 'fill'"),
         (["--columns", "papers"], "unknown column 'papers', did you mean 'paper'"),
         (["--control", "label"], "unknown control 'label'"),
         (["--runs", "1"], "is not from 2 to"),

@@ -56,7 +56,7 @@ def test_the_file_names_every_item_but_those_without_a_claim_and_no_other() -> N
         ('test = "within"\nmargin = -1', "margin above 0"),
         ('test = "at_least"\nmargin = 1', "effect"),
         ('test = "at_most"\nmargin = 1\neffect = 1', "not both"),
-        ('test = "about"\nmargin = 1', "not a test"),
+        ('test = "about"\nmargin = 1', "there is no 'about'"),
         ('test = "within"\nmargin = 1\ncolumns = ["mine"]', "columns"),
         ('test = "within"\nmargin = 1\nmargins = 2', "unknown key"),
     ],
@@ -147,7 +147,7 @@ def test_checks_are_a_family_of_their_own_and_no_verdicts() -> None:
     assert found["b"].level == pytest.approx(0.95)
     assert _decided([exact("k", "paper", "x", 2.0)], [check]) == {"k": "failed"}
     assert _decided([row("k", "paper", "x", 0.0, 9.0, 10)], [check]) == {"k": "open"}
-    with pytest.raises(InputError, match="must be one of"):
+    with pytest.raises(InputError, match="k, kind: there is no 'checks', did you mean 'check'"):
         Claim("k", "headline", "Ours.", "difference", "within", 1, margin=1.0, kind="checks")
 
 

@@ -115,7 +115,7 @@ def test_no_log_at_all(tmp_path: Path) -> None:
         read_log(tmp_path / "some.csv")
     with pytest.raises(InputError, match="there is no such file"):
         read_log(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="there is no reader 'rugbut', did you mean 'rugbot'"):
+    with pytest.raises(InputError, match="--reader: there is no 'rugbut', did you mean 'rugbot'"):
         read_log(tmp_path / "some.csv", "rugbut")
     (tmp_path / "map.toml").write_text('[columns]\nrobot = "a"\n')
     with pytest.raises(InputError, match="does not name the column for time_s"):

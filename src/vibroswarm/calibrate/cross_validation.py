@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.calibrate.classifier import classifier_accuracy
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
-from vibroswarm.calibrate.features import FEATURES, values_of
+from vibroswarm.calibrate.features import FEATURES, lag_one, values_of
 from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
@@ -269,10 +269,6 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     ordered = samples.sort("robot", "time_s")
     on, edge = ordered["vibrating"].to_numpy(), np.abs(ordered["edge_m"].to_numpy())
     bits = ordered["energy"].to_numpy() > threshold
-    robot = ordered["robot"].to_numpy()
-    deviation = bits - bits.mean()
-    of_one_robot = robot[1:] == robot[:-1]
-    products = (deviation[1:] * deviation[:-1])[of_one_robot]
     wrong = bits != on
 
     def share(where: NDArray[np.bool_]) -> float:
@@ -283,8 +279,7 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
         "false positive": share(~on),
         "false negative": share(on),
         "share of ones": float(bits.mean()),
-        # If all bits are equal, the products and the variance are 0; dividing by 1e-12 then gives a correlation of 0.
-        "lag-1 correlation of bits": float(products.mean() / max((deviation**2).mean(), 1e-12)),
+        "lag-1 correlation of bits": lag_one(bits, ordered["robot"].to_numpy()) or 0.0,
     }
     for low, high in pairwise(EDGES_M):
         inside = (edge >= low) & (edge < high)

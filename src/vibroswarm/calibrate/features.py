@@ -17,7 +17,7 @@ before the gap to the first row after it, as in the authors' analysis. A session
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -252,3 +252,16 @@ def sessions_of(result: Result) -> Sessions:
     """Return the samples of each run of a result as a session, in the order of runs."""
     table = sample_table(result)
     return Sessions(tuple(table.partition_by("run", maintain_order=True)))
+
+
+def lag_one(bits: Any, robot: Any) -> float | None:
+    """Return the correlation of successive bits of a robot, about the mean of all bits.
+
+    Args:
+        bits: bit of each sample, (samples,). robot: its robot, (samples,), robot by robot in the order of time.
+    Returns: None if all bits are equal, or if no robot has two samples.
+    """
+    deviation = bits - bits.mean()
+    variance = float((deviation**2).mean())
+    products = (deviation[1:] * deviation[:-1])[robot[1:] == robot[:-1]]
+    return float(products.mean()) / variance if variance > 0 and products.size else None

@@ -16,7 +16,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_interval
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
-from vibroswarm.calibrate.features import nearest_tile, sample_table, wall_distance
+from vibroswarm.calibrate.features import lag_one, nearest_tile, sample_table, wall_distance
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
@@ -133,7 +133,7 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
         "off_walls": _ring(wall, 0.05, 0.075, arena.width_m, arena.height_m),
         "false_positive": bits[~kind].mean() if (~kind).any() else None,
         "false_negative": (~bits[kind]).mean() if kind.any() else None,
-        "lag_one_bits": _lag_one(samples, bits),
+        "lag_one_bits": lag_one(bits, samples["robot"].to_numpy()),
     }
 
 
@@ -175,19 +175,3 @@ def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: floa
 
     expected = (area_beyond(low_m) - area_beyond(high_m)) / (width_m * height_m)
     return float(((wall >= low_m) & (wall < high_m)).mean()) / expected if expected > 0 else None
-
-
-def _lag_one(samples: pl.DataFrame, bits: Any) -> float | None:
-    """Return the correlation of successive bits of the same robot.
-
-    The result is None if all bits are equal, or if no robot has two samples.
-
-    Args:
-        samples: samples of one session, ordered by robot and time. bits: bit of each sample, (samples,).
-    """
-    deviation = bits - bits.mean()
-    variance = float((deviation**2).mean())
-    robot = samples["robot"].to_numpy()
-    of_one_robot = robot[1:] == robot[:-1]
-    products = (deviation[1:] * deviation[:-1])[of_one_robot]
-    return float(products.mean()) / variance if variance > 0 and products.size else None

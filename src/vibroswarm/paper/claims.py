@@ -71,7 +71,7 @@ from scipy.special import betaincinv, stdtrit
 
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView, short_text
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_choice, check_keys
 from vibroswarm.paper.columns import COLUMNS
 
 Limits = tuple[float, float]
@@ -241,8 +241,8 @@ class Claim(NotebookView):
         Raises:
             InputError: an unknown test, kind or column, no cells, or not exactly the bound that the test needs.
         """
-        if self.test not in TESTS:
-            raise InputError(f"'{self.test}' is not a test{nearest(self.test, TESTS)}", field=self.id)
+        check_choice(self.test, f"{self.id}, test", TESTS)
+        check_choice(self.kind, f"{self.id}, kind", KINDS)
         bound = self.margin if self.test == "within" else self.effect
         if bound is None or not math.isfinite(bound) or (self.test == "within" and bound <= 0):
             needed = "a margin above 0" if self.test == "within" else "a finite effect"
@@ -251,8 +251,6 @@ class Claim(NotebookView):
             raise InputError("give a margin or an effect, not both", field=self.id)
         if self.cells < 1 or not self.columns or not set(self.columns) <= set(COLUMNS):
             raise InputError("needs at least one cell, and columns that exist", field=self.id)
-        if self.kind not in KINDS:
-            raise InputError(f"the kind '{self.kind}' must be one of {', '.join(KINDS)}", field=self.id)
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -294,8 +292,7 @@ def claims_from(text: str) -> tuple[Claim, ...]:
     known = {field.name for field in fields(Claim)}
     claims = []
     for table in tables:
-        if unknown := set(table) - known:
-            raise InputError(f"unknown key{nearest(min(unknown), known)}", field=min(unknown))
+        check_keys(table, "claims.toml", known)
         claims.append(Claim(**{**table, "columns": tuple(table.get("columns", COLUMNS))}))
         if not claims[-1].unit:
             raise InputError("needs a unit, or what its numbers count: 'in belief'", field=claims[-1].id)

@@ -12,7 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.networks.loss_by_size import MOST
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -140,11 +140,7 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
     Raises:
         InputError: no such control.
     """
-    if control not in CHANGES:
-        raise InputError(
-            f"there is no control '{control}'{nearest(control, CHANGES)} ({', '.join(CHANGES)})",
-            field="--control",
-        )
+    check_choice(control, "--control", CHANGES)
     match control:
         case "labels":
             return swapped_labels(scenario)

@@ -161,23 +161,15 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
 
     ``height_in`` is the height of the figure, by default that of the style; a slide is never lower than its style.
     """
+    from matplotlib.figure import Figure
+
     height = style.height_in if height_in is None else height_in
     if style.fixed_height:
         height = max(height, style.height_in)
-    figure = figure_of(style.width_in, height)
+    figure = Figure(figsize=(style.width_in, height), layout="constrained")
     if title:
         size = style.font_pt * 1.1
         figure.suptitle(fitted(title, size, style.width_in * 72 - size, lines=3), fontsize=size)
-    return figure
-
-
-def figure_of(width_in: float, height_in: float) -> Figure:
-    """Make an empty figure of a size."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)  # remembers the sizes of texts from one layout to the next
     return figure
 
 
@@ -216,8 +208,12 @@ def lay_out(figure: Figure) -> None:
 
 
 def _place_axes(figure: Figure) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     for label in [axis.label for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
         label.set_text("\n".join(map(plain, label.get_text().split("\n"))))
+    if not isinstance(figure.canvas, FigureCanvasAgg):
+        FigureCanvasAgg(figure)  # remembers the sizes of texts from one layout to the next
     engine: Any = figure.get_layout_engine()
     engine.execute(figure)
     renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]

@@ -21,7 +21,6 @@ from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
-from vibroswarm.plots.layout import figure_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, kind_colours
 from vibroswarm.result import Result
@@ -49,6 +48,7 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
         title: above the floor.
     """
     from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     rows, columns = tiles.shape
@@ -57,7 +57,7 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
     longer = max(rows, columns)
     width, height = 5.0 * columns / longer, 5.0 * rows / longer  # of the floor, inches
     # at least 3 in wide, for the legend; the margins, the title and the legend get 0.8 in and 1.2 in
-    figure = figure_of(max(width, 3.0) + 0.8, height + 1.2)
+    figure = Figure(figsize=(max(width, 3.0) + 0.8, height + 1.2), layout="constrained")
     axes = figure.add_subplot()
     axes.pcolormesh(
         tiles,
@@ -120,6 +120,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     Raises:
         InputError: the result has no run of that number.
     """
+    from matplotlib.figure import Figure
 
     scenario = result.scenario
     width, height = scenario.arena.width_m, scenario.arena.height_m
@@ -129,7 +130,10 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
     floor, end_s = result.floor(run), summary["end_s"]
     small = _small_floors(floor, end_s)
-    figure = figure_of(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + (2.8 if small else 1.2))
+    figure = Figure(
+        figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + (2.8 if small else 1.2)),
+        layout="constrained",
+    )
     grid = figure.add_gridspec(1 + bool(small), max(len(small), 1), height_ratios=[4, 1][: 1 + bool(small)])
     axes = figure.add_subplot(grid[0, :])
     axes.spines[:].set_visible(True)  # the walls
@@ -379,6 +383,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
             tiles of each map are sorted by row, then column. run: number of a run that the table has.
     """
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.figure import Figure
 
     of_run = maps.filter(pl.col("run") == run)
     robots = of_run["robot"].drop_nulls().unique().sort().to_list()[:MOST_MAPS]
@@ -386,7 +391,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     across = min(count, ACROSS)
     down = math.ceil(count / across)
     # about 2 in per map, and room for the scale of colours at the right and the words below
-    figure = figure_of(2.0 * across + 0.7, 2.25 * down + 0.5)
+    figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
     axes = figure.subplots(down, across, squeeze=False).ravel()
     colours: Any = LinearSegmentedColormap.from_list("floor", [STILL, VIBRATING])
     mesh: Any = None

@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from vibroswarm import strategies
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import check_choice
 
 INK: Final = "#1b1e23"
 """Colour of text, axes and dark lines."""
@@ -217,9 +217,7 @@ def style_named(name: str) -> Style:
     Raises:
         InputError: there is no such style.
     """
-    if name not in STYLES:
-        known = ", ".join(STYLES)
-        raise InputError(f"'{name}' is not one of {known}{nearest(name, STYLES)}", field="style")
+    check_choice(name, "style", STYLES)
     return STYLES[name]
 
 

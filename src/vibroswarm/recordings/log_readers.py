@@ -16,8 +16,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,14 +23,13 @@ import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.recordings.column_map import (
-    ColumnMap,
     check_values,
     column_map,
     numbers_of,
+    own_map,
     read_mapped,
-    rugbot_map,
     text_of,
 )
 from vibroswarm.recordings.log import OWN_PLACE, SAMPLES, TRACKS, Log, log_frame
@@ -153,13 +150,6 @@ CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if name not in ("line", *
 """Columns of the log of a tracked session: those of a log's samples, under the same names."""
 
 
-@cache
-def camera_map() -> ColumnMap:
-    """Return the column map of the log of a tracked session."""
-    text = files("vibroswarm.recordings").joinpath("formats/camera.toml").read_text(encoding="utf-8")
-    return column_map(text, "camera")
-
-
 def camera_log_bytes(log: Log) -> bytes:
     """Return the log of a tracked session as CSV, in the order of time.
 
@@ -214,7 +204,7 @@ def read_camera_log(path: Path) -> Log:
         InputError: a column is missing, a required cell is empty, text stands in place of a number, or a value is
             impossible; the error names the column or the row.
     """
-    return read_mapped(path, camera_map())
+    return read_mapped(path, own_map("camera"))
 
 
 HEAD: Final = 2**20
@@ -247,11 +237,6 @@ def register(reader: Reader) -> None:
     _READERS[reader.name] = reader
 
 
-def readers() -> list[Reader]:
-    """Return all registered readers."""
-    return list(_READERS.values())
-
-
 def read_log(
     path: str | Path,
     reader: str | None = None,
@@ -272,11 +257,7 @@ def read_log(
         text = text_of(Path(columns), "a column map")
         return read_mapped(path, column_map(text, str(columns), has_energies))
     if reader is not None:
-        if reader not in _READERS:
-            raise InputError(
-                f"there is no reader '{reader}'{nearest(reader, _READERS)} (there are {', '.join(_READERS)})",
-                field="--reader",
-            )
+        check_choice(reader, "--reader", _READERS)
         return _READERS[reader].read(path)
     head = text_of(path)[:HEAD]
     for candidate in _READERS.values():
@@ -294,7 +275,7 @@ def _has_head(head: str) -> bool:
     A file that lacks some of the columns is still recognised, so that the reader can report what is missing.
     """
     first = head.split("\n", 1)[0].split(",")
-    names = {column.name for column in rugbot_map().columns.values()}
+    names = {column.name for column in own_map("rugbot").columns.values()}
     return len(names & {cell.strip() for cell in first}) >= 5
 
 
@@ -303,7 +284,7 @@ register(
         "rugbot",
         "CSV of the study's real robots (tracking rows and sample rows)",
         _has_head,
-        lambda path: read_mapped(path, rugbot_map()),
+        lambda path: read_mapped(path, own_map("rugbot")),
     )
 )
 register(Reader("webots", "console log of the study's simulator", looks_like_webots, read_webots))

@@ -143,16 +143,20 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
         answers += _answers(recording, scenario, pl.concat(samples), draw)
     lost = int(recording.rows["lost_before"].sum())
-    robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))  # of all draws
-    return Replayed(
-        scenario=scenario,
-        draws=draws,
-        robots=robots,
-        runs=of_runs,
-        unsent=unsent / draws,
-        put_back=lost,
-        answers=pl.concat(answers) if answers else None,
-    )
+    return _replayed(scenario, tables, answers, unsent=unsent / draws, put_back=lost)
+
+
+def _replayed(
+    scenario: Scenario,
+    tables: Sequence[tuple[pl.DataFrame, pl.DataFrame]],
+    answers: Sequence[pl.DataFrame],
+    unsent: float = 0.0,
+    put_back: int = 0,
+) -> Replayed:
+    """Put together what each draw gave: its tables of robots and of runs, and its answers over time, if any."""
+    robots, runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
+    found = pl.concat(answers) if answers else None
+    return Replayed(scenario, len(tables), robots, runs, unsent, put_back, found)
 
 
 def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, seed: int) -> Replayed:
@@ -181,16 +185,7 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
         )
         in_order = samples.select("run", "robot", "time_s", "decision").sort("run", "time_s", "robot")
         answers += _answers(recording, scenario, in_order, draw)
-    robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
-    return Replayed(
-        scenario=scenario,
-        draws=draws,
-        robots=robots,
-        runs=of_runs,
-        unsent=0.0,
-        put_back=0,
-        answers=pl.concat(answers) if answers else None,
-    )
+    return _replayed(scenario, tables, answers)
 
 
 def _answers(

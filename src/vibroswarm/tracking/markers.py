@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
-from vibroswarm.errors import InputError, check_choice, nearest, shown
+from vibroswarm.errors import InputError, check_choice, check_keys, shown
 from vibroswarm.tracking import opencv
 
 Floats = NDArray[np.float64]
@@ -197,10 +197,10 @@ def read_markers(path: Path) -> Markers:
     except ValueError as error:
         raise InputError(f"is not TOML: {error}", field=name) from None
     values = parsed_toml(text, name)
-    _known(values, ("dictionary", "robots", "floor"), name)
+    check_keys(values, name, ("dictionary", "robots", "floor"))
     robots, floor = _table(values, "robots", name), _table(values, "floor", name)
-    _known(robots, ("size_mm", "height_mm", "forward_deg", "ids"), f"{name}, [robots]")
-    _known(floor, ("size_mm", "height_mm", "at_mm"), f"{name}, [floor]")
+    check_keys(robots, f"{name}, [robots]", ("size_mm", "height_mm", "forward_deg", "ids"))
+    check_keys(floor, f"{name}, [floor]", ("size_mm", "height_mm", "at_mm"))
     dictionary = values.get("dictionary", "4X4_50")
     check_choice(dictionary, f"{name}, dictionary", DICTIONARIES)
     count = DICTIONARIES[dictionary]
@@ -221,13 +221,6 @@ def read_markers(path: Path) -> Markers:
         floor_size_m=_quantity(floor, "size_mm", FLOOR_SIZE_MM, f"{name}, [floor]", low=0.1) / 1000,
         floor_height_m=_quantity(floor, "height_mm", 0.0, f"{name}, [floor]") / 1000,
     )
-
-
-def _known(values: Mapping[str, Any], known: Sequence[str], field: str) -> None:
-    """Raise InputError if a table has a key that is not known."""
-    unknown = [key for key in values if key not in known]
-    if unknown:
-        raise InputError(f"unknown key '{unknown[0]}'{nearest(unknown[0], known)}", field=field)
 
 
 def _table(values: Mapping[str, Any], key: str, name: str) -> Mapping[str, Any]:

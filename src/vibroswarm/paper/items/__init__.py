@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import check_choice
 from vibroswarm.paper.item import Item
 
 
@@ -63,9 +63,5 @@ def items_named(names: list[str] | None) -> tuple[Item, ...]:
         return all_items()
     requested = [name.replace("_", "-") for name in names]
     for name in requested:
-        if name not in known:
-            raise InputError(
-                f"there is no item '{name}'{nearest(name, known)} (there are {', '.join(known)})",
-                field="--only",
-            )
+        check_choice(name, "--only", known)
     return tuple(item for item in all_items() if item.name in requested)

@@ -32,7 +32,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import mean_interval, plain
+from vibroswarm.analysis.intervals import columns_of, mean_interval, plain
 from vibroswarm.league.entries import entries_of, frozen_settings, main_entries
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import published
@@ -181,8 +181,7 @@ def _means(figures: dict[str, Array]) -> dict[str, float | None]:
     """Return the mean NAME of each figure over runs, with its 95 % interval NAME_low and NAME_high."""
     found: dict[str, float | None] = {}
     for name, values in figures.items():
-        limits = mean_interval(values)
-        found |= {name: limits.estimate, f"{name}_low": plain(limits.low), f"{name}_high": plain(limits.high)}
+        found |= columns_of(name, mean_interval(values))
     return found
 
 
