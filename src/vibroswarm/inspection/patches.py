@@ -195,16 +195,17 @@ def shares_of(samples: Samples, patches: Patches) -> Shares:
     strips = strips_of(patches, samples.law.sensor.edge_reach_m or 0.0)
     qx, of_x = _along(samples, "x", strips.left_m, strips.right_m)
     qy, of_y = _along(samples, "y", strips.bottom_m, strips.top_m)
-    count = np.empty(patches.left_m.size + 1, dtype=np.int64)
     # Only samples with a share along x of the widest strip can have one in the patch, and these are few.
     interval, candidate = np.nonzero(qx > LEAST_SHARE)
     begin = np.searchsorted(interval, np.arange(qx.shape[0] + 1))
-    known = qx, of_x, begin, candidate, qy, of_y, strips.first
-    _fill(*known, count, np.empty(0, np.int32), np.empty(0, np.float32))
-    first = np.cumsum(count)
-    sample, share = np.empty(first[-1] + 1, dtype=np.int32), np.empty(first[-1] + 1, dtype=np.float32)
-    _fill(*known, first, sample, share)
-    return Shares(first, sample[:-1], share[:-1])
+    most = int(np.diff(begin)[of_x[strips.first[:-1]]].sum()) + 1
+    first, sample, share = (
+        np.zeros(patches.left_m.size + 1, np.int64),
+        np.empty(most, np.int32),
+        np.empty(most, np.float32),
+    )
+    _fill(qx, of_x, begin, candidate, qy, of_y, strips.first, first, sample, share)
+    return Shares(first, sample[: first[-1]], share[: first[-1]])
 
 
 def _along(samples: Samples, axis: str, low_m: Floats, high_m: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -227,26 +228,22 @@ def _along(samples: Samples, axis: str, low_m: Floats, high_m: Floats) -> tuple[
 def _fill(qx: Floats, of_x: NDArray[np.int64], begin: NDArray[np.int64], candidate: NDArray[np.int64], qy: Floats,
           of_y: NDArray[np.int64], strips: NDArray[np.int64], first: NDArray[np.int64], sample: NDArray[np.int32],
           share: NDArray[np.float32]) -> None:  # fmt: skip
-    """Write the entries of each patch, or without room for entries only their number to ``first[1:]``, after a 0.
+    """Write the entries of each patch, and where they begin to ``first``, all 0 at first.
 
     Args:
         begin, candidate: samples with a share in each interval along x, (intervals + 1,) and interval by interval.
-        strips: where the strips of each patch begin. sample, share: with room for one entry more, or empty.
+        strips: where the strips of each patch begin. sample, share: with room for all candidates and one entry more.
     """
-    counting = sample.size == 0
-    if counting:
-        first[0] = 0
+    k = 0
     for j in range(strips.size - 1):
-        widest, k = of_x[strips[j]], 0 if counting else first[j]
+        widest = of_x[strips[j]]
         for i in range(begin[widest], begin[widest + 1]):
             s, q = candidate[i], 0.0
             for strip in range(strips[j], strips[j + 1]):
                 q += qx[of_x[strip], s] * qy[of_y[strip], s]
-            if not counting:
-                sample[k], share[k] = s, q  # replaced by the next entry, if it is too small
+            sample[k], share[k] = s, q  # replaced by the next entry, if it is too small
             k += q > LEAST_SHARE
-        if counting:
-            first[j + 1] = k
+        first[j + 1] = k
 
 
 @kernel
