@@ -37,7 +37,6 @@ from vibroswarm.plots import (
     draw_spectrum,
 )
 from vibroswarm.plots.certainty import draw_certainty, draw_rasters
-from vibroswarm.plots.front import on_front
 from vibroswarm.plots.inputs import Group, quantile
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.picture import picture_bytes
@@ -670,8 +669,6 @@ def test_density_is_in_units_of_even_sampling():
 
 
 def test_the_front_is_what_nothing_beats():
-    time, error = np.array([1.0, 2, 2, 3, 3, 1]), np.array([0.5, 0.2, 0.3, 0.2, 0.1, 0.5])
-    assert on_front(time, error).tolist() == [True, True, False, False, True, True]
     frame = choices(30)
     picture = draw_front(frame)
     for row in picture.numbers.to_dicts():
