@@ -73,12 +73,18 @@ def test_pareto_by_hand() -> None:
 
 
 @settings(deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30))
-def test_pareto_as_said(points: list[tuple[int, int]]) -> None:
+@given(
+    st.integers(1, 3).flatmap(
+        lambda n: st.lists(st.tuples(*[st.integers(0, 5)] * n), min_size=1, max_size=30)
+    )
+)
+def test_pareto_as_said(points: list[tuple[int, ...]]) -> None:
     front = pareto_front(*zip(*points, strict=True))
     assert front.any()
-    for (t, e), on in zip(points, front, strict=True):
-        beaten = any((a <= t and b < e) or (a < t and b <= e) for a, b in points)
+    for own, on in zip(points, front, strict=True):
+        beaten = any(
+            other != own and all(a <= b for a, b in zip(other, own, strict=True)) for other in points
+        )
         assert on == (not beaten)
 
 

@@ -37,7 +37,6 @@ from vibroswarm.plots import (
     draw_spectrum,
 )
 from vibroswarm.plots.certainty import draw_certainty, draw_rasters
-from vibroswarm.plots.front import on_front
 from vibroswarm.plots.inputs import Group, quantile
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.picture import picture_bytes
@@ -648,6 +647,22 @@ def test_heat_leaves_numbers_out_where_they_do_not_fit():
     assert "886" not in told
 
 
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("name", ["density", "certainty", "certainty, tall", "rasters"])
+def test_maps_to_scale_fill_the_room_that_the_layout_leaves(name, style):
+    figure = PICTURES[name](style).figure
+    if style == "slide":  # keeps its shape
+        assert figure.get_figheight() == STYLES[style].height_in
+        return
+    maps = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
+    for axes in maps:
+        own, left = axes.get_position(), axes.get_position(original=True)
+        assert (
+            min(own.width / left.width, own.height / left.height) > 0.94
+        )  # the rest is the gap to a colour bar
+    assert maps
+
+
 def test_density_is_in_units_of_even_sampling():
     even = pl.DataFrame(
         [(x + 0.5, y + 0.5) for x in range(4) for y in range(2)], schema=["x_m", "y_m"], orient="row"
@@ -670,8 +685,6 @@ def test_density_is_in_units_of_even_sampling():
 
 
 def test_the_front_is_what_nothing_beats():
-    time, error = np.array([1.0, 2, 2, 3, 3, 1]), np.array([0.5, 0.2, 0.3, 0.2, 0.1, 0.5])
-    assert on_front(time, error).tolist() == [True, True, False, False, True, True]
     frame = choices(30)
     picture = draw_front(frame)
     for row in picture.numbers.to_dicts():

@@ -14,8 +14,10 @@ def pareto_front(*figures: ArrayLike) -> NDArray[np.bool_]:
             on the front.
     """
     rows = np.column_stack([np.asarray(figure, dtype=np.float64) for figure in figures])
-    # Element (i, j) of the two arrays: whether point i is at least as good as point j in all figures; and whether it is
-    # better in at least one.
-    as_good = (rows[:, None, :] <= rows[None, :, :]).all(axis=2)
-    better = (rows[:, None, :] < rows[None, :, :]).any(axis=2)
-    return np.asarray(~(as_good & better).any(axis=0) & ~np.isnan(rows).any(axis=1))
+    front = np.zeros(len(rows), dtype=np.bool_)
+    # By the first figure, at equal ones by the second and so on: no point is dominated by a later one only.
+    for k in np.lexsort(rows.T[::-1]):
+        best, own = rows[front], rows[k]
+        dominates = (best <= own).all(axis=1) & (best < own).any(axis=1)
+        front[k] = not (dominates.any() or np.isnan(own).any())
+    return front

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
 from vibroswarm.plots.labels import label_points
@@ -121,26 +120,6 @@ def _write_names(
         label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
 
 
-def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points are on the Pareto front, (points,): those that no other point dominates.
-
-    Less is better in both. Of equal points, all are on the front or none.
-
-    Args:
-        time, error: of the points, (points,) each; all finite.
-    """
-    by_time = np.lexsort((error, time))  # sorted by time, and points of equal time by error
-    # Error and time of the latest point of the front, which has the least error so far.
-    least_error, time_of_least = np.inf, -np.inf
-    front = np.zeros(time.size, dtype=bool)
-    for k in by_time:
-        # less error than all points before it, or equal in time and error to the latest point of the front
-        if error[k] < least_error or (error[k] == least_error and time[k] == time_of_least):
-            front[k] = True
-            least_error, time_of_least = error[k], time[k]
-    return front
-
-
 def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
     """Add the columns ``front``, whether a choice is on the front, and ``number``, its place there.
 
@@ -149,11 +128,10 @@ def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
     """
     has_front = "front" in frame.columns
     known = (frame["time"].is_not_null() & frame["error"].is_not_null()).to_numpy()
-    front = np.zeros(frame.height, dtype=bool)
     if has_front:
         front = frame["front"].cast(pl.Boolean).fill_null(False).to_numpy() & known
     else:
-        front[known] = on_front(frame["time"].to_numpy()[known], frame["error"].to_numpy()[known])
+        front = pareto_front(frame["time"].to_numpy(), frame["error"].to_numpy())
     frame = frame.with_columns(front=pl.Series(front))
     places = frame.with_row_index("row").filter("front").sort("time", "error", "row")["row"].to_list()
     number: list[int | None] = [None] * frame.height
