@@ -70,7 +70,7 @@ def test_the_majority_rule_takes_each_kind_that_most_read() -> None:
             "strategy.name": "rule",
             "run.t_end_s": 600.0,
             "floor.source": "random:0.8,0.12,0.08",
-        }  # fmt: skip
+        }
     )
     for kind, shares in enumerate(("0.8,0.12,0.08", "0.08,0.8,0.12", "0.12,0.08,0.8")):
         result = simulate(three.with_values({"floor.source": f"random:{shares}"}), 1, 20)

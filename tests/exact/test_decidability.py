@@ -18,6 +18,7 @@ from vibroswarm.analysis.decidability import (
     mending_thresholds,
     observed_share,
     samples_needed,
+    samples_needed_of_kinds,
 )
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
@@ -137,6 +138,19 @@ def test_with_measured_energies() -> None:
     )
     low, high = mending_thresholds(sensor, 0.4, 0.5)
     assert (low, high) == pytest.approx((0.8, 1.5))  # .4 reads as .45 from .8 on, .6 as .4 from 1.5 on
+
+
+@pytest.mark.parametrize(
+    "shares", [(0.4, 0.36, 0.24), (0.3, 0.3, 0.4), (0.2, 0.35, 0.25, 0.2), (0.55, 0.45, 0.0)]
+)
+def test_samples_needed_of_kinds_are_those_of_drawn_readings(shares):
+    kind = int(np.argmax(shares))
+    needed = samples_needed_of_kinds(shares, kind)
+    for n, low, high in ((needed, 0.045, 0.053), (2 * needed, 0.0, 0.025)):  # the second is a control
+        counts = np.random.default_rng(n).multinomial(n, shares, size=40_000)
+        wrong = np.mean(counts[:, kind] <= np.delete(counts, kind, axis=1).max(axis=1))
+        assert low < wrong < high
+    assert samples_needed_of_kinds((0.4, 0.4, 0.2), 0) is None
 
 
 def test_samples_needed_by_brute_force() -> None:

@@ -48,6 +48,8 @@ OTHERS = {
     "sensor.robot_spread": 0.1,
     "robot.misalignments": (0.01, -0.02),
     "robot.speed_factors": (1.0, 1.2),
+    "task.share.kind": 0,
+    "faults.stuck_class": 1,
     "task.costs": ((0.0, 1.0), (4.0, 0.0)),
     "robot.misalignment_wander": 0.02,
     "robot.misalignment_drift": 0.01,

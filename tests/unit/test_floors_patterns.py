@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import FAMILIES, NAMES, canonical, kinds_stated, pattern
+from vibroswarm.floors.source import FAMILIES, NAMES, canonical, kinds_listed, pattern
 
 ONES = {
     "diagonal:0.48": 48,
@@ -112,9 +112,9 @@ def test_patterns_take_shares_of_kinds(name):
         same == 0.0 if name == "alternating" else same > 0.65
     )  # at random a third of the neighbours are alike
     assert canonical(f"{name}:.34,0.33,.33") == f"{name}:0.34,0.33,0.33"
-    assert kinds_stated(f"{name}:0.34,0.33,0.33") == 3
-    assert kinds_stated(f"{name}:0.48") == kinds_stated("random:0.48") == 2
-    assert kinds_stated("field:2") is None
+    assert kinds_listed(f"{name}:0.34,0.33,0.33") == 3
+    assert kinds_listed("random:0.5,0.5") == 2
+    assert all(kinds_listed(other) is None for other in (f"{name}:0.48", "random:0.48", "hill:0.3,0.6,0.2"))
 
 
 @pytest.mark.parametrize(

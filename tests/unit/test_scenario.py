@@ -88,7 +88,7 @@ def test_units_stand_in_the_names() -> None:
         "strategy.asdf.type_2_error", "strategy.bayes_cpf.accuracy", "strategy.bayes_cpf.variance",
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
         "strategy.distrust.threshold", "strategy.forget.memory", "strategy.reset.threshold", "strategy.reset.least",
-        "task.changed.more_than",
+        "task.changed.more_than", "strategy.averaging.least", "task.share.kind", "faults.stuck_class",
         *(f"faults.{kind}" for kind in FAULTS), "faults.false_positive_shift", "faults.false_negative_shift",
         "faults.misread_shift", "faults.stuck_class",
         *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading") for field in OF_MAPS),
@@ -401,7 +401,8 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "faults.stuck_class", "faults.misread_shift",
     *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading")
       for field in ("edge_reach_m", *OF_MAPS[1:])),
-    "strategy.forget.memory", "task.changed.more_than",
+    "strategy.forget.memory", "task.changed.more_than", "task.share.kind",
+    "strategy.averaging.weight", "faults.stuck_class", "faults.misread_shift", "faults.misread_drift_per_h",
     *(f"sensor.acceleration.{field}" for field in ("motor_spread", "motor_jitter", "frequency_jitter",
       "coupling", "lateral", "feet_m", "gain_spread", "noise_m_s2")),
     "strategy.explore.recent_s",

@@ -13,7 +13,8 @@ where the fill ratio is above the boundary, and below where it is below.
 | share of ones expected | q | c [g (1 - b) + (1 - g) a] + (1 - c) a, g = f + s, at uniformly random places |
 | margin | - | q - q(x) where f > x, q(x) - q where f < x: above 0 is the right side |
 | correcting ("mending") threshold | theta_- to theta_+ | f and its mirror image 2x - f both have q on x's right side |
-| samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error |
+| samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error; of several kinds see \
+``samples_needed_of_kinds`` |
 
 With ``boundary_of = "readings"`` robots treat each bit as if the sensor made no errors: q(x) = x. If false positives
 and false negatives do not balance at the boundary, q is on the wrong side for fill ratios near the boundary, and **more
@@ -39,7 +40,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
@@ -69,6 +70,8 @@ ON = 1e-9
 """A share closer to the boundary than this is on it."""
 _EXACT_UP_TO = 100_000
 """Above this number, ``samples_needed`` uses the normal approximation."""
+_NODES = 64
+"""Points of the Gauss-Hermite rule of ``samples_needed_of_kinds``."""
 _STEPS = 200
 """Most steps of a bisection; it ends before when no number lies between its limits."""
 
@@ -146,7 +149,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
     truth = truth_on(scenario, floor, fill)
     if max(sensor.kinds, sensor.readings) > 2:
-        return _of_kinds(scenario, floor, truth, fill)
+        return _of_kinds(scenario, floor, truth, fill, error)
     sensed = sensed_shares_on(sensor, floor, size)
     # s: area sensed as vibrating (on and off vibrating tiles) minus area that vibrates, as a share of the tiles' area.
     # The three areas are shares of the arena's area.
@@ -191,7 +194,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     )
 
 
-def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float) -> Decidability:
+def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float, error: float) -> Decidability:
     """Return whether the most common kind of tile can be decided: whether it is read most often on this floor.
 
     Args:
@@ -220,7 +223,9 @@ def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float) 
         says = f"Kind {truth} is read as often as another: however many samples are taken, it is decided by chance."
         return asked(verdict="on the boundary", says=says, margin=margin)
     if margin > 0.0:
-        return asked(verdict="decidable", says=f"{most}: it can be decided.", margin=margin)
+        needed = samples_needed_of_kinds(shares, truth, error)
+        says = f"{most}: it can be decided."
+        return asked(verdict="decidable", says=says, margin=margin, samples_needed=needed)
     says = f"{most}, but kind {truth} is the most common: more samples make the wrong answer surer."
     return asked(verdict="wrong side", says=says, margin=margin)
 
@@ -407,10 +412,7 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     Raises:
         InputError: an error that is not between 0 and 0.5.
     """
-    if not 0.0 < error < 0.5:
-        raise InputError(
-            f"{error!r} cannot be the wanted error; give a share above 0 and below 0.5", field="error"
-        )
+    _check_error(error)
     distance = abs(share - boundary)
     if distance < ON:
         return None
@@ -430,6 +432,48 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
         wrong = probability_above(np.ceil(ones_at_boundary - ON) - 1, n, share)  # P(ones >= boundary n)
     over = np.flatnonzero(wrong > error)
     return int(n[over[-1]]) + 1 if over.size else 1
+
+
+def samples_needed_of_kinds(shares: ArrayLike, kind: int, error: float = 0.05) -> int | None:
+    """Compute how many independent samples show that a kind of tile is read most often.
+
+    Numbers of readings are taken as independent and normal, those of kind j with mean and variance n q_j.
+
+    Args:
+        shares: q_j, of the samples that read as each class. kind: the one with the largest share. error: wanted
+            probability that another kind is read as often, or more.
+    Returns: None if no number is enough: another kind has the same share.
+    Raises:
+        InputError: an error that is not between 0 and 0.5.
+    """
+    _check_error(error)
+    all_shares = np.asarray(shares, dtype=np.float64)
+    own, others = float(all_shares[kind]), np.delete(all_shares, kind)
+    if own - others.max() < ON:
+        return None
+    z, weight = np.polynomial.hermite_e.hermegauss(_NODES)
+    others = others[others > 0.0]
+
+    def wrong(n: float) -> float:
+        # 0.5: numbers are whole, and equal ones do not show it.
+        apart = n * (own - others) - 0.5 + math.sqrt(n * own) * z[:, None]
+        return 1.0 - float(weight @ ndtr(apart / np.sqrt(n * others)).prod(axis=1)) / float(weight.sum())
+
+    low, high = 0.0, 1.0
+    while wrong(high) > error:
+        low, high = high, 2.0 * high
+    while high - low > 0.5:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if wrong(middle) > error else (low, middle)
+    return math.ceil(high)
+
+
+def _check_error(error: float) -> None:
+    """Refuse a wanted probability that cannot be one."""
+    if not 0.0 < error < 0.5:
+        raise InputError(
+            f"{error!r} cannot be the wanted error; give a share above 0 and below 0.5", field="error"
+        )
 
 
 def _side(share: float, boundary: float, truth: int | None) -> Word:

@@ -27,7 +27,6 @@ from vibroswarm.robot.sensing import ClassBorders, SenseProgram, readings
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.sensors.acceleration import line_program
 from vibroswarm.sensors.claims import class_borders
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.static_analysis import PLACE, fields_read
@@ -106,12 +105,11 @@ def parts_of(scenario: Scenario) -> RobotParts:
         # The method "mixture" keeps several Gaussians, any other method one.
         count = scenario.localisation.components if scenario.place_method == "mixture" else 1
         mixture = empty_mixture(count, lag)
-    measures = sensors.sensor(scenario.sensor.model).in_section or scenario.sensor.model == "acceleration"
+    sensor = sensors.sensor(scenario.sensor.model)
+    measures = sensor.in_section or sensor.accelerometer is not None
     sensing, setup = sense_program(scenario), setup_of(scenario)
-    lines, wave = None, None
-    if scenario.sensor.model == "acceleration" and scenario.sensor.readings > 2:
-        lines = line_program(scenario.sensor.params)
-        wave = empty_wave(readings(sensing), lines.every)
+    lines = None if sensor.motors is None else sensor.motors(scenario.sensor.params)
+    wave = None if lines is None else empty_wave(readings(sensing), lines.every)
     return RobotParts(
         scenario=scenario,
         strategy=strategy,

@@ -132,11 +132,11 @@ def _pattern_of_kinds(name: str) -> NDArray[np.uint8]:
     return tiles.reshape(_SIDE, _SIDE)
 
 
-def kinds_stated(source: str) -> int | None:
-    """Return the number of kinds whose shares a name states; None of values, patches and files."""
-    if is_random(source):
+def kinds_listed(source: str) -> int | None:
+    """Return the number of kinds whose shares a name lists, as ``random:0.4,0.36,0.24`` does; None if it lists none."""
+    if (is_random(source) or family(source) is not None) and "," in source:
         return len(random_shares(source))
-    return None if family(source) is None else max(canonical(source).count(",") + 1, 2)
+    return None
 
 
 def family(name: str) -> str | None:

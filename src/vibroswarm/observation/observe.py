@@ -45,7 +45,6 @@ from vibroswarm.scenario.fault_draws import SensorFaults, apply_faults, observat
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples
-from vibroswarm.sensors.acceleration import sensing
 
 
 class SensedFloor(NamedTuple):
@@ -162,12 +161,13 @@ def sense_program(scenario: Scenario) -> SenseProgram:
     """Return the parameters with which a real robot's readings become an energy; simulated energies are drawn instead.
 
     A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends. Rate,
-    filter and time of reading are those of the sensor ``acceleration``; for other sensors, rate and filter have the
-    defaults of ``SenseProgram``.
+    filter and time of reading are those of a sensor of the accelerometer; for others, rate and filter have the defaults
+    of ``SenseProgram``.
     """
     stop_ms = scenario.sample.stop_ms
-    if scenario.sensor.model == "acceleration":
-        program = sensing(scenario.sensor.params)
+    model = model_of(scenario.sensor)
+    if model.accelerometer is not None:
+        program = model.accelerometer(scenario.sensor.params)
         return program._replace(settle_ms=stop_ms - program.signal_ms)
     # If the time of reading is not given, it is the usual one, but at most half of the stop.
     signal_ms = scenario.sample.signal_ms or min(USUAL_MS, 0.5 * stop_ms)

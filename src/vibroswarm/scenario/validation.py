@@ -12,7 +12,7 @@ import numpy as np
 from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import kinds_stated, shadows
+from vibroswarm.floors.source import kinds_listed, shadows
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
@@ -184,18 +184,18 @@ def _check_signal(s: Sections) -> None:
         )
 
 
-def _check_time_of_reading(s: Sections) -> None:
+def _check_time_of_reading(s: Sections, signal_ms: float) -> None:
     """Refuse a time of reading that the stop does not have, or that two fields state."""
-    signal_ms = s.sensor.params.signal_ms
+    own = f"sensor.{s.sensor.model}.signal_ms"
     if s.sample.signal_ms is not None:
         raise InputError(
-            "has no effect beside the sensor 'acceleration'; set sensor.acceleration.signal_ms",
+            f"has no effect beside the sensor '{s.sensor.model}'; set {own}",
             field="sample.signal_ms",
         )
     if signal_ms > s.sample.stop_ms:
         raise InputError(
             f"{signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
-            field="sensor.acceleration.signal_ms",
+            field=own,
         )
 
 
@@ -224,8 +224,8 @@ def _check_sensor(s: Sections) -> None:
         check_rates(sensor.claimed_rates, sensor.readings, field)
     if known.sense is not None:
         _check_options_of_laws(s)
-    if sensor.model == "acceleration":
-        _check_time_of_reading(s)
+    if known.accelerometer is not None:
+        _check_time_of_reading(s, known.accelerometer(sensor.params).signal_ms)
 
 
 def _check_options_of_laws(s: Sections) -> None:
@@ -262,19 +262,17 @@ def _check_kinds(s: Sections) -> None:
     tiles, name = s.floor.tiles_for(0, 0)
     if tiles.max() >= kinds:
         row, column = (int(index) for index in np.argwhere(tiles >= kinds)[0])
-        more = 'give it a law, as with sensor.model = "confusion"'
-        if s.sensor.model == "acceleration":
-            more = "give each kind from 1 on a motor, in sensor.acceleration.motor_hz"
+        more = sensors.sensor(s.sensor.model).for_more_kinds
         raise InputError(
             f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
             f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
-    stated = kinds_stated(s.floor.source) if s.floor.is_named else None
-    if stated is not None and stated < kinds:
+    listed = kinds_listed(s.floor.source) if s.floor.is_named else None
+    if listed is not None and listed < kinds:
         raise InputError(
-            f"'{name}' states {stated} kinds of tile, and the sensor '{s.sensor.model}' knows {kinds}; give a share of "
-            "each, 0 for those that are not there, as random:0.5,0.5,0",
+            f"'{name}' has shares of {listed} kinds, and the sensor '{s.sensor.model}' knows {kinds}; give a share of "
+            "each, 0 for those that are not there",
             field="floor.source",
         )
     if max(kinds, readings) > 2:

@@ -454,6 +454,11 @@ def line_program(p: Any) -> LineProgram:
     return LineProgram(AXES.index(p.axis), seen_hz, averaged_readings(p))
 
 
+def motors(p: Any) -> LineProgram | None:
+    """Return how robots tell several motors apart; None if there is one."""
+    return line_program(p) if len(p.motor_hz) > 1 else None
+
+
 def averaged_readings(p: Any) -> int:
     """Return the number of successive readings whose mean is one of the spectrum: as few as let it span the sample.
 
@@ -673,6 +678,9 @@ acceleration = register(
         numbers=numbers,
         warnings=aliases,
         check=check,
+        accelerometer=sensing,
+        motors=motors,
+        for_more_kinds="give each kind from 1 on a motor, in sensor.acceleration.motor_hz",
         has_threshold=True,
         claims_truth=True,
         about="tiles shaken by motors, felt by an accelerometer: the physics, through the robot's own filter",

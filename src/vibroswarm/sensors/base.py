@@ -41,7 +41,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,10 @@ from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.patches import mixed
 from vibroswarm.floors.place import Place
 from vibroswarm.strategies.base import Plugin
+
+if TYPE_CHECKING:
+    from vibroswarm.robot.line_sensing import LineProgram
+    from vibroswarm.robot.sensing import SenseProgram
 
 MOST_KINDS: Final = 16
 """Largest number of kinds of tile, and of classes of readings."""
@@ -126,6 +130,10 @@ class SensorModel(Plugin):
         in_section: whether the parameters are fields of the section ``sensor`` itself, and not of a table of its own.
         scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply. With two
             kinds of tile such a sensor also measures values of tiles and patches (``floors.patches``).
+        accelerometer: optional, for a sensor that reads the robot's accelerometer: a function of the parameters that
+            returns its rate, filter and time of reading (``robot.sensing``). ``motors``: how it tells kinds apart by
+            the lines of their motors (``robot.line_sensing``), None if it does not; robots are so exported.
+        for_more_kinds: how to give it more kinds of tile, for messages.
         claims_truth: whether ``likelihood`` states the law of ``measure``. The rates that robots claim are then those
             of ``measure`` to the last bit, and are not summed up from the likelihood.
     """
@@ -141,6 +149,9 @@ class SensorModel(Plugin):
     check: Callable[[Any], None] | None = None
     in_section: bool = False
     scales: bool = False
+    accelerometer: Callable[[Any], SenseProgram] | None = None
+    motors: Callable[[Any], LineProgram | None] | None = None
+    for_more_kinds: str = 'give it a law, as with sensor.model = "confusion"'
     claims_truth: bool = False
     has_threshold: bool = False
     numbers: Callable[[Any], tuple[str, ...]] = _one_energy

@@ -31,7 +31,7 @@ class Params:
     """How much is heard, and when a robot decides."""
 
     weight: Annotated[float, Field(ge=0, lt=1, description="Weight a of the shares heard.")] = 0.8
-    least: Annotated[int, Field(ge=1, description="Own readings before a decision.")] = 20
+    least: Annotated[int, Field(ge=1, le=10**6, description="Own readings before it decides.")] = 20
 
 
 class State:

@@ -12,8 +12,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
-from vibroswarm.sensors.base import MOST_KINDS
+from vibroswarm.floors.floor import KIND_LIMIT, Floor
 from vibroswarm.tasks import agree
 from vibroswarm.tasks.base import Asked, Task, register
 
@@ -21,7 +20,7 @@ from vibroswarm.tasks.base import Asked, Task, register
 class Params:
     """Which share is asked for."""
 
-    kind: Annotated[int, Field(ge=0, lt=MOST_KINDS)] = 1
+    kind: Annotated[int, Field(ge=0, lt=KIND_LIMIT)] = 1
     """Kind of tile; 1 is vibrating."""
 
 
