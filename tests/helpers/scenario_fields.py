@@ -72,7 +72,6 @@ OTHERS = {
     "decision.assumed_false_negative": 0.2,
     "rays.side_m": (0.0, 0.007, -0.0075),
     "rays.angle_deg": (0.0, 27.0, -28.0),
-    "faults.stuck_class": 3,
     "change.at_s": (100.0,),
     "change.to": ("redraw",),
     "change.rate_per_h": 3.0,
