@@ -4,9 +4,11 @@
 
 A decision follows from where a robot samples and when, so each row replays samples whose places are of one engine and
 whose times are of the other, robot by robot and sample by sample, or whose avoidance lasts as long as the other's.
-Every motion is replayed on the same random floors with 12 of 25 tiles vibrating. The reference has many more motions,
-which cost little; rows are adjusted by regression on the motions of the same numbers. Intervals are 90 %, by a
-bootstrap over motions. ``--keep`` keeps motions in a folder, and goes on where it was interrupted.
+Every motion is replayed on the same random floors with 12 of 25 tiles vibrating, on each with other readings and
+messages: all engines share the chance of these, which would otherwise be most of the scatter between motions. The
+reference has many more motions, which cost little; rows are adjusted by regression on the motions of the same numbers.
+Intervals are 90 %, by a bootstrap over motions and over floors. ``--keep`` keeps motions in a folder, and goes on where
+it was interrupted.
 """
 
 from __future__ import annotations
@@ -51,8 +53,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--motions", type=int, default=88, help="of robots on wheels")
     parser.add_argument("--rays", type=int, default=0, help="motions of robots on wheels with single rays")
-    parser.add_argument("--reference", type=int, default=1000, help="motions of the event engine")
-    parser.add_argument("--floors", type=int, default=20)
+    parser.add_argument("--reference", type=int, default=500, help="motions of the event engine")
+    parser.add_argument("--floors", type=int, default=200)
     parser.add_argument("--keep", type=Path, help="folder of motions")
     given = parser.parse_args()
     register(Source("single-rays", SingleRays, partial(batch_of, SingleRays), is_ours=True))
@@ -60,7 +62,9 @@ def main() -> None:
     floors = [chance.permutation(np.arange(25) < 12).astype(int).reshape(5, 5) for _ in range(given.floors)]
     event = simulated({}, "event", given.reference)
     reference_s = decided_s(event, floors)
-    print(f"event: {reference_s.mean():.1f} s, {reference_s.size} motions, {described(event)}", flush=True)
+    print(
+        f"event: {reference_s.mean():.1f} s, {reference_s.shape[1]} motions, {described(event)}", flush=True
+    )
 
     def print_row(name: str, motion: pl.DataFrame) -> None:
         print(f"{name}: {compared(decided_s(motion, floors), reference_s)}, {described(motion)}", flush=True)
@@ -124,7 +128,7 @@ def with_avoidance(motion: pl.DataFrame, factor: float) -> pl.DataFrame:
 
 
 def decided_s(motion: pl.DataFrame, floors: list[NDArray[np.int64]]) -> Floats:
-    """Return the mean decision time of each motion over floors and robots, (motions,), s.
+    """Return the mean decision time of the robots on each floor, in each motion, (floors, motions), s.
 
     Robots that do not decide count with the whole time.
     """
@@ -132,12 +136,12 @@ def decided_s(motion: pl.DataFrame, floors: list[NDArray[np.int64]]) -> Floats:
     whole = simulate(BASE, SEED, motion["run"].unique().sort().to_list(), energies=False)
     result = replace(whole, motion=motion.select(whole.motion.columns).cast(dict(whole.motion.schema)))
     of_floors = []
-    for tiles in floors:
+    for k, tiles in enumerate(floors):
         rows = tuple("".join(map(str, row)) for row in tiles.tolist())
-        robots = replayed(result, scenario_on(rows)).robots
+        robots = replayed(replace(result, seed=SEED + k), scenario_on(rows)).robots
         time_s = pl.col("decision_time_s").fill_null(BASE.run.t_end_s)
         of_floors.append(robots.group_by("run").agg(time_s.mean()).sort("run")["decision_time_s"].to_numpy())
-    return np.asarray(np.mean(of_floors, axis=0))
+    return np.array(of_floors)
 
 
 def scenario_on(rows: tuple[str, ...]) -> Scenario:
@@ -148,17 +152,20 @@ def compared(times_s: Floats, reference_s: Floats) -> str:
     """Return the change of the mean against the reference, with its interval, in words.
 
     Args:
-        times_s: of motions 0, 1, ...; reference_s: of as many motions or more, of the same numbers.
+        times_s: of motions 0, 1, ... by floor; reference_s: of as many motions or more, of the same numbers and floors.
     """
-    few, many = times_s.size, reference_s.size
-    slope = np.polyfit(reference_s[:few], times_s, 1)[0]
+    (floors, few), many = times_s.shape, reference_s.shape[1]
+    slope = np.polyfit(reference_s[:, :few].mean(axis=0), times_s.mean(axis=0), 1)[0]
     chance = np.random.default_rng(1)
+    drawn = np.vstack([np.ones(floors), chance.multinomial(floors, np.full(floors, 1 / floors), size=4000)])
+    times_s, reference_s = drawn @ times_s / floors, drawn @ reference_s / floors
     own = np.vstack([np.arange(few), chance.integers(few, size=(4000, few))])
     rest = np.vstack(
         [np.arange(few, many), chance.integers(few, max(many, few + 1), size=(4000, many - few))]
     )
-    all_s = (reference_s[own].sum(axis=1) + reference_s[rest].sum(axis=1)) / many
-    adjusted_s = times_s[own].mean(axis=1) - slope * (reference_s[own].mean(axis=1) - all_s)
+    own_s, rest_s = (np.take_along_axis(reference_s, those, axis=1) for those in (own, rest))
+    all_s = (own_s.sum(axis=1) + rest_s.sum(axis=1)) / many
+    adjusted_s = np.take_along_axis(times_s, own, axis=1).mean(axis=1) - slope * (own_s.mean(axis=1) - all_s)
     change = 100 * (adjusted_s / all_s - 1)
     low, high = np.quantile(change[1:], (0.05, 0.95))
     return f"{change[0]:+.1f} % [{low:+.1f}, {high:+.1f}], {few} motions"
