@@ -101,7 +101,9 @@ def test_the_plain_program_does_what_the_simulation_did(name: str, swarms: Any) 
         decided.add(int(found[-1, 3]))
     assert decided == {1}
     sent = {float(kind) for i in range(5) for kind in rows(swarm.did[i], swarm)[:, 6]}
-    assert sent == ({1.0, 2.0} if name == "averaging" else {0.0, 1.0, 2.0})  # whose share of kind 0 is the rest
+    assert sent == (
+        {1.0, 2.0} if name == "averaging" else {0.0, 1.0, 2.0}
+    )  # whose share of kind 0 is the rest
 
 
 @needs_gcc
