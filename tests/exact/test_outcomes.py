@@ -165,6 +165,7 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
             f"agreed_on_{answer}": float(all(robot["decision"] == answer for robot in own))
             for answer in (0, 1)
         },
+        "agreed_on_other": float({robot["decision"] for robot in own} in [{k} for k in range(2, 16)]),
         "agreement_held": math.nan,
         # Of floors that change; tests/exact/test_change_strategies.py has them by hand.
         **dict.fromkeys(

@@ -345,7 +345,11 @@ def _check_surface(s: Sections) -> None:
             field="floor.source",
         )
     if max(sensor.kinds, sensor.readings) > 2 or not model.scales:
-        own = "; a sensor of your own says so by scales=True" if model.code and not model.scales else ""
+        own = (
+            "; if it measures strengths, give its SensorModel scales=True"
+            if model.code and not model.scales
+            else ""
+        )
         raise InputError(
             f"{what} need a sensor of strengths with two kinds of tile, such as gamma, and '{sensor.model}' is none"
             f"{own}",
