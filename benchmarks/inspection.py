@@ -340,7 +340,7 @@ def measure_reference(count: int) -> None:
         for number, samples in enumerate(found):
             random, sensor = generator(number, f"{values} measured values"), samples.law.sensor
             vibrating, still = (
-                energy_of(sensor, kind, random.random(values)).astype(np.float64) for kind in (1, 0)
+                np.abs(energy_of(sensor, kind, random.random(values)).astype(np.float64)) for kind in (1, 0)
             )
             try:
                 law = law_of_measured(vibrating, still, "values").law

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from helpers.inspections import drawn_samples
 from vibroswarm.inspection.damage import drawn_values, patch_of
 from vibroswarm.inspection.patches import Form, declared, raster, shares_of, strips_of
-from vibroswarm.inspection.region import HELD, posterior_of, region_of
+from vibroswarm.inspection.region import HELD, design_effect, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
+from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.scenario import preset
 
 LAW = Law(preset("paper").sensor, "preset paper")
@@ -95,3 +97,17 @@ def test_size_and_contrast_of_damage_are_in_its_region_and_others_are_not() -> N
             assert not region.holds(Form(0.2, 0.2), 0.33, 0.27, contrast)
             assert not region.holds(DISC, 0.33, 0.27, 0.1)
     assert np.mean(held) >= 0.75
+
+
+def test_factors_that_samples_share_make_a_region_wider() -> None:
+    """By the design effect 1 + rho (m - 1): all samples on the patch are of one robot, of some tiles."""
+    samples = damaged(3, 1.0)
+    patches = declared(samples.size_m, [0.2])
+    shares = shares_of(samples, patches)
+    assert design_effect(samples, shares, 0) == 1.0
+    differ = replace(LAW, sensor=LAW.sensor.model_copy(update={"robot_spread": 0.3}))
+    alone = replace(samples, law=differ, frame=samples.frame.with_columns(robot=pl.lit(0, pl.UInt16)))
+    log_value = np.log(energy_of(LAW.sensor, 1, (np.arange(20_000) + 0.5) / 20_000))
+    rho = 0.3**2 / (0.3**2 + log_value.var())
+    m = float(shares.share[: shares.first[1]].sum())
+    assert design_effect(alone, shares, 0) == pytest.approx(1.0 + rho * (m - 1.0), rel=0.01)

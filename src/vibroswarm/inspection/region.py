@@ -2,10 +2,14 @@
 
 | name | symbol | equation |
 |---|---|---|
-| probability of patch j at contrast c | p_jc | w_j L_jc over its sum; all contrasts have the same weight |
+| probability of patch j at contrast c | p_jc | w_j L_jc^(1/d) over its sum; all contrasts have the same weight |
+| design effect | d | ``design_effect``: samples on a patch share the factors of its tiles and of their robots |
 | size | a | side of a square, diameter of a disc, length of a crack; forms of one shape differ in size only |
 | density | f | sum of p_jc times triangles about x_j, y_j, ln a_j and c, each up to the next of its kind |
 | region | - | where f is at least what it exceeds in ``HELD`` of its own draws (highest density; Hyndman 1996) |
+
+L_jc takes samples as independent. Where tiles and robots differ, the power 1 / d gives it the width that it would have
+with fewer, independent samples: without it the region of squares of 20 cm held their contrast in 65 % (``calibrated``).
 
 One patch is presumed: each called patch has a region, by the samples that are not on those called before it. Between
 the places, sizes and contrasts of the declared set the probability falls linearly: damage lies between them.
@@ -23,7 +27,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inspection.damage import contrast_ratios
+from vibroswarm.inspection.damage import contrast_ratios, tables_of, tiles_below
 from vibroswarm.inspection.patches import Form, Patches, Shares, log_likelihoods
 from vibroswarm.inspection.samples import Floats, Samples
 
@@ -144,6 +148,7 @@ def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDAr
     value = samples.column("value")
     ratios = [np.where(there, contrast_ratios(samples.law, value, c), 0.0) for c in strengths]
     logs = log_likelihoods(shares, np.stack(ratios, axis=1))
+    logs /= design_effect(samples, shares, int(logs.max(axis=1).argmax()))
     p = patches.weights[:, None] * np.exp(logs - logs.max())
     p /= p.sum()
     rising = np.sort(p, axis=None)
@@ -168,6 +173,26 @@ def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDAr
         np.array(triangles),
         strengths,
     )
+
+
+def design_effect(samples: Samples, shares: Shares, patch: int) -> float:
+    """Return by how much factors that samples share raise the variance of their mean log value on a patch (Kish 1965).
+
+    It is 1 + rho_t (m_t - 1) + rho_r (m_r - 1): rho is the share of the variance of tiles or of robots in that of the
+    logarithm of a vibrating value, and m how many samples on the patch share a tile, or a robot, with a sample.
+    """
+    own, sensor = slice(shares.first[patch], shares.first[patch + 1]), samples.law.sensor
+    q, sample = shares.share[own].astype(np.float64), shares.sample[own]
+    table = tables_of(samples.law)
+    log_value, weight = np.log(np.maximum(table.vibrating, 1e-3)), np.gradient(table.u)
+    mean = np.average(log_value, weights=weight)
+    alone = float(np.average((log_value - mean) ** 2, weights=weight))
+    of_tile, of_robot = ((spread or 0.0) ** 2 for spread in (sensor.tile_spread, sensor.robot_spread))
+    effect = 1.0
+    for group, shared in ((tiles_below(samples), of_tile), (samples.frame["robot"].to_numpy(), of_robot)):
+        together = float((np.bincount(group[sample], q) ** 2).sum()) / max(float(q.sum()), 1e-9)
+        effect += shared / (alone + of_tile + of_robot) * max(together - 1.0, 0.0)
+    return effect
 
 
 def _size_ends(form: Form, forms: tuple[Form, ...]) -> Floats:
