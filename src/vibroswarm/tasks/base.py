@@ -66,13 +66,12 @@ class Task(Plugin):
             what the decisions 0, 1 and so on mean, or a function of the number of kinds that returns this;
             ``{boundary}`` is replaced by the decision boundary in percent. estimated: the number that is asked for, in
             words, such as "share of tiles that vibrate", or a function of the parameters that returns it; empty: the
-            task asks for a decision. check: optional, a
-            function like ``truth`` that raises an ``InputError`` if the question makes no sense on a floor.
-            asked_anew: a function of the parameters, whether each robot is asked anew once its decision becomes 1.
-            presumed: the answer that is right at time 0 on every floor, and for which undecided robots stand; None: it
-                has none. Another first answer is a false change (``analysis.answers_over_time``).
-            scored: optional, a function like ``truth`` that returns the number against which the estimates of robots
-                are scored that decide as well; without it that is the fill ratio.
+            task asks for a decision. check: optional, a function like ``truth`` that raises an ``InputError`` if the
+            question makes no sense on a floor. asked_anew: a function of the parameters, whether each robot is asked
+            anew once its decision becomes 1. presumed: the answer that is right at time 0 on every floor, and for which
+            undecided robots stand; None: it has none. Another first answer is a false change
+            (``analysis.answers_over_time``). scored: optional, a function like ``truth`` that returns the number against
+            which the estimates of robots are scored that decide as well; without it that is the fill ratio.
     """
 
     truth: Callable[[Floor, Asked, Any], Any]
