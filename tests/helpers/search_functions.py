@@ -43,8 +43,8 @@ def archive_for(statistic: str = "mean", objectives: int = 1) -> Archive:
 
 
 def steps_of(folder: Path) -> dict[str, bytes]:
-    """The recorded steps of a search, by name of the file, in order."""
-    return {path.name: path.read_bytes() for path in sorted((folder / "steps").glob("*.parquet"))}
+    """The recorded steps of a search, by name of the file, in order; files that are being written are hidden."""
+    return {path.name: path.read_bytes() for path in sorted((folder / "steps").glob("[0-9]*.parquet"))}
 
 
 def drive(
