@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from pathlib import Path
@@ -351,3 +352,19 @@ def test_a_recording_may_have_places_of_the_robots_themselves(
     again = (tmp_path / "seen.csv", "--columns", tmp_path / "seen.toml", "--floor", tmp_path / "floor.txt")
     assert run("lab", "import", *again, "--tiles", "5x5", "--out", tmp_path / "again") == 2
     assert "name all or none" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_a_folder_that_the_same_command_fills(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["inspect", "--set", "run.t_end_s=20", "--out", tmp_path / "out"]
+
+    def full(self: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        assert run(*line) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert run(*line) == 0
+    assert (tmp_path / "out" / "report.html").is_file()

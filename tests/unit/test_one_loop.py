@@ -44,7 +44,6 @@ WHOLE_RESULTS = {
     "calibrate/fit_avoidance.py": "motion of one run",
     "calibrate/cross_validation.py": "sessions as recordings have them",
     "paper/items/calibration.py": "sessions as recordings have them",
-    "paper/items/unseen_session.py": "sessions as recordings have them",
     "paper/items/side_claims.py": "places of samples",
     "analysis/oracle_posterior.py": "the same result on mirrored floors",
     "study/baselines.py": "the same result with another strategy",
