@@ -24,7 +24,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table, write_frame
 from vibroswarm.core.untrusted_files import entry, texts, words
-from vibroswarm.errors import InputError, RunError, path_of, shown, whole_number_of
+from vibroswarm.errors import InputError, path_of, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -287,6 +287,7 @@ class Result(NotebookView):
 
     def write_into(self, folder: Path) -> None:
         """Write scenario, manifest, users' code and all tables of this result into an existing folder."""
+        check_threads()  # polars, which starts threads, would hang in a forked process
         (folder / SCENARIO).write_text(self.scenario.to_toml(), encoding="utf-8")
         about = self._about()
         text = manifest_text(self.KIND, **about, **self._more())
@@ -296,7 +297,7 @@ class Result(NotebookView):
         for name in TABLES:
             frame = getattr(self, name)
             if frame is not None:
-                _write_table(frame, folder / f"{name}.parquet", metadata)
+                write_frame(frame, folder / f"{name}.parquet", metadata)
 
     def _about(self) -> dict[str, Any]:
         """Return the entries of the manifest that all results have."""
@@ -338,19 +339,6 @@ class Result(NotebookView):
         check_result(frames, scenario, folder, simulated=seed is not None)
         versions = about["versions"]
         return cls(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
-
-
-def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
-    """Write a table as a Parquet file, with ``metadata`` (texts by name) as the file's own metadata.
-
-    Raises:
-        RunError: the file could not be written.
-    """
-    check_threads()  # polars, which starts threads, would hang in a forked process
-    try:
-        write_frame(frame, path, metadata)
-    except pl.exceptions.PolarsError as error:  # such as a full disk
-        raise RunError(f"could not write '{path.name}': {str(error).splitlines()[0]}") from error
 
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:

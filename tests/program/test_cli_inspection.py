@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from pathlib import Path
@@ -365,3 +366,19 @@ def test_a_recording_may_have_places_of_the_robots_themselves(
         capsys.readouterr()
         assert run("inspect", tmp_path / "again", "--laws", "optimised-places", "--spread-mm", spread) == 0
         assert f"Places {words}" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_full_disk_leaves_a_folder_that_the_same_command_fills(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["inspect", "--set", "run.t_end_s=20", "--out", tmp_path / "out"]
+
+    def full(self: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        assert run(*line) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert run(*line) == 0
+    assert (tmp_path / "out" / "report.html").is_file()

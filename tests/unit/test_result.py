@@ -219,17 +219,18 @@ def test_nothing_half_written_is_left(
     old = simulate(Scenario().with_values(SHORT), 9)
     if replacing:
         old.write(path)
-    write, written = pl.DataFrame.write_parquet, []
+    write, written = Path.write_bytes, []
 
-    def fail_at_the_fourth(self: pl.DataFrame, file: Path, **options: Any) -> None:
-        written.append(file)
+    def fail_at_the_fourth(self: Path, data: bytes) -> int:
+        written.append(self)
         if len(written) == 4:
             raise error
-        write(self, file, **options)
+        return write(self, data)
 
+    expected, words = (RunError, "No space left") if isinstance(error, OSError) else (OtherError, None)
     with monkeypatch.context() as patch:
-        patch.setattr(pl.DataFrame, "write_parquet", fail_at_the_fourth)
-        with pytest.raises(RunError if isinstance(error, OSError) else OtherError):
+        patch.setattr(Path, "write_bytes", fail_at_the_fourth)
+        with pytest.raises(expected, match=words):
             result.write(path, replace=replacing)
     assert len(written) == 4
     if replacing:

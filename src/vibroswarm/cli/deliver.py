@@ -55,9 +55,12 @@ def deliver(
         output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "league".
         tables: by name; they become CSV and Parquet. work: hash of the command's settings (``Destination``).
     """
-    from vibroswarm.documents.saved import REPORT
+    from vibroswarm.documents.saved import REPORT, begin
 
     if output.out is not None:
+        begin(
+            output.out, command, work
+        )  # so that the command can be given again if a table cannot be written
         if tables:
             from vibroswarm.study.summary import write_table
 

@@ -99,6 +99,9 @@ class Schema:
         return {column: _is_wrong(column, self) for column in self.columns}
 
 
+DAMAGED: Final = "is damaged: not a complete Parquet file"
+
+
 def read_table(path: Path, schema: Schema, what: str) -> pl.DataFrame:
     """Read a table from a Parquet file and check it; return it with its columns in the order of the schema.
 
@@ -127,11 +130,11 @@ def read_frame(path: Path, what: str) -> pl.DataFrame:
         return lazy.collect()
     except InputError:
         raise
-    except (OSError, ValueError, OverflowError, pl.exceptions.PolarsError) as error:
-        first_line = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"is damaged ({first_line[:120]})", field=str(path)) from None
-    except pl.exceptions.PanicException as error:  # a BaseException, so it is not caught above
-        raise InputError(f"is damaged ({str(error)[:80]})", field=str(path)) from None
+    except OSError as error:
+        how = f"cannot be read: {error.strerror}" if error.strerror else DAMAGED
+        raise InputError(how, field=str(path)) from None
+    except (ValueError, OverflowError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
+        raise InputError(DAMAGED, field=str(path)) from None
 
 
 def scan_frame(path: Path) -> pl.LazyFrame:
@@ -148,10 +151,11 @@ def parquet_bytes(frame: pl.DataFrame, metadata: dict[str, str] | None = None) -
 
 
 def write_frame(frame: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
-    """Write a table as a Parquet file of any name, with ``metadata`` (texts by name) as the file's own metadata."""
-    if is_unicode(path):
-        frame.write_parquet(path, compression="zstd", metadata=metadata)
-        return
+    """Write a table as a Parquet file of any name, with ``metadata`` (texts by name) as the file's own metadata.
+
+    Raises:
+        OSError: it cannot be written; polars would say "Invalid thrift" of a full disk.
+    """
     path.write_bytes(parquet_bytes(frame, metadata))
 
 

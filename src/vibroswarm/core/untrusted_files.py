@@ -100,7 +100,8 @@ def parsed_json(text: str | bytes, name: str) -> Any:
         return json.loads(text, parse_constant=_no_number)  # Python would accept NaN and Infinity
     except (ValueError, RecursionError) as error:
         # The text is not JSON, is nested too deeply, or holds a number of thousands of digits.
-        raise InputError(f"is damaged: not JSON ({str(error)[:80]})", field=name) from None
+        where = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
+        raise InputError(f"is damaged: not JSON{where}", field=name) from None
 
 
 def parsed_toml(text: str, name: str) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, SensorFit, fit_sens
 from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, in_file
 from vibroswarm.inspection.samples import (
     FEWEST,
     SELF_JUDGED,
@@ -210,7 +210,8 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
         return replace(fitted, law=replace(fitted.law, hash=digest))
     if text in preset_names():
         return law_of_scenario(preset(text), f"preset '{text}'")
-    return known_from(Scenario.read(path), f"'{path.name}'")
+    with in_file(path):  # laws of draws may be wrong too
+        return known_from(Scenario.read(path), f"'{path.name}'")
 
 
 def law_of_measured(

@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
 from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
-from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain, sign_flip
+from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain
 from vibroswarm.analysis.map_figures import MAPPED, mean_figures
-from vibroswarm.analysis.paired import holm
+from vibroswarm.analysis.paired import compare, holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
@@ -213,6 +213,11 @@ class Standings(NotebookView):
         mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
         return mean
 
+    def _by_unit(self, entry: int) -> pl.DataFrame:
+        """Return the figures ``COMPARED`` of an entry by unit, with its number as ``run``."""
+        figures = pl.DataFrame({figure: self.by_unit(entry, figure) for figure in COMPARED}, nan_to_null=True)
+        return figures.with_row_index("run")
+
     def boundary_of(self, entry: Entry) -> str:
         """Return the value of the scenario field ``decision.boundary_of`` that an entry runs with."""
         found: str = entry.settings.get("decision.boundary_of", self.league.base.decision.boundary_of)
@@ -343,19 +348,20 @@ class Standings(NotebookView):
         """
         names = [entry.label for entry in self.league.entries]
         against = self.reference_named(reference)
+        tables = [self._by_unit(k) for k in range(len(names))]
+        base, others = tables[names.index(against)], [k for k, name in enumerate(names) if name != against]
         rows = []
-        for figure in COMPARED:
-            base = self.by_unit(names.index(against), figure)
-            others = [k for k, name in enumerate(names) if name != against]
-            found = [sign_flip(self.by_unit(k, figure) - base) for k in others]
+        for found in zip(
+            *(compare(tables[k], base, COMPARED) for k in others), strict=True
+        ):  # of each figure
             corrected = holm([one.p_value for one in found])
             for k, one, p_holm in zip(others, found, corrected, strict=True):
                 rows.append(
                     {
                         "name": names[k],
                         "reference": against,
-                        "figure": figure,
-                        **columns_of("difference", one.interval),
+                        "figure": one.figure,
+                        **columns_of("difference", one.difference),
                         "p_value": plain(one.p_value),
                         "p_holm": plain(p_holm),
                     }

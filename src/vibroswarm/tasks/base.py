@@ -70,7 +70,7 @@ class Task(Plugin):
             question makes no sense on a floor. asked_anew: a function of the parameters, whether each robot is asked
             anew once its decision becomes 1. presumed: the answer that is right at time 0 on every floor, and for which
             undecided robots stand; None: it has none. Another first answer is a false change
-            (``analysis.answers_over_time``). scored: optional, a function like ``truth`` that returns the number against
+            (``analysis.answers_over_time``). scored: optional, a function like ``truth`` that returns the number by
             which the estimates of robots are scored that decide as well; without it that is the fill ratio.
     """
 
