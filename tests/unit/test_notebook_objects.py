@@ -50,6 +50,7 @@ NO_OBJECTS = (
     *(
         "SingleProcessPools",
         "SenseProgram",
+        "ClassBorders",
         "SenseState",
         "WalkProgram",
         "WalkState",
