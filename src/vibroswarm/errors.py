@@ -161,7 +161,7 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
         )
 
 
-def check_keys(keys: Iterable[object], field: str, known: Iterable[object]) -> None:
+def check_known_keys(keys: Iterable[object], field: str, known: Iterable[object]) -> None:
     """Refuse a table with a key that is not known.
 
     Raises:

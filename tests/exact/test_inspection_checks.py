@@ -12,12 +12,14 @@ from helpers.documents import ROOT
 from helpers.inspections import drawn_samples
 from vibroswarm import inspect, preset
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.checks import PLACES, law_checks
+from vibroswarm.inspection.checks import PLACES, _statistics, law_checks
 from vibroswarm.inspection.damage import drawn_values, values_at
 from vibroswarm.inspection.others import Others, by_tiles
 from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import felt_on
+from vibroswarm.observation.decision_boundary import grid_of
+from vibroswarm.observation.energy_model import error_rates
 
 EXAMPLE = ROOT / "examples" / "inspection"
 LAW = Law(preset("paper").sensor, "preset paper")
@@ -120,3 +122,21 @@ def test_a_reference_that_tells_nothing_is_refused(values: int, words: str, tmp_
     (tmp_path / "reference.csv").write_text("\n".join(["kind,energy", *lines]))
     with pytest.raises(InputError, match=words):
         inspect(EXAMPLE / "plate.csv", laws=str(tmp_path / "reference.csv"), size_m=(1.0, 1.0))
+
+
+def test_readings_are_compared_with_the_rates_of_the_floors_own_grid() -> None:
+    """On 10 x 10 tiles the physics reads 1 on still tiles more often than on the study's: .15 in place of .08."""
+    grid = {
+        "floor.rows": 10,
+        "floor.columns": 10,
+        "floor.source": "random:0.5",
+        "sensor.model": "acceleration",
+    }
+    scenario = preset("paper").with_values(grid)
+    place = grid_of(scenario)
+    read = np.full((40, 1), error_rates(scenario.sensor, place)[0])
+    robot, time_s = np.repeat([0, 1], 20).astype(np.uint16), np.arange(40.0)
+    laws = [Law(scenario.sensor, "", bits=True, place=known) for known in (place, None)]
+    apart = [_statistics(law, read, False, robot, time_s)[0, 0] for law in laws]
+    assert apart[0] == pytest.approx(0.0, abs=1e-12)
+    assert apart[1] > 0.05

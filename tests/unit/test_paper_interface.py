@@ -17,7 +17,7 @@ INSIDE = {
     "core": "a reproduction is saved, hashed, guarded and shown in notebooks as every result of the house",
     "show.numbers": "how a number is written is decided in one place",
     "errors.check_choice": "misspelled names are answered as everywhere",
-    "errors.check_keys": "the same",
+    "errors.check_known_keys": "the same",
     "simulation.versions": "what a saved table was computed with",
     "scenario.scenario.differences": "the options that make a cell's scenario from its preset",
     "inference.outcomes": "cells are summed up from arrays, since frames of a million runs took most of the time",

@@ -58,9 +58,8 @@ def deliver(
     from vibroswarm.documents.saved import REPORT, begin
 
     if output.out is not None:
-        begin(
-            output.out, command, work
-        )  # so that the command can be given again if a table cannot be written
+        # first, so that the command can be given again if a table cannot be written
+        begin(output.out, command, work)
         if tables:
             from vibroswarm.study.summary import write_table
 

@@ -131,7 +131,7 @@ def reported_last(scenario: Scenario, reports: pl.DataFrame, runs: pl.DataFrame)
     numbers, robots = runs["run"].to_list(), scenario.swarm.robots
     values = {}
     for (name,), own in last.group_by("name"):
-        size = int(own["index"].max()) + 1  # type: ignore[arg-type]
+        size = int(own["index"].to_numpy().max()) + 1
         table = np.full((len(numbers), robots, size), np.nan)
         at = np.searchsorted(numbers, own["run"]), own["robot"].to_numpy(), own["index"].to_numpy()
         table[at] = own["value"].fill_null(np.nan).to_numpy()

@@ -39,7 +39,7 @@ from vibroswarm.show.numbers import count, listed
 WHOLLY: Final = 0.95
 """Below this share of visited cells PoD may end below 1."""
 RASTERS: Final = 6
-"""Times at which the raster is told."""
+"""Times for which the raster is computed."""
 VISITED_M: Final = 0.1
 """Cells of this side are visited if a sample was taken in them."""
 

@@ -93,11 +93,11 @@ def law_checks(
     corrected = dict(zip(p, holm(list(p.values())), strict=True))
     outcome = dict.fromkeys(LAW_CHECKS, "not made") | {PLACES: "not testable"}
     outcome |= {check: "refused" if value < LEVEL else "not refused" for check, value in corrected.items()}
+    read = dict.fromkeys(LAW_CHECKS, int(quiet.sum())) | {PLACES: samples.frame.height}
     rows = [
-        (check, int(quiet.sum()), p.get(check), corrected.get(check), word, None)
+        (check, read[check], p.get(check), corrected.get(check), word, power if check == PLACES else None)
         for check, word in outcome.items()
     ]
-    rows[-1] = (PLACES, samples.frame.height, *rows[-1][2:-1], power)  # type: ignore[assignment]
     return pl.DataFrame(rows, CHECKS, orient="row")
 
 
@@ -144,13 +144,12 @@ def _statistics(
     counted = np.isfinite(rank)
     number = np.maximum(counted.sum(axis=0), 1)
     if law.bits:
-        score = rank - error_rates(law.sensor)[0]
+        score = rank - error_rates(law.sensor, law.place)[0]
         apart_from_law = np.abs(score.mean(axis=0))
     else:
         at = (np.arange(rank.shape[0])[:, None] + 0.5) / number
-        apart_from_law = np.nanmax(
-            np.abs(np.sort(rank, axis=0) - at), axis=0, initial=0.0
-        )  # nan is sorted to the end
+        # nan is sorted to the end
+        apart_from_law = np.nanmax(np.abs(np.sort(rank, axis=0) - at), axis=0, initial=0.0)
         score = np.nan_to_num(rank - 0.5) if only_still else ndtri(np.clip(rank, 1e-6, 1.0 - 1e-6))
     scale = np.maximum(np.sqrt((score**2).sum(axis=0) / number), 1e-9)
     between, drift = np.zeros(rank.shape[1]), np.zeros(rank.shape[1])

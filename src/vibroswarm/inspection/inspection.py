@@ -258,7 +258,7 @@ def _of_csv(
     check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
         raise InputError("a CSV needs the size of the surface", field="--size")
-    # Without a grid damage is asked for.
+    # Without a grid the question is always whether there is damage, and that needs the error of the law.
     law = _law_of(None, 0, laws, spreads, DRAWS if floor is None else draws)
     if isinstance(floor, tuple):
         return samples_of_csv(path, law, size_m, spread_m, grid_of(*floor, size_m))

@@ -38,7 +38,7 @@ CRACKS_M: Final = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 EACH: Final = 60
 """Damaged surfaces drawn of each side."""
 WEAKEST_M: Final = (0.07, 0.1, 0.14, 0.2, 0.28)
-"""Sides of which the weakest contrast that is found is told."""
+"""Sides of squares for which the weakest contrast that is found is computed."""
 CONTRASTS: Final = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 """Contrasts of the damage drawn for it."""
 

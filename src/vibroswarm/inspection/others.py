@@ -11,7 +11,7 @@ robot that took all samples by itself is judged by its own map.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -120,9 +120,7 @@ def by_patches(
         for box in boxes:
             close |= within(box, x_m, y_m, CLEAR_M)
         maps[one] = np.where(close, cells, 0.0).ravel()
-    gridded = samples.with_columns()
-    object.__setattr__(gridded, "floor", grid_of(CELLS, CELLS, samples.size_m))
-    return _judged(gridded, maps)
+    return _judged(replace(samples, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 
 
 def _judged(samples: Samples, maps: dict[int, Floats]) -> Others:

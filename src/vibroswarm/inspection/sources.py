@@ -73,7 +73,7 @@ def samples_of_result(
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
     recorded, floor = isinstance(result, Recording), result.floor(run)
     changed_s = floor.changes.times_s.tolist()
-    floor = floor.at(frame["time_s"].max() or 0.0)  # type: ignore[arg-type]
+    floor = floor.at(float(frame["time_s"].to_numpy().max(initial=0.0)))
     name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
     return _samples(
         frame,
@@ -172,7 +172,8 @@ def _samples(
     ratios = ratios_of_values(known, frame["value"].to_numpy())
     table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
     warnings = [SELF_JUDGED] if own in law.law.sessions else []
-    until_s = [time_s for time_s in changed_s if time_s <= frame["time_s"].max()]  # type: ignore[operator]
+    last_s = float(frame["time_s"].to_numpy().max(initial=0.0))
+    until_s = [time_s for time_s in changed_s if time_s <= last_s]
     if until_s:
         warnings.append(
             f"The floor changed at {listed(f'{time_s:g} s' for time_s in until_s)}, but is presumed to stay as it is: "

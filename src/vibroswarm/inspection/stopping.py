@@ -37,7 +37,7 @@ from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import looks_of
 
 LOOKS: Final = 32
-"""Times at which the risk is told."""
+"""Times at which the told risk is computed."""
 BLOCKS: Final = 5
 """Blocks of places along each side, among which the worst place is found."""
 DRAWN: Final = 2000

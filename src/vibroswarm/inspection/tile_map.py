@@ -288,6 +288,5 @@ def felt_on(samples: Samples, p: Floats) -> Floats:
         below, beside = quiet[:-1] * quiet[1:], quiet[:, :-1] * quiet[:, 1:]
         still += (rows[1] @ below * columns[0]).sum(axis=1) + (rows[0] @ beside * columns[1]).sum(axis=1)
         still += (rows[1] @ (below[:, :-1] * below[:, 1:]) * columns[1]).sum(axis=1)
-    return np.asarray(
-        np.where(at.box[:, 1] < at.box[:, 0], 0.0, 1.0 - still)
-    )  # off the grid nothing vibrates
+    # Off the grid nothing vibrates.
+    return np.asarray(np.where(at.box[:, 1] < at.box[:, 0], 0.0, 1.0 - still))

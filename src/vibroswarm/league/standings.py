@@ -351,9 +351,8 @@ class Standings(NotebookView):
         tables = [self._by_unit(k) for k in range(len(names))]
         base, others = tables[names.index(against)], [k for k, name in enumerate(names) if name != against]
         rows = []
-        for found in zip(
-            *(compare(tables[k], base, COMPARED) for k in others), strict=True
-        ):  # of each figure
+        of_others = [compare(tables[k], base, COMPARED) for k in others]
+        for found in zip(*of_others, strict=True):  # of each figure
             corrected = holm([one.p_value for one in found])
             for k, one, p_holm in zip(others, found, corrected, strict=True):
                 rows.append(

@@ -213,9 +213,8 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
     sensor, size = scenario.sensor, _size(scenario)
     sensed = _mean_sensed_shares_cached(sensor, geometry_of(scenario), size, x)
     v = sensed.vibrating
-    a, b = claimed_error_rates(
-        sensor, grid_of(scenario)
-    )  # of false positives and of false negatives, away from edges
+    # of false positives and of false negatives, away from edges
+    a, b = claimed_error_rates(sensor, grid_of(scenario))
     # Shares of the still and of the vibrating area that are sensed as vibrating. A kind without any area gets the share
     # that it would have without edges.
     of_still = sensed.spillover / (1.0 - v) if v < 1.0 else 0.0

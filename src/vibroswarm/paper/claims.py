@@ -71,7 +71,7 @@ from scipy.special import betaincinv, stdtrit
 
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView, short_text
-from vibroswarm.errors import InputError, check_choice, check_keys
+from vibroswarm.errors import InputError, check_choice, check_known_keys
 from vibroswarm.paper.columns import COLUMNS
 
 Limits = tuple[float, float]
@@ -292,7 +292,7 @@ def claims_from(text: str) -> tuple[Claim, ...]:
     known = {field.name for field in fields(Claim)}
     claims = []
     for table in tables:
-        check_keys(table, "claims.toml", known)
+        check_known_keys(table, "claims.toml", known)
         claims.append(Claim(**{**table, "columns": tuple(table.get("columns", COLUMNS))}))
         if not claims[-1].unit:
             raise InputError("needs a unit, or what its numbers count: 'in belief'", field=claims[-1].id)

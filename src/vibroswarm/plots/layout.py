@@ -248,9 +248,8 @@ def to_scale(
         least_in: least height of the figure.
     """
     maps = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
-    for (
-        axes
-    ) in maps:  # what is around the maps is measured about axes that are as large as the layout lets them be
+    # What is around the maps is measured about axes that are as large as the layout lets them be.
+    for axes in maps:
         axes.set_aspect("auto")
     for _ in range(2):  # a colour bar is the wider the higher it is
         _place_axes(figure)

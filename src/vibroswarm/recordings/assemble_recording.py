@@ -258,9 +258,8 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
 def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
     """Return where the robots believed that they sampled; empty if their log does not say it."""
     own = {name.removeprefix("place_"): pl.col(name) for name in OWN_PLACE}
-    later = {
-        name: pl.lit(None) for name in PLACES if name.startswith("lagged")
-    }  # places smoothed later are not logged
+    # Places smoothed later are not logged.
+    later = {name: pl.lit(None) for name in PLACES if name.startswith("lagged")}
     known = frame.drop_nulls("place_spread_m").with_columns(
         **own, **later, heading_rad=pl.col("heading_rad").fill_null(0.0)
     )

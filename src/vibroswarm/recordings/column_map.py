@@ -38,7 +38,7 @@ import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
-from vibroswarm.errors import InputError, check_keys, nearest
+from vibroswarm.errors import InputError, check_known_keys, nearest
 from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
 
 LARGEST_BYTES: Final = 64 * 2**20
@@ -268,7 +268,7 @@ def column_map(text: str, name: str, has_energies: bool = True) -> ColumnMap:
         InputError: invalid TOML, an unknown key or column, a value of another kind, or a required column missing.
     """
     values = parsed_toml(text, name)
-    check_keys(values, f"column map {name}", ("missing", "columns", "settings", "name", "about"))
+    check_known_keys(values, f"column map {name}", ("missing", "columns", "settings", "name", "about"))
     columns = values.get("columns")
     if not isinstance(columns, dict):
         raise InputError("has no [columns]", field=name)
@@ -315,7 +315,7 @@ def _column(use: str, value: Any, name: str) -> Column:
         raise InputError(
             'must be the name of a column, or { name = "...", times = ..., plus = ... }', field=location
         )
-    check_keys(value, location, ("name", "times", "plus", "wraps_at", "values"))
+    check_known_keys(value, location, ("name", "times", "plus", "wraps_at", "values"))
     table = value.get("values")
     if table is not None and not isinstance(table, dict):
         raise InputError("values must be a table from text to number", field=location)

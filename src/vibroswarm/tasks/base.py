@@ -68,8 +68,8 @@ class Task(Plugin):
             words, such as "share of tiles that vibrate", or a function of the parameters that returns it; empty: the
             task asks for a decision. check: optional, a function like ``truth`` that raises an ``InputError`` if the
             question makes no sense on a floor. asked_anew: a function of the parameters, whether each robot is asked
-            anew once its decision becomes 1. presumed: the answer that is right at time 0 on every floor, and for which
-            undecided robots stand; None: it has none. Another first answer is a false change
+            anew once its decision becomes 1. presumed: the answer that is right at time 0 on every floor; an undecided
+            robot counts as giving it; None: there is no such answer. Another first answer is a false change
             (``analysis.answers_over_time``). scored: optional, a function like ``truth`` that returns the number by
             which the estimates of robots are scored that decide as well; without it that is the fill ratio.
     """
@@ -93,7 +93,7 @@ class Task(Plugin):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
 
     def estimated_in_words(self, params: BaseModel) -> str:
-        """Return the number that is asked for, in words; empty: the task asks for a decision."""
+        """Return in words which number the task asks for; empty: it asks for a decision."""
         return self.estimated(params) if callable(self.estimated) else self.estimated
 
     def answers_of(self, kinds: int) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
-from vibroswarm.errors import InputError, check_choice, check_keys, shown
+from vibroswarm.errors import InputError, check_choice, check_known_keys, shown
 from vibroswarm.tracking import opencv
 
 Floats = NDArray[np.float64]
@@ -197,10 +197,10 @@ def read_markers(path: Path) -> Markers:
     except ValueError as error:
         raise InputError(f"is not TOML: {error}", field=name) from None
     values = parsed_toml(text, name)
-    check_keys(values, name, ("dictionary", "robots", "floor"))
+    check_known_keys(values, name, ("dictionary", "robots", "floor"))
     robots, floor = _table(values, "robots", name), _table(values, "floor", name)
-    check_keys(robots, f"{name}, [robots]", ("size_mm", "height_mm", "forward_deg", "ids"))
-    check_keys(floor, f"{name}, [floor]", ("size_mm", "height_mm", "at_mm"))
+    check_known_keys(robots, f"{name}, [robots]", ("size_mm", "height_mm", "forward_deg", "ids"))
+    check_known_keys(floor, f"{name}, [floor]", ("size_mm", "height_mm", "at_mm"))
     dictionary = values.get("dictionary", "4X4_50")
     check_choice(dictionary, f"{name}, dictionary", DICTIONARIES)
     count = DICTIONARIES[dictionary]
