@@ -43,7 +43,7 @@ CASES: tuple[tuple[str, str, float, dict[str, Any]], ...] = (
         {"strategy.places.variance_factor": 2.0, "localisation.method": "mixture"},
     ),
     ("paper", "places", 1.33, {}),
-    # Robots that are told the error rates of the physics at least 2 cm from another kind.
+    # Robots that assume the error rates that the physics has at least 2 cm from another kind.
     (
         "calibrated",
         "places",

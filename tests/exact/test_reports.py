@@ -21,7 +21,7 @@ from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.strategies import Report, Strategy, array, register, strategy
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.summary import outcome_of, reported_table, write_outcome
+from vibroswarm.study.summary import outcome_of, write_outcome
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0})
 RUNS, ROBOTS = 4000, 5
@@ -190,7 +190,7 @@ def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_
     scenario = counted.with_values({"run.stop": stop})
     runs = 6
     outcome = outcome_of(Study(scenario, runs=runs, seed=4).run(tmp_path / "study"), compare=False)
-    (row,) = reported_table(outcome).filter(pl.col("report") == "share").to_dicts()
+    (row,) = outcome.reported.filter(pl.col("report") == "share").to_dicts()
     # An estimate depends on own samples only, so that the last report is that at the end.
     reports = simulate(scenario, seed=4, runs=runs).reports
     assert reports is not None
@@ -204,7 +204,7 @@ def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_
         half = t_law.ppf(0.975, runs - 1) * values.std(ddof=1) / math.sqrt(runs)
         assert row[f"{figure}_high"] - row[figure] == pytest.approx(half, rel=1e-9)
     assert (row["unit"], row["runs"]) == ("of tiles", runs)
-    others = reported_table(outcome).filter(pl.col("report") == "agreed")
+    others = outcome.reported.filter(pl.col("report") == "agreed")
     assert others["index"].to_list() == [0, 1, 2]
     assert others["error"].null_count() == 3
     write_outcome(outcome, tmp_path)

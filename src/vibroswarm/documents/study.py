@@ -47,7 +47,7 @@ from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.study_outputs import Comparison
-from vibroswarm.study.summary import CellOutcome, Outcome, reported_table
+from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_SENTENCES: Final = 12
 """Most comparisons, or cells, that are described in sentences; and most rows of differences on the first screen."""
@@ -293,7 +293,7 @@ def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
 
 def _reported_parts(outcome: Outcome) -> list[Part]:
     """Tabulate what robots reported at the end; nothing if they report nothing."""
-    table = reported_table(outcome)
+    table = outcome.reported
     if table.is_empty():
         return []
     heading = pl.concat_str(
@@ -554,8 +554,8 @@ def _data(outcome: Outcome) -> dict[str, pl.DataFrame]:
         data["comparisons"] = comparison_table(outcome.comparisons)
     if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
         data["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
-    if (reported := reported_table(outcome)).height:
-        data["reported"] = reported
+    if outcome.reported.height:
+        data["reported"] = outcome.reported
     if outcome.references:
         data["references"] = reference_table(list(outcome.references))
     if settled := [

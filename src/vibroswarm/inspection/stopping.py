@@ -166,7 +166,10 @@ def stopping(
     rule = rule_of(samples, patches, question, LOOKS)
     value, random = samples.column("value")[:, None], generator(seed, "damaged surfaces")
     lost = generator(seed, "lost messages")
-    told = np.hstack([rule.told(value), *(rule.told(value, heard) for heard in _heard(rule, lost, 1))])
+    of_each = (
+        _heard(rule, lost, 1) if question.loss else []
+    )  # without losses each robot has what the centre has
+    told = np.hstack([rule.told(value), *(rule.told(value, heard) for heard in of_each)])
     first = [_first_s(times_s, one <= question.risk) for one in told.T]
     centre_m = random_places(random, np.full(drawn, question.least_m), samples.size_m)
     of_robots = OF_ROBOTS if question.loss else 0

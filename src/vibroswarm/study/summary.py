@@ -35,6 +35,8 @@ from vibroswarm.study.study_result import StudyResult
 WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
 """Columns of the store about how the robots of a run sampled, see ``analysis.sampling``."""
 
+_REPORTED_NUMBERS: Final = ("value", "value_low", "value_high", "error", "error_low", "error_high")
+
 
 @dataclass(frozen=True)
 class CellOutcome(NotebookView):
@@ -94,6 +96,29 @@ class Outcome(NotebookView):
             figures = figures.insert_column(figures.columns.index("runs") + 1, counts)
         # Both tables have a row for each selected cell, in the same order.
         return varied.hstack(figures)
+
+    @cached_property
+    def reported(self) -> pl.DataFrame:
+        """What the robots of each cell reported at the end of their runs: means over runs, with intervals.
+
+        There is a row for each cell, report and place of an array: cell, name, report, index, unit, runs, and ``value``
+        and ``error`` with ``_low`` and ``_high``. ``error`` is the mean distance from the number that is asked for,
+        of reports that estimate it. A run in which no robot has a value is left out. There are no rows if robots report
+        nothing but their estimates, which are figures of their own.
+        """
+        cells = {one.cell.number: one.cell for one in self.cells}
+        by_run = self.result.reported(*cells)
+        rows = []
+        for (number, report, index), own in by_run.group_by("cell", "name", "index", maintain_order=True):
+            cell = cells[int(number)]
+            declared = strategy_used(cell.scenario).reported.get(str(report))
+            row = {"cell": number, "name": cell.name, "report": report, "index": index}
+            row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
+            for figure in ("value", "error"):
+                row |= columns_of(figure, mean_interval(own[figure].drop_nulls().to_numpy())[:3])
+            rows.append(row)
+        kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(_REPORTED_NUMBERS, pl.Float64)}
+        return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
 
     @property
     def has_failed_runs(self) -> bool:
@@ -212,33 +237,6 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     return columns
 
 
-def reported_table(outcome: Outcome) -> pl.DataFrame:
-    """Return what the robots of each cell reported at the end of their runs: means over runs, with intervals.
-
-    There is a row for each cell, report and place of an array. ``error`` is the mean distance from the number that the
-    task asks for, of reports that estimate it. A run in which no robot has a value is left out.
-
-    Returns: cell, name, report, index, unit, runs, ``value`` and ``error`` with ``_low`` and ``_high``; no rows if no
-        robots report anything, but for their estimates, which are figures of their own.
-    """
-    cells = {one.cell.number: one.cell for one in outcome.cells}
-    by_run = outcome.result.reported(*cells)
-    rows = []
-    for (number, report, index), own in by_run.group_by("cell", "name", "index", maintain_order=True):
-        cell = cells[int(number)]
-        declared = strategy_used(cell.scenario).reported.get(str(report))
-        row = {"cell": number, "name": cell.name, "report": report, "index": index}
-        row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
-        for figure in ("value", "error"):
-            row |= columns_of(figure, mean_interval(own[figure].drop_nulls().to_numpy())[:3])
-        rows.append(row)
-    kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(_REPORTED_NUMBERS, pl.Float64)}
-    return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
-
-
-_REPORTED_NUMBERS: Final = ("value", "value_low", "value_high", "error", "error_low", "error_high")
-
-
 def write_outcome(outcome: Outcome, folder: Path) -> None:
     """Write the tables of a summary as CSV and Parquet into a study's folder.
 
@@ -250,8 +248,8 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
         InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
     """
     tables = {"summary": outcome.table}
-    if (reported := reported_table(outcome)).height:
-        tables["reported"] = reported
+    if outcome.reported.height:
+        tables["reported"] = outcome.reported
     if outcome.comparisons:
         tables["comparisons"] = comparison_table(outcome.comparisons)
     if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
