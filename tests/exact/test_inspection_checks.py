@@ -15,7 +15,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import PLACES, _statistics, law_checks
 from vibroswarm.inspection.damage import drawn_values, values_at
 from vibroswarm.inspection.others import Others, by_tiles
-from vibroswarm.inspection.samples import Law, Samples
+from vibroswarm.inspection.samples import Law, Samples, read_by
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import felt_on
 from vibroswarm.observation.decision_boundary import grid_of
@@ -140,3 +140,13 @@ def test_readings_are_compared_with_the_rates_of_the_floors_own_grid() -> None:
     apart = [_statistics(law, read, False, robot, time_s)[0, 0] for law in laws]
     assert apart[0] == pytest.approx(0.0, abs=1e-12)
     assert apart[1] > 0.05
+
+
+def test_what_is_read_of_energies_of_the_physics_has_their_shape() -> None:
+    """Samples by replicates are not samples by numbers; a sensor of several numbers is refused, not read from one."""
+    sensor = preset("paper").with_values({"sensor.model": "acceleration"}).sensor
+    energy = np.array([[0.5, 3.0, 1.0], [2.0, 0.1, 5.0]])
+    assert read_by(Law(sensor, "", bits=True), energy).tolist() == (energy > sensor.rms_threshold).tolist()
+    features = {"sensor.model": "acceleration", "sensor.acceleration.features": ["variance"]}
+    with pytest.raises(InputError, match="several numbers"):
+        read_by(Law(preset("paper").with_values(features).sensor, "", bits=True), energy)

@@ -27,6 +27,7 @@ from vibroswarm.observation.energy_model import (
     log_ratios_of_bits,
     log_ratios_of_classes,
     log_ratios_of_energies,
+    model_of,
     readings_of,
 )
 from vibroswarm.scenario.fields import Sensor
@@ -199,8 +200,20 @@ def ratios_of_values(law: Law, value: Floats) -> Floats:
 
 
 def read_by(law: Law, energy: NDArray[Any]) -> Floats:
-    """Return the values of samples that measure these energies: the energies, or the readings that they give."""
-    return (readings_of(law.sensor, energy) if law.bits else energy).astype(np.float64)
+    """Return the values of samples that measure these energies, in their shape: the energies, or what is read of them.
+
+    Raises:
+        InputError: what is read depends on further numbers.
+    """
+    if not law.bits:
+        return energy.astype(np.float64)
+    model = model_of(law.sensor)
+    if len(model.names_of_numbers(law.sensor.params)) > 1:
+        raise InputError(
+            f"'{model.name}' measures several numbers, of which only energies are known here; leave it out",
+            field="--bits",
+        )
+    return readings_of(law.sensor, energy.ravel()).reshape(energy.shape).astype(np.float64)
 
 
 def check_law(law: Law) -> None:
