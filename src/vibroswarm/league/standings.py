@@ -35,14 +35,13 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
-from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
+from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain
 from vibroswarm.analysis.map_figures import MAPPED, mean_figures
 from vibroswarm.analysis.paired import compare, holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
@@ -425,23 +424,14 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     Raises:
         InputError: runs are missing, for example because some failed.
     """
-    sizes, runs, floors = len(league.robots), league.runs, len(league.floors)
-    values = {name: np.full((len(league.entries), floors, sizes * runs), np.nan) for name in FIGURES}
-    for cells, robots, of_runs in study.arrays(READ):
-        ends_s = [cell.scenario.run.t_end_s for cell in cells]
-        costs = [costs_of(cell.scenario) for cell in cells]
-        swarms = Swarms.of_arrays(robots, of_runs, ends_s, costs)
-        figures = {name: BY_NAME[figure].of_run(swarms).reshape(-1, runs) for name, figure in SHOWN.items()}
-        for place, cell in enumerate(cells):
-            # The cells of a league are ordered by entry, then floor, then swarm size.
-            entry, on = divmod(cell.number, floors * sizes)
-            floor, size = divmod(on, sizes)
-            units = slice(size * runs, (size + 1) * runs)
-            for name, by_run in figures.items():
-                values[name][entry, floor, units] = by_run[place]
-            # Options of a strategy may change the size of its messages.
-            bytes_on_air = strategy_used(cell.scenario).bytes_on_air
-            values["bytes_sent"][entry, floor, units] = figures["sent"][place] * bytes_on_air
+    # The cells of a league are ordered by entry, then floor, then swarm size; the units by swarm size, then run.
+    shape = (len(league.entries), len(league.floors), len(league.robots) * league.runs)
+    of_run = study.by_run(list(SHOWN.values()))
+    # Options of a strategy may change the size of its messages.
+    bytes_on_air = [strategy_used(cell.scenario).bytes_on_air for cell in league.study.cells]
+    found = {name: of_run[figure] for name, figure in SHOWN.items()}
+    found["bytes_sent"] = found["sent"] * np.array(bytes_on_air)[:, None]
+    values = {name: found[name].reshape(shape) for name in FIGURES}
     return Standings(league, values, study)
 
 
