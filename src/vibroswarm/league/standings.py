@@ -37,11 +37,12 @@ from scipy.stats import ttest_1samp
 
 from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain
-from vibroswarm.analysis.map_figures import MAPPED, mean_figures
+from vibroswarm.analysis.map_figures import MAPPED
 from vibroswarm.analysis.paired import compare, holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
@@ -201,7 +202,14 @@ class Standings(NotebookView):
             entry: index of the entry. figure: one of ``FIGURES``. floors: indices of floors; by default all.
         """
         by_unit = self.by_unit(entry, figure, floors)
-        return BY_NAME[SHOWN[figure]].mean(by_unit) if figure in SHOWN else mean_interval(by_unit)
+        if figure not in SHOWN:
+            return mean_interval(by_unit)
+        return BY_NAME[SHOWN[figure]].mean(by_unit, t_end_s=self.t_end_s)
+
+    @cached_property
+    def t_end_s(self) -> float:
+        """The latest end of a run, s."""
+        return max(cell.scenario.run.t_end_s for cell in self.study.study.cells)
 
     def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
         """Average a figure of an entry over floors (by default all), for each unit: (units,).
@@ -295,7 +303,12 @@ class Standings(NotebookView):
             label = self.study.study.cells[own["cell"][0]].point[LABEL]
             units = own.group_by(*unit, maintain_order=True).agg(pl.col(MAPPED).mean())
             if label in labels:
-                rows.append({"name": label, "runs": units.height, **mean_figures(units)})
+                row: dict[str, Any] = {"name": label, "runs": units.height}
+                for figure in MAPPED:
+                    row |= columns_of(
+                        figure, BY_NAME[figure].mean(numbers(units[figure]), t_end_s=self.t_end_s)
+                    )
+                rows.append(row)
         return pl.DataFrame(rows, infer_schema_length=None)
 
     @cached_property
