@@ -326,16 +326,12 @@ class RunFigure(NotebookView):
         return within(mean_interval(by_run, level), self.least, t_end_s if is_within_run else self.most)
 
 
+def _mean_of(column: str) -> Callable[[Swarms], Array]:
+    return lambda swarms: swarms.mean(swarms.robots[column])
+
+
 def _decision_time_s(swarms: Swarms) -> Array:
     return swarms.mean(swarms.time_s)
-
-
-def _belief_in_truth(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.robots["belief_in_truth"])
-
-
-def _estimate(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.robots["estimate"])
 
 
 def _estimate_misses(swarms: Swarms) -> Array:
@@ -364,10 +360,6 @@ def _estimate_crps(swarms: Swarms) -> Array:
         z = -_estimate_misses(swarms) / spread
         score = spread * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z * z) / ROOT_TAU - 1.0 / ROOT_PI)
     return swarms.mean(np.where(spread > 0.0, score, np.abs(_estimate_misses(swarms))))
-
-
-def _sent(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.robots["sent"])
 
 
 def _forced_error(swarms: Swarms) -> Array:
@@ -439,7 +431,7 @@ FIGURES: Final = (
     RunFigure(
         "belief_in_truth",
         "belief in the truth",
-        _belief_in_truth,
+        _mean_of("belief_in_truth"),
         better=1,
         compared=True,
         picture="Belief in the truth (the paper's accuracy)",
@@ -463,13 +455,13 @@ FIGURES: Final = (
     ),
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
-    RunFigure("estimate", "estimate of the fill ratio", _estimate),
+    RunFigure("estimate", "estimate of the fill ratio", _mean_of("estimate")),
     RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1),
     RunFigure(
         "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"
     ),
     RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1),
-    RunFigure("sent", "messages sent by a robot", _sent),
+    RunFigure("sent", "messages sent by a robot", _mean_of("sent")),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
     RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
     RunFigure(
