@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from helpers.result_outcomes import from_result
 from vibroswarm.analysis import cell_summary, figures
 from vibroswarm.analysis.figures import RunFigure, Swarms, figures_of
-from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.intervals import generator, mean_interval
+from vibroswarm.analysis.paired import compare
+from vibroswarm.documents import cell_figures
+from vibroswarm.documents.league import league_document
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import estimate_of
 from vibroswarm.inference.outcomes import (
@@ -26,9 +29,12 @@ from vibroswarm.inference.outcomes import (
 )
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
+from vibroswarm.league.tables import league_tables
 from vibroswarm.optimize.objective import NAMES, Objective
 from vibroswarm.optimize.outcomes import from_tables
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.data import document_data
+from vibroswarm.show.page import page_html
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch_table import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of
 from vibroswarm.study.detection import detection_of, detection_study
@@ -333,9 +339,10 @@ def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     figure = RunFigure("first_wrong_s", "first wrong decision", first_wrong_s, better=-1, unit="s")
-    for module in (figures, cell_summary):
+    for module in (figures, cell_summary, cell_figures):
         monkeypatch.setattr(module, "FIGURES", (*figures.FIGURES, figure))
     monkeypatch.setitem(figures.BY_NAME, figure.name, figure)
+    monkeypatch.setitem(figures.BY_COLUMN, figure.by_run, figure)
     base = preset("paper").with_values(
         {"run.t_end_s": 120.0, "decision.min_observations": 5, "decision.credible_threshold": 0.6}
     )
@@ -354,3 +361,26 @@ def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
         by_hand = {cell: first_wrong_by_hand(study, cell) for cell in study.selected}
         assert found == pytest.approx(by_hand, nan_ok=True)
         assert any(value is not None for value in by_hand.values())
+    played = league_document(standings, league_tables(standings) | {"summary": standings.summary})
+    said, page = document_data(played)["tables"], page_html(played)
+    assert {row[figure.name] for row in said["summary"]} == set(standings.summary[figure.name])
+    assert [row["name"] for row in said["figures"]] == ["none", "soft"]
+    own = [v for v in standings.summary[figure.name][:2] if v is not None]
+    assert said["figures"][0][figure.name] == pytest.approx(np.mean(own))
+    assert figure.title in page
+    (paired,) = compare(standings.study.figures(0), standings.study.figures(2), (figure.name,))
+    both = standings.study.figures(0).join(standings.study.figures(2), on="run", suffix="_2")
+    by_hand_s = (both[figure.name] - both[f"{figure.name}_2"]).mean()
+    assert by_hand_s is not None
+    assert paired.difference.estimate == pytest.approx(by_hand_s)
+
+
+def test_limits_of_a_mean_time_stay_within_a_run() -> None:
+    times_s = [5.0, 5.0, 1200.0]
+    outside = mean_interval(times_s)
+    assert outside.low < 0.0 < 1200.0 < outside.high  # the control: Student's limits
+    found = figures.BY_NAME["decision_time_s"].mean(times_s, t_end_s=1200.0)
+    assert (found.estimate, found.low, found.high) == (outside.estimate, 0.0, 1200.0)
+    assert figures.BY_NAME["belief_in_truth"].mean(times_s, t_end_s=1200.0) == outside  # no time
+    alone = figures.BY_NAME["consensus_time_s"].mean([300.0], t_end_s=1200.0)
+    assert (alone.low, alone.high) == (0.0, 1200.0)

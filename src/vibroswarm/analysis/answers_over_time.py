@@ -266,6 +266,15 @@ def _time_error_s(course: Course) -> float:
     return float(np.mean(errors)) if errors else math.nan
 
 
+def _counting(scenario: Scenario, seed: int | None, runs: list[int]) -> NDArray[np.bool_]:
+    """Return which robots count, (runs, robots): those without faults, or all of a run in which all have some."""
+    counts = np.ones((len(runs), scenario.swarm.robots), dtype=np.bool_)
+    if scenario.faults.kinds and seed is not None:
+        counts = working(scenario, seed, runs)
+        counts[~counts.any(axis=1)] = True
+    return counts
+
+
 def answers_table(
     scenario: Scenario,
     seed: int | None,
@@ -281,11 +290,7 @@ def answers_table(
             changed_s if robots report it. end_s: (runs,), end of each run, in the order of ``floors``.
     """
     runs = list(floors)
-    counts = np.ones((len(runs), scenario.swarm.robots), dtype=np.bool_)
-    if scenario.faults.kinds and seed is not None:
-        counts = working(scenario, seed, runs)
-        counts[~counts.any(axis=1)] = True
-    rows = []
+    counts, rows = _counting(scenario, seed, runs), []
     for r, run in enumerate(runs):
         low, high = np.searchsorted(samples["run"], [run, run + 1]).tolist()
         robot, time_s, decision = (samples[name][low:high] for name in ("robot", "time_s", "decision"))
@@ -317,10 +322,7 @@ def swarm_answers(result: Result, run: int) -> list[Answer]:
     """Return the swarm's answers in a run, and since when it gave each; empty if it never agreed."""
     rows = result.motion.filter(pl.col("run") == run)
     decision = result.inference.filter(pl.col("run") == run)["decision"].to_numpy()
-    counts = np.ones(result.scenario.swarm.robots, dtype=np.bool_)
-    if result.scenario.faults.kinds and result.seed is not None:
-        working_ones = working(result.scenario, result.seed, [run])[0]
-        counts = working_ones if working_ones.any() else counts
+    counts = _counting(result.scenario, result.seed, [run])[0]
     end_s = float(result.runs.filter(pl.col("run") == run)["end_s"][0])
     columns = (rows["robot"].to_numpy(), rows["time_s"].to_numpy(), decision)
     return course_of(result.scenario, result.floor(run), *columns, counts, end_s).swarm

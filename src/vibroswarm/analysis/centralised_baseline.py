@@ -31,11 +31,10 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import run_figures
+from vibroswarm.analysis.figures import BY_NAME, run_figures
 from vibroswarm.analysis.intervals import (
     Interval,
     check_level,
-    mean_interval,
     plain,
     share_interval,
     sign_flip_interval,
@@ -161,11 +160,11 @@ def pooled_counting(
         runs_judged=n,
         tuned_error=tuned,
         strategy_tuned_error=target,
-        time_s=mean_interval(time_s, level),
+        time_s=BY_NAME["decision_time_s"].mean(time_s, level, t_end_s),
         wrong=wilson(int(pooled_wrong.sum()), n, level),
         undecided=wilson(int(pooled_undecided.sum()), n, level),
         error=share_interval(error, level),
-        strategy_time_s=mean_interval(strategy_time_s, level),
+        strategy_time_s=BY_NAME["decision_time_s"].mean(strategy_time_s, level, t_end_s),
         strategy_wrong=share_interval(wrong[judged], level),
         strategy_undecided=share_interval(undecided[judged], level),
         strategy_error=share_interval(strategy_error, level),

@@ -31,8 +31,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence, time_grid
-from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
+from vibroswarm.analysis.intervals import check_level, plain
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import numbers
 
 Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
 """Table of robots and table of runs of each cell: runs of one scenario, with one number of robots."""
@@ -179,8 +180,7 @@ def needed(
     rows = []
     for robots, runs in cells:
         row = _about(robots, runs, t_end_s)
-        events = _swarm_events if of == "swarm" else _robot_events
-        right, wrong = events(robots, runs, t_end_s, level, seed)
+        right, wrong = _events(robots, runs, t_end_s, of, level, seed)
         row |= _needed(right, error)
         row |= _clear(wrong, alarm_rate) if row["truth"] == 0 else dict.fromkeys(_ALARM)
         rows.append(row)
@@ -239,40 +239,25 @@ class _Events(NamedTuple):
     """Upper limit of the share."""
 
 
-def _swarm_events(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
+def _events(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, of: str, level: float, seed: int
 ) -> tuple[_Events, _Events]:
-    """Compute the cumulative shares of runs with a right consensus and with a wrong consensus.
+    """Compute the cumulative shares of runs with a right and with a wrong consensus, or of robots that decided so.
 
-    Only runs with a truth count. ``seed`` is not used; it is an argument only because ``_robot_events`` needs it.
-
-    Returns: (right, wrong). The times of each are 0 and the times at which a run reaches that consensus.
+    Args:
+        of: "swarm" or "robots". level, seed: as of ``needed``.
+    Returns: (right, wrong), at the times at which a run reaches a consensus; of robots at ``GRID`` times.
     """
-    table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
-    n, events = table.height, []
-    for outcome in ("right", "wrong"):
-        reached_s = np.sort(table.filter(pl.col("consensus") == outcome)["consensus_time_s"].to_numpy())
-        count = np.arange(reached_s.size + 1)  # 0 runs at time 0, and one run more at each further time
-        low, high = wilson_limits(count, n, level)
-        share = count / n if n else np.full(count.size, np.nan)
-        events.append(_Events(np.append(0.0, reached_s), share, low, high))
-    return events[0], events[1]
-
-
-def _robot_events(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
-) -> tuple[_Events, _Events]:
-    """Compute the cumulative shares of robots that had decided right, and that had decided wrong, at ``GRID`` times.
-
-    Returns: (right, wrong).
-    """
-    times = np.linspace(0.0, t_end_s, GRID)
-    table = robot_incidence(robots, runs, t_end_s, times, level, seed)
-    events = [
-        _Events(times, *(table[f"{name}{end}"].fill_null(np.nan).to_numpy() for end in ("", "_low", "_high")))
-        for name in ("right", "wrong")
-    ]
-    return events[0], events[1]
+    if of == "swarm":
+        reached_s = runs["consensus_time_s"].drop_nulls().to_numpy()
+        table = swarm_incidence(robots, runs, t_end_s, np.unique(np.append(0.0, reached_s)), level)
+    else:
+        table = robot_incidence(robots, runs, t_end_s, np.linspace(0.0, t_end_s, GRID), level, seed)
+    right, wrong = (
+        _Events(*(numbers(table[name]) for name in ("time_s", share, f"{share}_low", f"{share}_high")))
+        for share in ("right", "wrong")
+    )
+    return right, wrong
 
 
 def _needed(right: _Events, error: float) -> dict[str, float | None]:

@@ -35,6 +35,7 @@ from vibroswarm.analysis.intervals import (
     rate_interval,
     share_interval,
     wilson,
+    within,
 )
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -298,7 +299,8 @@ class RunFigure(NotebookView):
     """Title of the picture that a study's page has of it; empty: none."""
     least: float = -math.inf
     most: float = math.inf
-    """Values that a mean can have at least and at most; its limits stay within."""
+    """Values that a mean can have at least and at most; its limits stay within. Times from 0 on (unit s, ``least`` 0)
+    are at most the end of a run."""
 
     @property
     def by_run(self) -> str:
@@ -311,24 +313,25 @@ class RunFigure(NotebookView):
         shares = ("forced_error", "estimate_coverage", "right_at_decision", "right_time_share")
         return self.kind in ("runs", "robots") or self.name in shares
 
-    def mean(self, by_run: ArrayLike, level: float = 0.95) -> Interval:
-        """Average it over runs, with Student's limits, which stay within what a mean can be; a share is from 0 to 1."""
+    def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
+        """Average it over runs, with Student's limits, which stay within what a mean can be; a share is from 0 to 1.
+
+        Args:
+            by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
+                known, then limits of times may be later.
+        """
         if self.is_share:
             return share_interval(by_run, level)
-        found = mean_interval(by_run, level)
-        return found._replace(low=max(found.low, self.least), high=min(found.high, self.most))
+        is_within_run = self.unit == "s" and self.least == 0.0
+        return within(mean_interval(by_run, level), self.least, t_end_s if is_within_run else self.most)
+
+
+def _mean_of(column: str) -> Callable[[Swarms], Array]:
+    return lambda swarms: swarms.mean(swarms.robots[column])
 
 
 def _decision_time_s(swarms: Swarms) -> Array:
     return swarms.mean(swarms.time_s)
-
-
-def _belief_in_truth(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.robots["belief_in_truth"])
-
-
-def _estimate(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.robots["estimate"])
 
 
 def _estimate_misses(swarms: Swarms) -> Array:
@@ -357,10 +360,6 @@ def _estimate_crps(swarms: Swarms) -> Array:
         z = -_estimate_misses(swarms) / spread
         score = spread * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z * z) / ROOT_TAU - 1.0 / ROOT_PI)
     return swarms.mean(np.where(spread > 0.0, score, np.abs(_estimate_misses(swarms))))
-
-
-def _sent(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.robots["sent"])
 
 
 def _forced_error(swarms: Swarms) -> Array:
@@ -427,11 +426,12 @@ FIGURES: Final = (
         unit="s",
         compared=True,
         picture="Decision time (restricted mean)",
+        least=0.0,
     ),
     RunFigure(
         "belief_in_truth",
         "belief in the truth",
-        _belief_in_truth,
+        _mean_of("belief_in_truth"),
         better=1,
         compared=True,
         picture="Belief in the truth (the paper's accuracy)",
@@ -455,13 +455,13 @@ FIGURES: Final = (
     ),
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
-    RunFigure("estimate", "estimate of the fill ratio", _estimate),
+    RunFigure("estimate", "estimate of the fill ratio", _mean_of("estimate")),
     RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1),
     RunFigure(
         "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"
     ),
     RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1),
-    RunFigure("sent", "messages sent by a robot", _sent),
+    RunFigure("sent", "messages sent by a robot", _mean_of("sent")),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
     RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
     RunFigure(
@@ -481,6 +481,7 @@ FIGURES: Final = (
         of_decisions=True,
         unit="s",
         column="swarm_time_s",
+        least=0.0,
     ),
     RunFigure(
         "consensus_median_s",
@@ -509,6 +510,7 @@ FIGURES: Final = (
         lambda s: s.runs["answer_delay_s"],
         better=-1,
         unit="s",
+        least=0.0,
     ),
     RunFigure(
         "false_changes_per_h",
@@ -523,6 +525,7 @@ FIGURES: Final = (
         lambda s: s.runs["change_time_error_s"],
         better=-1,
         unit="s",
+        least=0.0,
     ),
     RunFigure(
         "map_brier",
@@ -543,7 +546,12 @@ FIGURES: Final = (
         least=0.0,
     ),
     RunFigure(
-        "detection_time_s", "time to detection", lambda s: s.runs["detection_time_s"], better=-1, unit="s"
+        "detection_time_s",
+        "time to detection",
+        lambda s: s.runs["detection_time_s"],
+        better=-1,
+        unit="s",
+        least=0.0,
     ),
 )
 """All figures, in the order in which tables have them."""
@@ -608,7 +616,8 @@ def interval(
 
     Args:
         name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
-        level: confidence level. seed: seed of the bootstrap. t_end_s: the end of a run, s, which rates of events need.
+        level: confidence level. seed: seed of the bootstrap. t_end_s: the end of a run, s, which rates of events and
+            limits of times need.
     """
     figure = BY_NAME[name]
     if figure.kind == "robots":
@@ -617,7 +626,7 @@ def interval(
         return cluster_share(count[known], of[known], level, seed)
     values = by_run[figure.by_run]
     if figure.kind == "mean":
-        return figure.mean(values, level)
+        return figure.mean(values, level, t_end_s)
     if figure.kind == "rate":
         return rate_interval(values, 3600.0 / t_end_s, level)
     if figure.kind == "share":

@@ -195,12 +195,15 @@ def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 
     The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1.
     """
-    return _clipped(mean_interval(values, level))
+    return within(mean_interval(values, level), 0.0, 1.0)
 
 
-def _clipped(found: Interval) -> Interval:
-    """Clip limits to [0, 1]; nan stays, because max and min return their first argument then."""
-    return found._replace(low=max(found.low, 0.0), high=min(found.high, 1.0))
+def within(found: Interval, least: float, most: float) -> Interval:
+    """Clip limits of a mean to what its values can be, which costs no confidence.
+
+    A limit of nan stays, and a bound of nan is none, because max and min return their first argument then.
+    """
+    return found._replace(low=max(found.low, least), high=min(found.high, most))
 
 
 def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
@@ -212,7 +215,7 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     shares = without_nan(values)
     of_shares = mean_interval(shares, level)
     if shares.size < 2:
-        return _clipped(of_shares)
+        return within(of_shares, 0.0, 1.0)
     of_angles = mean_interval(np.arcsin(np.sqrt(np.clip(shares, 0.0, 1.0))), level)
     # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
     low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (of_angles.low, of_angles.high))

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from vibroswarm import strategies
 from vibroswarm.analysis.floor_maps import WITH_MAP, beliefs_of, floor_maps
-from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import Swarm
@@ -144,11 +143,3 @@ def _table(
             row["detection_time_s"] = detected_s.get(run)
         rows.append(row)
     return pl.DataFrame(rows, schema=MAP_FIGURES).fill_nan(None)
-
-
-def mean_figures(table: pl.DataFrame) -> dict[str, float | None]:
-    """Return the mean over runs of each figure of ``MAPPED``, with ``_low`` and ``_high`` (95 %); None: not known."""
-    row: dict[str, float | None] = {}
-    for name in MAPPED:
-        row |= columns_of(name, mean_interval(table[name].drop_nulls().to_numpy()))
-    return row

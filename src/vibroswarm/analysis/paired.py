@@ -37,7 +37,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES
-from vibroswarm.analysis.intervals import Interval, check_level, plain, sign_flip
+from vibroswarm.analysis.intervals import Interval, check_level, columns_of, plain, sign_flip
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 
@@ -77,8 +77,7 @@ class Paired(NotebookView):
         """
         row: dict[str, Any] = {name: plain(value) for name, value in self.__dict__.items()}
         interval = row.pop("difference")
-        row["difference"], row["difference_low"], row["difference_high"] = (plain(v) for v in interval[:3])
-        return row | {"level": interval.level}
+        return row | columns_of("difference", interval) | {"level": interval.level}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON, with the interval as a dictionary; a number that is not finite becomes None."""

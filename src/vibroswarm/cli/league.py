@@ -149,9 +149,10 @@ def league(
     tables = _tables_of(
         standings, replace(made, entries=basic_entries), reference, tests, execution, output.out
     )
+    if output.out is not None or output.json:
+        tables["summary"] = standings.summary
     if output.out is not None:
-        saved = tables | {"summary": standings.summary}
-        write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in saved.items()})
+        write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
     deliver(league_document(standings, tables), output, "league")
 
 

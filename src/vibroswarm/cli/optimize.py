@@ -188,7 +188,7 @@ def _grid(file: Path | None, options: SearchOptions, execution: Execution, outpu
     from vibroswarm.documents.grid import grid_document
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
-    from vibroswarm.optimize.search_files import grid_made_by, write_grid
+    from vibroswarm.optimize.search_files import made_by, write_grid
     from vibroswarm.study.run import run as run_study
     from vibroswarm.study.store import Store
 
@@ -214,7 +214,7 @@ def _grid(file: Path | None, options: SearchOptions, execution: Execution, outpu
     versions = []
     if output.out is not None:
         write_grid(nodes, output.out)
-        versions = grid_made_by(output.out)
+        versions = made_by(output.out)
     deliver(grid_document(nodes, truth, versions), output, "optimize --method grid")
 
 

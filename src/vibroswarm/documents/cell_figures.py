@@ -26,6 +26,8 @@ _NUMBERS: Final = {
 }
 
 
+SIZES: Final = ("runs", "failed_runs", "robots", "t_end_s", "level")
+"""Columns that are no figures: what those of a cell are computed from."""
 MAP_CAPTION: Final = (
     "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
     "knows nothing), distance between the centres of gravity of map and truth. Time to detection: from when on a robot "

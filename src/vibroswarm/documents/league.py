@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import map_table, with_limits_of
+from vibroswarm.documents.cell_figures import SIZES, figure_columns, map_table, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import AT_95
@@ -22,6 +22,7 @@ from vibroswarm.plots.heat import draw_heat
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
 from vibroswarm.show.numbers import Estimate, count, listed, number, percent, with_limits
 from vibroswarm.simulation import versions
+from vibroswarm.study.factors import LABEL
 
 ENTRY: Final = Column("entry")
 SHARE: Final = Column(share=True)
@@ -56,8 +57,9 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
     """Return the document of a league.
 
     Args:
-        tables: by name: those of ``league_tables``, and "beliefs" (from ``belief_calibration``) and "faults" (from
-            ``fault_curves``) if these were computed. None: those of ``league_tables``.
+        tables: by name: those of ``league_tables``, and "beliefs" (from ``belief_calibration``), "faults" (from
+            ``fault_curves``) and "summary" (``Standings.summary``) if these were computed. None: those of
+            ``league_tables``.
     """
     league = standings.league
     tables = league_tables(standings) if tables is None else tables
@@ -77,6 +79,7 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             *_beliefs(tables.get("beliefs")),
             *_faults(tables.get("faults")),
             *_by_floor(standings.main.floor_table, tables["floor_differences"]),
+            *_all_figures(tables.get("summary")),
             *_every_setting(standings),
             _settings(league),
         ),
@@ -398,6 +401,18 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
         *_floor_differences(differences),
         Section("All figures, floor by floor", (every,), folded=True),
     )
+
+
+def _all_figures(summary: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section with all figures of the main entries; none without ``Standings.summary``."""
+    if summary is None:
+        return ()
+    formats = figure_columns()
+    shown = [name for name in summary.columns if name in formats and name not in SIZES]
+    means = summary.group_by(name=LABEL, maintain_order=True).agg(pl.col(shown).mean())
+    caption = "Means over floors and swarm sizes. `summary.csv` has each of them, with intervals."
+    table = Table(means, {**formats, "name": ENTRY}, name="figures", caption=caption, names=1)
+    return (Section("All figures of an entry", (table,), folded=True),)
 
 
 def _floor_differences(differences: pl.DataFrame) -> tuple[Section, ...]:

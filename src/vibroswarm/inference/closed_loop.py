@@ -171,6 +171,7 @@ class ClosedLoop:
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_used(scenario)
         self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
+        self.is_sensed = is_sensed(scenario.sensor)
         self.ends_s: list[float] = []
         """Ends of the runs, s; callers append to this list, it is not used here."""
         self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
@@ -193,6 +194,12 @@ class ClosedLoop:
         self.estimates = np.zeros((capacity if self.localisation else 0, width))
         self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
         self.replayer = replayer_of(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
+        # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before
+        # ``catch_up``. decision, decision_time_s: see their use in ``all_decided_s``; -1 and nan while undecided.
+        self.needs_moves = self.replayer.reads_positions or self.localisation is not None
+        agents = self.replayer.swarm.agents
+        self.decision: NDArray[np.int64] = agents["decision"]
+        self.decision_time_s: NDArray[np.float64] = agents["decided_s"]
         buffer = SampleBuffer(*(read_only(column) for column in self.buffer))
         self.readings = Readings(
             observation=buffer.observation,
@@ -245,7 +252,7 @@ class ClosedLoop:
         Args:
             run: number of the run. ground: its floor and sensors.
         """
-        self.ground, self.runs[0], self.bounds[1] = ground, run, 0
+        self.ground, self.run, self.runs[0], self.bounds[1] = ground, run, run, 0
         self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
         self.moves: list[NDArray[np.void]] = []
@@ -255,11 +262,6 @@ class ClosedLoop:
         self.is_new, self.located = True, 0
         if self.localisation is not None:
             self.localisation.begin(run)
-
-    @property
-    def needs_moves(self) -> bool:
-        """Whether network or localisation read the moves, so that ``add_moves`` must be called before ``catch_up``."""
-        return self.replayer.reads_positions or self.localisation is not None
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
         """Append moves (``motion.moves.MOVE_ROW``), which are copied.
@@ -277,21 +279,19 @@ class ClosedLoop:
         needed = int(self.bounds[1]) + rows.size
         if needed > self.buffer.tick.size:  # a user's source may sample more often than the scenario says
             self._enlarge(needed)
-        for ground, part in self.ground.parts(rows["tick"] * self.tick_ms / 1000.0):
-            arguments = (
-                rows[part],
-                ground,
-                self.buffer,
-                int(self.bounds[1]),
-                self.seed,
-                int(self.runs[0]),
-                self.tick_ms,
-            )
-            if self.entry is None:  # the compiled function for these types, which is faster to call
-                self.entry = entry_for(record_samples, *arguments)
-            self.bounds[1] = self.entry(*arguments)
-        if is_sensed(self.scenario.sensor):
+        if len(self.ground.stages) == 1:  # the floor does not change
+            self._record(self.ground.stages[0], rows)
+        else:
+            for ground, part in self.ground.parts(rows["tick"] * self.tick_ms / 1000.0):
+                self._record(ground, rows[part])
+        if self.is_sensed:
             self._sense(slice(needed - rows.size, needed))
+
+    def _record(self, ground: SensedFloor, rows: NDArray[np.void]) -> None:
+        arguments = (rows, ground, self.buffer, int(self.bounds[1]), self.seed, self.run, self.tick_ms)
+        if self.entry is None:  # the compiled function for these types, which is faster to call
+            self.entry = entry_for(record_samples, *arguments)
+        self.bounds[1] = self.entry(*arguments)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
         """Replay the samples that were added since the last call, after computing what their readings need.
@@ -326,7 +326,7 @@ class ClosedLoop:
 
     def _weigh_energies(self, new: slice) -> None:
         """Write the log likelihood ratios of the energies of the samples in the rows ``new``."""
-        buffer, run = self.buffer, int(self.runs[0])
+        buffer, run = self.buffer, self.run
         columns: tuple[NDArray[Any], ...] = (
             buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
         )  # fmt: skip
@@ -339,7 +339,7 @@ class ClosedLoop:
 
     def _sense(self, new: slice) -> None:
         """Replace the readings in the rows ``new`` by those of a sensor that depends on the place."""
-        sensor, buffer, run = self.scenario.sensor, self.buffer, int(self.runs[0])
+        sensor, buffer, run = self.scenario.sensor, self.buffer, self.run
         columns: tuple[NDArray[Any], ...] = (
             buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
         )  # fmt: skip
@@ -367,22 +367,11 @@ class ClosedLoop:
         )
 
     @property
-    def decision(self) -> NDArray[np.int64]:
-        """Current decision of each robot, (robots,); -1: undecided."""
-        return self.replayer.swarm.agents["decision"]
-
-    @property
-    def decision_time_s(self) -> NDArray[np.float64]:
-        """Time of each robot's current decision, (robots,); nan: it has not decided yet."""
-        return self.replayer.swarm.agents["decided_s"]
-
-    @property
     def all_decided_s(self) -> float | None:
         """Time of the latest current decision, s; None while any robot is undecided."""
-        agents = self.replayer.swarm.agents
-        if agents["decision"].min() < 0:
+        if -1 in self.decision.tolist():  # for a few robots faster than NumPy
             return None
-        return float(agents["decided_s"].max())
+        return float(self.decision_time_s.max())
 
     @property
     def first_all_decided_s(self) -> float | None:

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.best_group import best_group
-from vibroswarm.analysis.intervals import plain
+from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.league.entries import least_entries
 from vibroswarm.league.fronts import drawn_means
@@ -71,15 +71,12 @@ def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
         means = drawn_means(standings, figure, seed)[chosen]
         group = best_group(means, standings.by_unit(0, figure).size)
         for place in np.argsort(means[:, 0], kind="stable"):
-            behind, low, high = (plain(float(x)) for x in group.difference[place])
             rows.append(
                 {
                     "figure": figure,
                     "name": entries[chosen[place]].label,
                     "value": float(means[place, 0]),
-                    "behind": behind,
-                    "behind_low": low,
-                    "behind_high": high,
+                    **columns_of("behind", group.difference[place].tolist()),
                     "in_group": bool(group.member[place]),
                 }
             )

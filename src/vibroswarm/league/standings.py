@@ -35,14 +35,14 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
-from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
+from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain
-from vibroswarm.analysis.map_figures import MAPPED, mean_figures
+from vibroswarm.analysis.map_figures import MAPPED
 from vibroswarm.analysis.paired import compare, holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import costs_of
+from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
@@ -202,7 +202,14 @@ class Standings(NotebookView):
             entry: index of the entry. figure: one of ``FIGURES``. floors: indices of floors; by default all.
         """
         by_unit = self.by_unit(entry, figure, floors)
-        return BY_NAME[SHOWN[figure]].mean(by_unit) if figure in SHOWN else mean_interval(by_unit)
+        if figure not in SHOWN:
+            return mean_interval(by_unit)
+        return BY_NAME[SHOWN[figure]].mean(by_unit, t_end_s=self.t_end_s)
+
+    @cached_property
+    def t_end_s(self) -> float:
+        """The latest end of a run, s."""
+        return max(cell.scenario.run.t_end_s for cell in self.study.study.cells)
 
     def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
         """Average a figure of an entry over floors (by default all), for each unit: (units,).
@@ -296,7 +303,12 @@ class Standings(NotebookView):
             label = self.study.study.cells[own["cell"][0]].point[LABEL]
             units = own.group_by(*unit, maintain_order=True).agg(pl.col(MAPPED).mean())
             if label in labels:
-                rows.append({"name": label, "runs": units.height, **mean_figures(units)})
+                row: dict[str, Any] = {"name": label, "runs": units.height}
+                for figure in MAPPED:
+                    row |= columns_of(
+                        figure, BY_NAME[figure].mean(numbers(units[figure]), t_end_s=self.t_end_s)
+                    )
+                rows.append(row)
         return pl.DataFrame(rows, infer_schema_length=None)
 
     @cached_property
@@ -425,23 +437,14 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     Raises:
         InputError: runs are missing, for example because some failed.
     """
-    sizes, runs, floors = len(league.robots), league.runs, len(league.floors)
-    values = {name: np.full((len(league.entries), floors, sizes * runs), np.nan) for name in FIGURES}
-    for cells, robots, of_runs in study.arrays(READ):
-        ends_s = [cell.scenario.run.t_end_s for cell in cells]
-        costs = [costs_of(cell.scenario) for cell in cells]
-        swarms = Swarms.of_arrays(robots, of_runs, ends_s, costs)
-        figures = {name: BY_NAME[figure].of_run(swarms).reshape(-1, runs) for name, figure in SHOWN.items()}
-        for place, cell in enumerate(cells):
-            # The cells of a league are ordered by entry, then floor, then swarm size.
-            entry, on = divmod(cell.number, floors * sizes)
-            floor, size = divmod(on, sizes)
-            units = slice(size * runs, (size + 1) * runs)
-            for name, by_run in figures.items():
-                values[name][entry, floor, units] = by_run[place]
-            # Options of a strategy may change the size of its messages.
-            bytes_on_air = strategy_used(cell.scenario).bytes_on_air
-            values["bytes_sent"][entry, floor, units] = figures["sent"][place] * bytes_on_air
+    # The cells of a league are ordered by entry, then floor, then swarm size; the units by swarm size, then run.
+    shape = (len(league.entries), len(league.floors), len(league.robots) * league.runs)
+    of_run = study.by_run(list(SHOWN.values()))
+    # Options of a strategy may change the size of its messages.
+    bytes_on_air = [strategy_used(cell.scenario).bytes_on_air for cell in league.study.cells]
+    found = {name: of_run[figure] for name, figure in SHOWN.items()}
+    found["bytes_sent"] = found["sent"] * np.array(bytes_on_air)[:, None]
+    values = {name: found[name].reshape(shape) for name in FIGURES}
     return Standings(league, values, study)
 
 

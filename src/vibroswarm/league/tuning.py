@@ -172,13 +172,9 @@ def tune(
 
 def _best(found: Standings, most: int) -> list[Entry]:
     """Return the best ``most`` entries for each aim, each entry once."""
-    places = dict.fromkeys(place for ranked in _ranked(found).values() for place in ranked[:most])
+    of_aims = ranked_for_aims(*_figures(found))
+    places = dict.fromkeys(place for ranked in of_aims.values() for place in ranked[:most])
     return [found.league.entries[place] for place in places]
-
-
-def _ranked(found: Standings) -> dict[float, list[int]]:
-    """Rank the entries of a round for each aim, see ``ranked_for_aims``."""
-    return ranked_for_aims(*_figures(found))
 
 
 def _figures(found: Standings) -> tuple[Array, Array]:

@@ -14,9 +14,7 @@ Results are joined in the order of the requests, so that they do not depend on t
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Future
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -26,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.objective import Objective, Rows
@@ -38,8 +36,6 @@ from vibroswarm.study.executors import Workers, do_all
 
 PIECE: Final = 10
 """Runs in a piece: about 20 ms of work, hundreds of times the cost of submitting it."""
-TRIES: Final = 2
-"""How often a piece is tried before it counts as failed."""
 NUMBERS: Final = ("independent", "common")
 AS_RAN: Final = "as-ran"
 """Numbering of a search as by the paper's program, which does not read the setting ``numbers``."""
@@ -280,32 +276,24 @@ def _do_each(
 ) -> list[Rows | str]:
     """Run each piece and return the results (see ``do_piece``) in the order of the pieces.
 
-    A piece whose worker raises an unexpected exception is tried again; after ``TRIES`` attempts, the text of the
-    exception is its result. ``progress`` is called with the number of finished runs.
+    The text of the exception of a piece that failed for good (``do_all``) is its result. ``progress`` is called with
+    the number of finished runs.
     """
     results: dict[int, Rows | str] = {}
-    failures: Counter[int] = Counter()
 
-    def take(future: Future[Rows | str], k: int) -> list[int]:
-        """Store the result of the piece with index ``k``; return the indices of pieces to submit again: [k] or []."""
-        try:
-            results[k] = future.result()
-        except (InputError, RunError, BrokenExecutor, CancelledError):
-            # An error of the objective (see ``do_piece``), or workers that cannot go on: another attempt cannot help,
-            # so the search ends.
-            raise
-        except Exception as error:
-            failures[k] += 1
-            if failures[k] < TRIES:
-                return [k]
-            results[k] = f"{type(error).__name__}: {error}"
+    def failed(k: int, error: BaseException) -> list[int]:
+        """Store why the piece with index ``k`` failed; a failure of user code ends the search."""
+        if isinstance(error, CodeError):
+            raise error
+        results[k] = f"{type(error).__name__}: {error}"
         return []
 
     do_all(
         pool,
-        list(reversed(range(len(pieces)))),  # do_all takes tasks from the end of the list
-        lambda k: pool.executor.submit(do_piece, pieces[k], objectives),
-        take,
+        range(len(pieces)),
+        submit=lambda k: pool.executor.submit(do_piece, pieces[k], objectives),
+        take=lambda rows, k: results.update({k: rows}),
+        failed=failed,
         # pieces submitted at a time: several per worker, so that none becomes idle
         ahead=lambda: 4 * pool.width,
         progress=lambda: progress(sum(pieces[k].last - pieces[k].first for k in results)),

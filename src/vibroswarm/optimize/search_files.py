@@ -18,6 +18,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.folders import read_manifest
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.grid import Grid, Nodes
@@ -136,23 +137,16 @@ def file_text(search: Search | Grid) -> str:
 
 
 def made_by(folder: Path) -> list[dict[str, str]]:
-    """Return the versions of the programs that began the search in a folder, and the current ones if they differ.
+    """Return the versions of the programs that made a folder, one entry for each set of versions.
 
-    If the folder has no readable manifest of a search, return the current versions only.
+    These are those that began a search, and the current ones if they differ; or those that ran the study of a grid. If
+    the folder has no readable manifest of either, they are the current versions only.
     """
+    now = versions()
     try:
+        if read_manifest(folder)["kind"] == "study":
+            return Store.open(folder).made_by
         began = versions_of(folder)
     except InputError:
-        return [versions()]
-    return [began] if began == versions() else [began, versions()]
-
-
-def grid_made_by(folder: Path) -> list[dict[str, str]]:
-    """Return the versions of the programs that ran the study of a grid, one entry for each set of versions.
-
-    If the folder holds no study, since the grid was not saved there, these are the current versions.
-    """
-    try:
-        return Store.open(folder).made_by
-    except InputError:
-        return [versions()]
+        return [now]
+    return [began] if began == now else [began, now]

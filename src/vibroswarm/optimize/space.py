@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario, value_of
-from vibroswarm.study.factors import bounds_of, fields_in, rounded
+from vibroswarm.study.factors import bounds_of, fields_in, value_between
 
 Point = NDArray[np.float64]
 """A point in the unit cube, (dimensions,)."""
@@ -97,11 +97,7 @@ class Dimension:
         """
         if self.choices:
             return self.choices[self.choice_at(u)]
-        if u in (0.0, 1.0):  # exactly the bounds: the formulas below may miss them by a rounding error
-            return rounded(self.low if u == 0.0 else self.high, self.whole)
-        if self.scale == "log":
-            return rounded(self.low * (self.high / self.low) ** u, self.whole)
-        return rounded(self.low + u * (self.high - self.low), self.whole)
+        return value_between(self.low, self.high, self.scale, self.whole, u)
 
     def choice_at(self, u: float) -> int:
         """Return the index of the choice at the coordinate ``u`` in [0, 1]; 1 belongs to the last."""

@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain
+from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain, within
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -340,9 +340,9 @@ def _parts(rows: Rows) -> dict[str, Interval]:
     """
     worst: dict[str, Interval] = {}
     for case in range(rows.shape[1]):
-        time_s, wrong, decided, robots = (rows[:, case, k] for k in range(4))  # the fifth column is T_end
+        time_s, wrong, decided, robots, t_end_s = rows[:, case].T
         parts = {
-            "decision_time_s": mean_interval(time_s),
+            "decision_time_s": within(mean_interval(time_s), 0.0, float(t_end_s[0])),
             "robot_error": cluster_share(wrong, decided),
             "robots_undecided": cluster_share(robots - decided, robots),
         }

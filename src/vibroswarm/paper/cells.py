@@ -262,14 +262,14 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     runs = robots["decision"].shape[0]
     row: dict[str, Any] = {"runs": runs}
     for name in ("decision_time_s", "belief_in_truth"):
-        row |= columns_of(name, interval(name, figures))
+        row |= columns_of(name, interval(name, figures, t_end_s=t_end_s))
     time_s = capped_time_s(robots["decision_time_s"], t_end_s)
     row["decision_time_s_bar"] = float(time_s.std()) / math.sqrt(runs)
     belief = robots["belief_in_truth"].ravel()
     belief = belief[~np.isnan(belief)]  # nan, for example, on floors where neither decision is right
     row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
-        row |= columns_of(name, interval(name, figures))
+        row |= columns_of(name, interval(name, figures, t_end_s=t_end_s))
     for name in WALKED[:2]:  # avoidance per sample, and distance between samples
         row |= columns_of(name, mean_interval(figures[name]))
     return row

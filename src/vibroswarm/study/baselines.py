@@ -21,7 +21,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.centralised_baseline import PooledCounting, pooled_counting
-from vibroswarm.analysis.intervals import Interval, mean_interval, plain
+from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval
 from vibroswarm.analysis.oracle_posterior import Known, could_be_known, on_both_sides
 from vibroswarm.analysis.sampling import lag_one, packet_loss
 from vibroswarm.errors import InputError
@@ -82,7 +82,7 @@ class References:
             }
             row["known_runs"] = self.known.runs.height
         for name, interval in figures.items():
-            row[name], row[f"{name}_low"], row[f"{name}_high"] = (plain(value) for value in interval[:3])
+            row |= columns_of(name, interval)
         return row
 
 

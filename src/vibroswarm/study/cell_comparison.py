@@ -24,10 +24,8 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import Progress
@@ -324,9 +322,7 @@ class _Figures:
         """Return ``figures.run_figures`` of a cell, one row per run."""
         figures = self._cache.pop(cell.number, None)
         if figures is None:
-            robots, runs = self.result.tables(cell.number)
-            t_end_s, costs = cell.scenario.run.t_end_s, costs_of(cell.scenario)
-            figures = run_figures(robots, runs, t_end_s, self.result.agreements(cell.number), costs)
+            figures = self.result.figures(cell.number)
         self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
         if len(self._cache) > KEPT:
             least_recently_used = next(iter(self._cache))

@@ -11,10 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
 from vibroswarm.analysis.forced_error import MatchedError, Reached, matched_error, settings_of
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import steers
 from vibroswarm.study.cell_comparison import Compared
@@ -124,15 +122,8 @@ def reached(scenarios: Sequence[Scenario], seed: int, runs: int, **how: Any) -> 
     """
     points = [settings_of(scenario) for scenario in scenarios]
     labelled = {f"{k} {j}": point for k, of_one in enumerate(points) for j, point in enumerate(of_one)}
-    result = run(Study.of_scenarios(labelled, runs, seed), **how)
-    time_s, error = (np.empty((len(labelled), runs)) for _ in range(2))
-    for cells, robots, of_runs in result.arrays(READ):
-        ends_s = [cell.scenario.run.t_end_s for cell in cells]
-        costs = [costs_of(cell.scenario) for cell in cells]
-        swarms = Swarms.of_arrays(robots, of_runs, ends_s, costs)
-        numbers = [cell.number for cell in cells]
-        time_s[numbers] = BY_NAME["decision_time_s"].of_run(swarms).reshape(-1, runs)
-        error[numbers] = BY_NAME["forced_error"].of_run(swarms).reshape(-1, runs)
+    figures = run(Study.of_scenarios(labelled, runs, seed), **how).by_run(("decision_time_s", "forced_error"))
+    time_s, error = figures.values()
     if np.isnan(error).any():
         raise InputError(
             "in some runs neither decision is right; give fill ratios off the boundary", field="floor"

@@ -280,15 +280,19 @@ def _at(given: Any, u: float, name: str) -> Any:
     # ends are large, rounding may give high + 1, so ``min`` limits the number.
     if is_whole and "steps" not in given:
         return int(min(math.floor(low + u * (high - low + 1)), high))
-    # The ends exactly as they are written, without the rounding error of the formula below.
+    return value_between(low, high, scale, is_whole, u)
+
+
+def value_between(low: float, high: float, scale: str, whole: bool, u: float) -> float | int:
+    """Return the value at the fraction ``u``, 0 to 1, of a range whose scale is ``linear`` or ``log``.
+
+    It is rounded to a whole number, or else to 15 significant digits, so that 0.1 + 0.2 is written 0.3.
+    """
+    # The ends exactly as they are written, without the rounding error of the formula.
     if u in (0.0, 1.0):
-        return rounded(low if u == 0.0 else high, is_whole)
-    value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
-    return rounded(value, is_whole)
-
-
-def rounded(value: float, whole: bool) -> float | int:
-    """Round to a whole number, or else to 15 significant digits, so that 0.1 + 0.2 is written 0.3."""
+        value = low if u == 0.0 else high
+    else:
+        value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
     return round(value) if whole else float(f"{value:.15g}")
 
 

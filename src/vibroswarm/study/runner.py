@@ -1,6 +1,6 @@
 """Run a study: submit the batches whose runs are missing in its store to workers, and save what they return.
 
-A batch that fails is tried again, ``TRIES`` times in all. A batch in which user code fails is halved instead, so that
+A batch that fails is tried again (``executors.do_all``). A batch in which user code fails is halved instead, so that
 only the runs in which it fails are lost. A study with a precision runs up to a number of runs (a look, see
 ``precision``), and adds runs until the figure is precise enough. Another part estimates the duration of a study from a
 few trial runs.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -28,8 +28,6 @@ from vibroswarm.study.settled import settled
 from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.store import Store
 
-TRIES: Final = 2
-"""How often a batch is tried before it is given up."""
 MOST_HALVINGS: Final = 100
 """Most halvings of batches to find the runs in which user code fails."""
 
@@ -207,41 +205,29 @@ class _Runner:
         batches = list(_missing_batches(self.store, wanted, job))
         self.wanted += sum(batch.last - batch.first for batch in batches)
         self.progress(StudyProgress(self.done, self.wanted, self.failed))
-        # A task is a batch and the number of the try. The list is reversed, since its last task is submitted first.
         do_all(
             self.crew,
-            tasks=[(batch, 1) for batch in reversed(batches)],
-            submit=lambda task: self.crew.submit(task[0]),
+            batches,
+            submit=self.crew.submit,
             take=self._take,
+            failed=self._failed,
             # More than twice as many batches as workers are submitted, so that a worker that becomes free finds another
             # batch in the queue.
             ahead=lambda: 2 * self.crew.width + 1,
             progress=lambda: self.progress(StudyProgress(self.done, self.wanted, self.failed)),
-            # Batches that are finished when an exception ends the work are saved too.
-            rescue=lambda future: self._save(future.result()),
+            rescue=self._save,
         )
 
-    def _take(self, future: Future[BatchResult], task: tuple[Batch, int]) -> list[tuple[Batch, int]]:
-        """Save a finished batch; if it failed, return the tasks to submit instead, or record the failure.
-
-        Args:
-            task: the batch, and the number of this try.
-        Returns: the same batch for another try, its halves if user code failed, or nothing.
-        """
-        work, tries = task
-        try:
-            done = future.result()
-        except CodeError as error:
-            return self._halves(work, str(error))
-        except (InputError, RunError, BrokenExecutor, CancelledError, KeyboardInterrupt, SystemExit):
-            raise  # another try would not help, or the user wants to stop
-        except BaseException as error:  # a panic in polars is a BaseException, but not an Exception
-            if tries < TRIES:
-                return [(work, tries + 1)]
-            self._fail(work, f"{type(error).__name__}: {error}")
-            return []
+    def _take(self, done: BatchResult, work: Batch) -> None:
+        """Save a finished batch, and count its runs."""
         self._save(done)
         self.done += work.last - work.first
+
+    def _failed(self, work: Batch, error: BaseException) -> list[Batch]:
+        """Return the halves of a batch in which user code failed; otherwise record that it failed for good."""
+        if isinstance(error, CodeError):
+            return self._halves(work, str(error))
+        self._fail(work, f"{type(error).__name__}: {error}")
         return []
 
     def _save(self, done: BatchResult) -> None:
@@ -254,13 +240,12 @@ class _Runner:
         self.store.add_failure(work, why)
         self.failed += 1
 
-    def _halves(self, work: Batch, why: str) -> list[tuple[Batch, int]]:
+    def _halves(self, work: Batch, why: str) -> list[Batch]:
         """Return the halves of a batch in which user code failed; a batch of one run is a failure."""
         middle = (work.first + work.last) // 2
         if middle > work.first and self.halvings < MOST_HALVINGS:
             self.halvings += 1
-            # The last task of a list is submitted first (``do_all``), so the first half runs first.
-            return [(replace(work, first=middle), 1), (replace(work, last=middle), 1)]
+            return [replace(work, last=middle), replace(work, first=middle)]
         self._fail(work, why)
         return []
 

@@ -84,7 +84,7 @@ def figure_of(
     # Sorted, so that the last bit of a sum over robots does not depend on how runs are divided into shards.
     robots, runs = tables_of(rows.sort("run", "robot").collect())
     table = run_figures(robots, runs, t_end_s, costs=costs)
-    return interval(figure, columns_of(table), level)
+    return interval(figure, columns_of(table), level, t_end_s=t_end_s)
 
 
 def runs_that_count(store: Store, group: Group, precision: Precision) -> int:

@@ -16,14 +16,16 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.agreement import is_followed
+from vibroswarm.analysis.figures import BY_NAME, READ, Swarms, run_figures
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, Columns
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
@@ -285,6 +287,31 @@ class StudyResult(NotebookView):
         for cells, rows in self.blocks(columns):
             numbers, robots = [cell.number for cell in cells], cells[0].scenario.swarm.robots
             yield cells, *arrays_of(rows, numbers, self.runs_of(numbers[0]), robots)
+
+    def by_run(self, figures: Sequence[str]) -> dict[str, Array]:
+        """Compute figures that need only the columns ``figures.READ``, of each run of the selected cells.
+
+        Args:
+            figures: their names (``RunFigure.name``).
+        Returns: an array (cells, runs) for each, nan where a run does not have the figure.
+        Raises:
+            InputError: runs of a cell are missing, or cells have different numbers of runs.
+        """
+        places = {number: place for place, number in enumerate(self.selected)}
+        found: dict[str, Array] = {}
+        for cells, robots, of_runs in self.arrays(READ):
+            ends_s = [cell.scenario.run.t_end_s for cell in cells]
+            swarms = Swarms.of_arrays(robots, of_runs, ends_s, [costs_of(cell.scenario) for cell in cells])
+            for name in figures:
+                values = BY_NAME[name].of_run(swarms).reshape(len(cells), -1)
+                shape = (len(self.selected), values.shape[1])
+                found.setdefault(name, np.empty(shape))[[places[cell.number] for cell in cells]] = values
+        return found
+
+    def figures(self, cell: int) -> pl.DataFrame:
+        """Return all figures of each run of a cell (``figures.run_figures``), one row per run."""
+        scenario, (robots, runs) = self.cell(cell).scenario, self.tables(cell)
+        return run_figures(robots, runs, scenario.run.t_end_s, self.agreements(cell), costs_of(scenario))
 
     def _refuse_missing(self, rows: pl.DataFrame, cells: Sequence[Cell]) -> None:
         """Raise an error about the first of these cells that has not all its runs."""

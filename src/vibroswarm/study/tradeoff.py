@@ -24,7 +24,7 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
+from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, columns_of
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario
@@ -106,5 +106,4 @@ def _point(
         error = cluster_share(count.to_numpy(), table["robots"].to_numpy(), level)
     else:
         error = bootstrap_mean(table["wrong_share"] + undecided_counts * table["undecided_share"], level)
-    limits = dict(zip(("error", "error_low", "error_high"), map(plain, error[:3]), strict=True))
-    return limits | summary(robots, runs, t_end_s, level).as_row()
+    return columns_of("error", error) | summary(robots, runs, t_end_s, level).as_row()
