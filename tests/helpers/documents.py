@@ -20,8 +20,6 @@ BLOCK = re.compile(
 )
 
 SMALL = {
-    "inspect examples/inspection/plate.csv": ["--replicates", "39"],
-    "inspect --floor random:0.0": ["--replicates", "39"],
     "inspect --plan": ["--runs", "4", "--plates", "10", "--minutes", "5"],
     "evaluate merge": ["--no-pictures"],
     "evaluate tradeoff": ["--runs", "4"],
@@ -104,7 +102,7 @@ def small(command: list[str]) -> list[str]:
     name = next((name for name in SMALL if command[: len(name.split())] == name.split()), "")
     changes = SMALL.get(name, [])
     if name == "optimize" and "grid" in command:
-        changes = ["--runs", "2", "--no-pictures"]
+        changes = ["--runs", "4", "--no-pictures"]
     if name == "reproduce" and "--only" not in command:
         changes = [*changes, "--columns", "paper"]
     dropped = {"--until", *(word for word in changes if word.startswith("--"))}
