@@ -45,7 +45,7 @@ def by_tables(scenario: Scenario, seed: int, runs: list[int], motion: str = "eve
 @pytest.mark.slow
 @settings(
     deadline=None,
-    max_examples=100,
+    max_examples=50,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
     database=None,
@@ -229,7 +229,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
 @pytest.mark.slow
 @settings(
     deadline=None,
-    max_examples=60,
+    max_examples=30,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     database=None,

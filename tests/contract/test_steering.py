@@ -166,7 +166,7 @@ def test_both_engines_are_steered_the_same_way(name: str) -> None:
     period=st.integers(10, 50),
     seed=st.integers(0, 2**63 - 1),
 )
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_any_setting_is_steered_the_same_way(
     robots: int,
     side: float,

@@ -85,7 +85,7 @@ def test_c_in_double_precision_is_the_plain_program_bit_by_bit(
     name: str, swarms: Any, tmp_path: Path
 ) -> None:
     swarm = swarms(name)
-    program = built(BASE.with_values({"strategy.name": name}), tmp_path, precision=3)
+    program = built(BASE.with_values({"strategy.name": name}), tmp_path, precision=3, optimise="-O0")
     for events, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(program, events)).tobytes() == np.array(did).tobytes()
     if name in WHOLE:
@@ -118,18 +118,16 @@ def test_single_precision_does_not_serve_three_valued(swarms: Any, tmp_path: Pat
 def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
     swarm = swarms(name)
     program = built_for_arm(BASE.with_values({"strategy.name": name}), tmp_path)
-    for events, did in zip(
-        swarm.short[:2], swarm.did[:2], strict=True
-    ):  # starting the emulator takes longest
-        check_events(run_on_arm(program, events), did, swarm)
+    check_events(
+        run_on_arm(program, swarm.short[0]), swarm.did[0], swarm
+    )  # starting the emulator takes longest
 
 
 @needs_arm
 def test_a_cortex_m0_walks_the_same_walk(swarms: Any, tmp_path: Path) -> None:
     swarm = swarms("soft")
     program = built_for_arm(BASE.with_values({"strategy.name": "soft"}), tmp_path)
-    for events, walked in zip(swarm.whole[:2], swarm.walked[:2], strict=True):
-        found = np.array(run_on_arm(program, events))
-        np.testing.assert_allclose(found, walked, rtol=1e-3, atol=1e-4)
-        ticks = np.array(walked) == np.rint(walked)
-        np.testing.assert_array_equal(found[ticks], np.array(walked)[ticks])
+    found, walked = np.array(run_on_arm(program, swarm.whole[0])), np.array(swarm.walked[0])
+    np.testing.assert_allclose(found, walked, rtol=1e-3, atol=1e-4)
+    ticks = walked == np.rint(walked)
+    np.testing.assert_array_equal(found[ticks], walked[ticks])

@@ -85,12 +85,12 @@ def test_pairing_takes_out_what_runs_have_in_common() -> None:
 def test_false_alarms_and_what_holm_does_to_them() -> None:
     random = generator(4, "alarms")
     plain_alarms = family_alarms = 0
-    for _ in range(400):
+    for _ in range(200):
         p = [compare_noise(random) for _ in range(5)]
         plain_alarms += min(p) < 0.05
         family_alarms += min(holm(p)) < 0.05
-    assert family_alarms / 400 < 0.08
-    assert plain_alarms / 400 > 0.15  # five looks without correction
+    assert family_alarms / 200 < 0.08
+    assert plain_alarms / 200 > 0.15  # five looks without correction
 
 
 def compare_noise(random: np.random.Generator) -> float:

@@ -133,7 +133,7 @@ def test_without_a_grid_damage_is_called_and_certified(
         "--size",
         "1x1",
         "--replicates",
-        "99",
+        "39",
     ]
     assert run("inspect", *given, "--out", tmp_path / "out") == 0
     out = capsys.readouterr().out
@@ -166,7 +166,7 @@ def test_a_robot_with_another_gain_is_not_certified(
         "--size",
         "1x1",
         "--replicates",
-        "99",
+        "39",
         "--out",
         tmp_path / "out",
     ]
@@ -292,7 +292,7 @@ def test_damage_of_three_kinds_is_told_without_contrasts(
         "--contrasts",
         "1",
         "--replicates",
-        "39",
+        "19",
         "--out",
         tmp_path / "out",
     )

@@ -57,6 +57,7 @@ def search(tmp_path: Path) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_search_is_made_kept_and_gone_on_with(
     search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,6 +203,7 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "grid.toml"
     path.write_text(GRID)

@@ -93,7 +93,7 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
 FEW = ["evaluate", "--runs", "4", "--no-confirm", *SMALL]
 
 
-@pytest.mark.usefixtures("svg_alone")
+@pytest.mark.usefixtures("empty_pictures")
 def test_pictures_are_files_on_request_and_in_the_report_anyway(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -178,6 +178,7 @@ def test_json_holds_all_and_nothing_else_is_said(capsys: pytest.CaptureFixture[s
     assert not about["made_by"]["second block"].startswith(f"seed {about['made_by']['seed']},")
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "how many"
     line = ["detect", "--robots", "2,6", "--fills", "0.2,0.48,0.8", "--runs", "60", "--error", "20%"]
@@ -277,6 +278,7 @@ def test_bad_input_is_said(line: str, words: str, capsys: pytest.CaptureFixture[
     assert "Traceback" not in err
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "trade"
     line = [

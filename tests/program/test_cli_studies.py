@@ -391,7 +391,7 @@ def test_a_disk_that_is_full_ends_with_1_and_is_gone_on_with(study, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))
 
     out = tmp_path / "out"
-    line = ["evaluate", study, "--out", out, "--runs", "3000", *QUIET]
+    line = ["evaluate", study, "--out", out, "--runs", "1000", *QUIET]
     process = command(*line, preexec_fn=little)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1, err
@@ -399,7 +399,7 @@ def test_a_disk_that_is_full_ends_with_1_and_is_gone_on_with(study, tmp_path):
     assert "File too large" in err
     assert "Traceback" not in err
     assert not list(out.rglob(".*"))
-    assert sweep(study, "--out", out, "--runs", "3000") == 0
+    assert sweep(study, "--out", out, "--runs", "1000") == 0
     assert StudyResult.open(out).store.damaged == []
 
 

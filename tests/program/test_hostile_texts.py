@@ -37,15 +37,14 @@ def check(folder: Path, plain: Path, text: str) -> None:
 
 
 def evaluated(folder: Path, texts: Sequence[str]) -> Path:
-    """The outcome of a study in whose title and file all of these texts are, and whose labels and floors are these."""
+    """The outcome of a study in whose title, file and floor all of these texts are, and whose labels are these."""
     title, out = " ".join(texts), folder / "out"
     path = folder / f"{in_a_file_name(title)}.toml"
-    floors = [f"{json.dumps(text)} = {json.dumps(ROWS)}\n" for text in texts]
     cells = [f'[[list]]\nlabel = {json.dumps(text)}\n"strategy.name" = "none"\n' for text in texts]
     path.write_text(
         f"name = {json.dumps(title)}\nruns = 4\n[scenario]\nrun.t_end_s = 60.0\nswarm.robots = 2\n"
-        f"[floors]\n{''.join(floors)}{''.join(cells)}"
-        f'[grid]\n"floor.source" = {json.dumps(list(texts))}\n',
+        f"[floors]\n{json.dumps(title)} = {json.dumps(ROWS)}\n{''.join(cells)}"
+        f'[grid]\n"floor.source" = [{json.dumps(title)}]\n',
         encoding="utf-8",
     )
     assert main(["evaluate", str(path), "--no-confirm", "-q", "--out", str(out)]) == 0

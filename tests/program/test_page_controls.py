@@ -14,8 +14,7 @@ from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
 
 
-@pytest.mark.parametrize("layer", ["paths", "samples", "rays", "messages"])
-def test_layers_can_be_switched_off_and_on(open_page: Open, layer: str) -> None:
+def test_layers_can_be_switched_off_and_on(open_page: Open) -> None:
     page = open_page("#t=100.5")
     shown = "document.getElementById('actors').toDataURL()"
     times = (100.5, 101.5, 103.0, 105.0)
@@ -24,10 +23,11 @@ def test_layers_can_be_switched_off_and_on(open_page: Open, layer: str) -> None:
         return [page.evaluate(f"(t) => {{ vibroswarm.seek(t); return {shown}; }}", t) for t in times]
 
     before = pictures()
-    page.uncheck(f"#layer-{layer}")
-    assert pictures() != before
-    page.check(f"#layer-{layer}")
-    assert pictures() == before
+    for layer in ("paths", "samples", "rays", "messages"):
+        page.uncheck(f"#layer-{layer}")
+        assert pictures() != before, layer
+        page.check(f"#layer-{layer}")
+        assert pictures() == before, layer
 
 
 def test_events_are_reached_in_order(open_page: Open, record: RunRecord, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def summary(tmp_path: Path, study: str, runs: int, **values: Any) -> pl.DataFram
 @pytest.mark.slow
 def test_cross_inhibition_breaks_deadlocks(tmp_path: Path) -> None:
     found = summary(
-        tmp_path, "zakir-2022/study.toml", 30, source='["random:0.5"]', robots="[20]", asocial="[0.1]"
+        tmp_path, "zakir-2022/study.toml", 16, source='["random:0.5"]', robots="[20]", asocial="[0.1]"
     )
     undecided = dict(found.select("strategy.opinions.inhibits", "robots_undecided").iter_rows())
     assert undecided[True] < undecided[False] - 0.15
@@ -45,7 +45,7 @@ def test_cross_inhibition_breaks_deadlocks(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_neighbours_lower_the_error_and_more_of_them_do_not(tmp_path: Path) -> None:
     values = {"explore_s": "[60.0]", "degree": "[0, 2, 19]"}
-    alone, two, everybody = summary(tmp_path, "raoufi-2021/study.toml", 20, **values)[ERROR].to_list()
+    alone, two, everybody = summary(tmp_path, "raoufi-2021/study.toml", 10, **values)[ERROR].to_list()
     assert two < everybody < alone
     assert two < 0.4 * alone
 
@@ -53,11 +53,11 @@ def test_neighbours_lower_the_error_and_more_of_them_do_not(tmp_path: Path) -> N
 @pytest.mark.slow
 def test_all_that_robots_hear_lowers_the_error_and_what_they_do_not_know_raises_it(tmp_path: Path) -> None:
     values = {"source": '["random:0.95"]', "accuracy": "[0.825]"}
-    everybody, ring, line, tree = summary(tmp_path / "known", "chin-2022/study.toml", 3, **values)[
+    everybody, ring, line, tree = summary(tmp_path / "known", "chin-2022/study.toml", 1, **values)[
         ERROR
     ].to_list()
     assert everybody < 0.5 * min(ring, line, tree)
-    found = summary(tmp_path / "unknown", "chin-2022/unknown.toml", 3, source='["random:0.95"]')
+    found = summary(tmp_path / "unknown", "chin-2022/unknown.toml", 2, source='["random:0.95"]')
     knows, takes_for_true, *_, corrected, never_corrected, _ = found[
         ERROR
     ].to_list()  # in the order of the file

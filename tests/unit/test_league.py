@@ -294,6 +294,7 @@ FEW = ["--belief-runs", "2", "--fault-runs", "2"]
 QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--untuned"]
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "a league"
     line = ["league", *FEW, *SMALL, *QUICK, "--out", str(folder)]
@@ -319,6 +320,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     assert {file.name: file.read_bytes() for file in folder.glob("*.csv")} == kept
 
 
+@pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize("few", ["--runs 1", "--robots 2", "--robots 1", "--robots 6,2"])
 def test_few_runs_and_robots_leave_gaps_and_no_error(
     few: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -151,6 +151,7 @@ def standings() -> Standings:
     return League(base, entries, floors_of(["stripe"], [0.48]), (3,), runs=3).play()
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_every_table_and_figure_is_in_the_document(standings: Standings) -> None:
     tables = league_tables(standings) | {
         "beliefs": belief_calibration(standings.league, runs=2),

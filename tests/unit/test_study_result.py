@@ -200,16 +200,16 @@ def test_runs_of_a_slow_source_are_simulated_again_once_and_for_a_short_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Pictures and references would take longer than the study. Those of the engines are as they were."""
-    slow = Study(SHORT, runs=30, seed=3, motion="mujoco-planar").run()
-    chosen = slow.runs_again(0, 30)
-    assert chosen == slow.runs_there(0, 30)
+    slow = Study(SHORT, runs=10, seed=3, motion="mujoco-planar").run()
+    chosen = slow.runs_again(0, 10)
+    assert chosen == slow.runs_there(0, 10)
     again = slow.result(0, chosen)
     assert slow.result(0, chosen) is again
     assert_frame_equal(again.motion, vibroswarm.simulate(SHORT, 3, chosen, motion="mujoco-planar").motion)
     monkeypatch.setattr("vibroswarm.study.study_result.AGAIN_S", 5 * slow.plan.groups[0].run_s)
-    assert slow.runs_again(0, 30) == [0, 1, 2, 3, 4]
-    quick = Study(SHORT, runs=30, seed=3).run()
-    assert quick.runs_again(0, 30) == list(range(30))
+    assert slow.runs_again(0, 10) == [0, 1, 2, 3, 4]
+    quick = Study(SHORT, runs=10, seed=3).run()
+    assert quick.runs_again(0, 10) == list(range(10))
 
 
 def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_source() -> None:

@@ -101,7 +101,7 @@ def studies(draw: st.DrawFn) -> Study:
 
 
 @given(studies())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_toml_there_and_back(study):
     text = study.to_toml()
     back = Study.from_toml(text)

@@ -92,7 +92,7 @@ def test_a_batch_that_is_done_twice_is_the_same_file(copy: Path) -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 30)).map(sorted), min_size=1, max_size=8),
        st.integers(1, 40))  # fmt: skip
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_scan_gives_each_run_once_whatever_overlaps(tmp_path_factory, ranges, runs):
     store = Store.open_or_create(tmp_path_factory.mktemp("scan") / "s", STUDY)
     for writer, (first, last) in enumerate(ranges):

@@ -161,7 +161,7 @@ JUNK = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from(["grid", "zip", "list", "random", "sobol", "x"]), JUNK, max_size=3))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_nothing_but_points_or_an_input_error_comes_of_anything(blocks):
     try:
         points = points_of(blocks)

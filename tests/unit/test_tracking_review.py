@@ -201,6 +201,7 @@ def test_frames_are_cut_where_they_should_be(tmp_path: Path) -> None:
     assert shots_of(tracking, doubts) == []
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> None:
     tracking = tracking_of(tmp_path, hide)
     white_video(tracking.video, 200)
