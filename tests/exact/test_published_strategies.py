@@ -634,7 +634,8 @@ def test_a_robot_of_bayes_cpf_finds_its_accuracy_but_at_half(fill: float, works:
     """One sensor of five is right in 70 % of readings, the others in 95 %; all robots assume 95 %."""
     assumed = {"accuracy": 0.95, "variance": 1e-3, "drift": 0.0, "drift_variance": 1e-5, "window": 400}
     true = [0.7, 0.95, 0.95, 0.95, 0.95]
-    assert (abs(swarm_of("bayes_cpf", fill, true, 800, 1, **assumed)[0] - 0.7) < 0.05) == works
+    errors = [abs(swarm_of("bayes_cpf", fill, true, 800, seed, **assumed)[0] - 0.7) for seed in (1, 2)]
+    assert (max(errors) < 0.05) == works
 
 
 def alike(one: Result, other: Result) -> bool:

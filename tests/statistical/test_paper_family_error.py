@@ -13,7 +13,7 @@ from vibroswarm.paper.claim_values import row
 from vibroswarm.paper.claims import ALPHA, Claim, Rows, settle, states_of
 
 MARGIN = 4.0
-CLAIMS, VALUES, FAMILIES = 8, 6, 300
+CLAIMS, VALUES, FAMILIES = 8, 6, 600
 N = 100_000
 """Degrees of freedom: normal, so that the simulation needs no runs."""
 MOST = float(ALPHA + 2.7 * np.sqrt(ALPHA * (1 - ALPHA) / FAMILIES))
