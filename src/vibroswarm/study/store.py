@@ -25,6 +25,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import MANIFEST, make_folder, remove_leftovers, write_file
 from vibroswarm.core.folders import (
+    DAMAGED,
     check_not_older,
     has_manifest,
     manifest_text,
@@ -162,6 +163,8 @@ class Store:
         saved_hash = entry(manifest, "hash", str, path)
         made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
         text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
+        if not _is_as_written(text):
+            raise InputError(f"{DAMAGED}; restore it", field=str(folder / MARKER))
         # If another version of this program made the folder, it may have computed another hash for the same study,
         # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
         # the same.
@@ -393,10 +396,11 @@ class Store:
             # Another version made the folder. Its text stays, since its hash was computed from it; only the name, the
             # runs and the precision change.
             text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
+        sealed = f"{text}{SEALED}{hashlib.sha256(text.encode()).hexdigest()}\n"
         marker, manifest = self.folder / MARKER, self.folder / MANIFEST
         try:
-            if not marker.is_file() or marker.read_text(encoding="utf-8") != text:
-                write_file(marker, text)
+            if not marker.is_file() or marker.read_text(encoding="utf-8") != sealed:
+                write_file(marker, sealed)
             if not manifest.is_file():
                 self._check_written(text)
                 values = {"hash": self.hash, "text": _fingerprint(text), "versions": versions()}
@@ -414,6 +418,16 @@ class Store:
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "level")
 """Keys of a study's file that change no run of its cells, so that they may change without a new folder."""
+
+
+SEALED: Final = "# sha256 of the text above: "
+"""Beginning of the last line of a study's file in its folder, since no manifest says how many runs there are."""
+
+
+def _is_as_written(text: str) -> bool:
+    """Return whether the text of a study's file is as it was written; older versions wrote no hash of it."""
+    text, mark, written = text.rpartition(SEALED)
+    return not mark or hashlib.sha256(text.encode()).hexdigest() == written.strip()
 
 
 def _fingerprint(text: str) -> str:
