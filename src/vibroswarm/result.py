@@ -17,8 +17,7 @@ import polars as pl
 from polars.testing import assert_frame_equal
 
 from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
-from vibroswarm.core.code_version import code_hash
-from vibroswarm.core.folders import about_file, check_files, manifest_text, read_manifest
+from vibroswarm.core.folders import about_file, check_definition, check_files, manifest_text, read_manifest
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
@@ -343,13 +342,7 @@ class Result(NotebookView):
         if missing:
             raise InputError(f"its manifest names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / SCENARIO)
-        # The hash is compared only if the same version of the code wrote it: another version may have more fields, so
-        # that its hash of the same scenario differs.
-        if scenario.hash != about["scenario_hash"] and about["versions"].get("code") == code_hash():
-            raise InputError(
-                f"is not the scenario that {MANIFEST} names ({about['scenario_hash']}); put it back",
-                field=str(folder / SCENARIO),
-            )
+        check_definition(folder / SCENARIO, scenario.hash, about["scenario_hash"], about["versions"])
         check_result(frames, scenario, folder, simulated=seed is not None)
         versions = about["versions"]
         return Result(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]

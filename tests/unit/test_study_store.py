@@ -246,7 +246,7 @@ def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
         with pytest.raises(InputError, match="not what was written; restore it"):
             Store.open(copy)
     marker.write_text(harmed.partition("# sha256")[0])  # as older versions wrote it
-    with pytest.raises(InputError, match="is not the study for which"):
+    with pytest.raises(InputError, match="is not that for which"):
         Store.open(copy)
     marker.unlink()
     with pytest.raises(InputError, match="cannot be read"):

@@ -117,6 +117,26 @@ def _seal_found(values: Mapping[str, Any]) -> str:
         return ""
 
 
+def check_definition(
+    file: Path, found: str, saved: str, made_by: Mapping[str, str], *, same_text: bool = True
+) -> None:
+    """Refuse a scenario, study or search in a folder that is not the one for which the folder was made.
+
+    Args:
+        file: that has it. found: its hash. saved: the hash that the manifest names.
+        made_by: versions that made the folder: others may make other hashes, as they know other fields.
+        same_text: whether its text is as it was, which decides for other versions.
+    Raises:
+        InputError: it is another one.
+    """
+    from vibroswarm.core.code_version import code_hash  # which takes a while, and is rarely needed
+
+    if found != saved and (not same_text or made_by.get("code") == code_hash()):
+        raise InputError(
+            f"is not that for which the folder was made (hash {saved}); restore it", field=str(file)
+        )
+
+
 def check_not_older(folder: Path) -> None:
     """Refuse a folder that was written before all kinds of folders had one manifest.
 

@@ -45,6 +45,7 @@ from vibroswarm.core.atomic_io import (
     write_files,
 )
 from vibroswarm.core.folders import (
+    check_definition,
     check_not_older,
     has_manifest,
     manifest_text,
@@ -263,12 +264,7 @@ def saved_search(folder: Path) -> Search:
     path = folder / MANIFEST
     manifest, search = read_manifest(folder, "search"), Search.read(folder / SEARCH)
     saved_hash, made_by = entry(manifest, "hash", str, path), entry(manifest, "versions", dict, path)
-    # Another version may make another hash of the same search.
-    if search.hash != saved_hash and made_by.get("code") == versions()["code"]:
-        raise InputError(
-            f"is not the search for which the folder was made (hash {saved_hash}); restore it",
-            field=str(folder / SEARCH),
-        )
+    check_definition(folder / SEARCH, search.hash, saved_hash, made_by)
     return search
 
 

@@ -26,6 +26,7 @@ import polars as pl
 from vibroswarm.core.atomic_io import MANIFEST, make_folder, remove_leftovers, write_file
 from vibroswarm.core.folders import (
     DAMAGED,
+    check_definition,
     check_not_older,
     has_manifest,
     manifest_text,
@@ -165,15 +166,8 @@ class Store:
         text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
         if not _is_as_written(text):
             raise InputError(f"{DAMAGED}; restore it", field=str(folder / MARKER))
-        # If another version of this program made the folder, it may have computed another hash for the same study,
-        # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
-        # the same.
-        same_code = made_by.get("code") == versions()["code"]
-        if study.hash != saved_hash and (same_code or _fingerprint(text) != manifest.get("text")):
-            raise InputError(
-                f"{MARKER} is not the study for which the folder was made (hash {saved_hash}); restore it",
-                field=str(folder),
-            )
+        same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
+        check_definition(folder / MARKER, study.hash, saved_hash, made_by, same_text=same_text)
         store = cls(folder, study, hash=saved_hash)
         if shards:
             store.refresh()
