@@ -52,6 +52,8 @@ KINDS: Final = {
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""
+OF_FILES: Final = ("batch", "step", "fresh", "failure", "document")
+"""Kinds of manifests that no folder has: they describe files beside them."""
 OLDER: Final = ("result.json", "recording.json", "study.json", "search.json", "item.json", "printed.json")
 """Files of folders before format 6, when each kind had its own manifest, of which a folder without manifest has one."""
 
@@ -95,7 +97,7 @@ def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
     values = read_json(file, "a manifest")
     check_format(entry(values, "format", int, file), FORMAT, str(path))
     kind = entry(values, "kind", str, file)
-    if kind not in KINDS:
+    if kind not in KINDS or (file != path and kind in OF_FILES):
         raise InputError(f"is damaged: 'kind' is {shown(kind)}", field=str(file))
     if kinds and kind not in kinds:
         raise InputError(f"holds {KINDS[kind]}, not {KINDS[kinds[0]]}", field=str(path))
@@ -220,8 +222,8 @@ def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:
     folder = path if path.is_dir() else path.parent
     files: dict[str, Path] = {}
     for name, about in entry({"files": {}, **values}, "files", dict, path).items():
-        # A name that is a path could lead to any file of this computer.
-        if Path(name).name != name:
+        # A name that is a path could lead to any file of this computer; one of another description, to its table.
+        if Path(name).name != name or (path != folder and name.partition(".")[0] != path.stem):
             raise InputError(f"names a file elsewhere: {shown(name)}", field=str(path))
         size, sha256 = entry(about, "bytes", int, path), entry(about, "sha256", str, path)
         _check(folder / name, size, sha256)
@@ -244,7 +246,7 @@ def check_written(path: Path, *manifests: str) -> None:
         except InputError:  # another file of this name, or none
             continue
         if path.name in files:
-            check_files({"files": {path.name: files[path.name]}}, path)
+            check_files({"files": {path.name: files[path.name]}}, path.parent)
 
 
 def _check(path: Path, size: int, sha256: str) -> None:
