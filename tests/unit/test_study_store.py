@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 from tests.helpers.manifests import resealed
 
+from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError, RunError
@@ -347,6 +348,18 @@ def test_a_description_of_wrong_types_is_said(key: str, value: Any, copy: Path) 
     about.write_text(json.dumps(json.loads(about.read_text()) | {key: value}))
     store = Store.open(copy)
     assert len(store.damaged) == 1
+    assert store.missing(plan_of(STUDY).groups[0], 30)
+
+
+def test_a_batch_without_a_version_that_is_shown_is_repeated(copy: Path) -> None:
+    about = one_of(copy, "*.json")
+    values = json.loads(about.read_text())
+    del values["versions"]["architecture"]
+    about.write_text(json.dumps(values))
+    resealed(about)
+    assert main(["show", str(copy)]) == 0
+    store = Store.open(copy)
+    assert ["'architecture' is missing" in one for one in store.damaged] == [True]
     assert store.missing(plan_of(STUDY).groups[0], 30)
 
 

@@ -368,6 +368,8 @@ class Store:
             raise ValueError(f"is of group {group}, runs {first} to {last}, which the study does not have")
         check_shard(files, self.study, groups[group], range(first, last), rows)
         made_by = texts(entry(description, "versions", dict, path), "versions", path)
+        for name in ("vibroswarm", "code", "architecture"):  # which are shown
+            entry(made_by, name, str, path)
         return Shard(
             name=path.stem, group=group, first=first, last=last, rows=rows, files=files, made_by=made_by
         )
