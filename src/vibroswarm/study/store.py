@@ -165,7 +165,9 @@ class Store:
         made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
         text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
         if not _is_as_written(text):
-            raise InputError(f"{DAMAGED}; restore it", field=str(folder / MARKER))
+            raise InputError(
+                f"{DAMAGED}; restore it (--runs changes the number of runs)", field=str(folder / MARKER)
+            )
         same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
         check_definition(folder / MARKER, study.hash, saved_hash, made_by, same_text=same_text)
         store = cls(folder, study, hash=saved_hash)
