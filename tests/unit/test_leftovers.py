@@ -216,7 +216,7 @@ def test_impossible_names_are_refused_by_name(name: str, tmp_path: Path) -> None
     for write in (atomic_io.make_folder, lambda path: atomic_io.write_files(path, {"x": "y"})):
         with pytest.raises(InputError, match="there is no such name"):
             write(path)
-    with pytest.raises(InputError, match="there is no such name"), whole_folder(path):
+    with pytest.raises(InputError, match="no such name|not a valid folder name"), whole_folder(path):
         pass
 
 
@@ -227,4 +227,5 @@ def test_a_device_without_data_is_read_as_nothing(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(os, "open", lambda *given: ours)
     os.set_blocking(ours, False)
     assert read_text(tmp_path / "x", "a text") == ""
+    monkeypatch.undo()
     os.close(theirs)

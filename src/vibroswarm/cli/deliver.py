@@ -60,7 +60,7 @@ def deliver(
     if output.out is not None:
         # first, so that the command can be given again if a table cannot be written
         begin(output.out, command, work)
-        files = {}
+        files: dict[str, Any] = {}
         if tables:
             from vibroswarm.study.summary import write_table
 
