@@ -216,7 +216,7 @@ def test_impossible_names_are_refused_by_name(name: str, tmp_path: Path) -> None
     for write in (atomic_io.make_folder, lambda path: atomic_io.write_files(path, {"x": "y"})):
         with pytest.raises(InputError, match="there is no such name"):
             write(path)
-    with pytest.raises(InputError, match="no such name|not a valid folder name"), whole_folder(path):
+    with pytest.raises(InputError, match=r"no such name|not a valid folder name"), whole_folder(path):
         pass
 
 
