@@ -7,7 +7,7 @@ Parquet file also holds scenario, seed and versions in its metadata, so that it 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -17,12 +17,11 @@ import polars as pl
 from polars.testing import assert_frame_equal
 
 from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
-from vibroswarm.core.code_version import code_hash
-from vibroswarm.core.folders import manifest_text, read_manifest
+from vibroswarm.core.folders import about_file, check_definition, check_files, manifest_text, read_manifest
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.tables import Schema, read_table, write_frame
+from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, texts, words
 from vibroswarm.errors import InputError, path_of, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
@@ -288,16 +287,23 @@ class Result(NotebookView):
     def write_into(self, folder: Path) -> None:
         """Write scenario, manifest, users' code and all tables of this result into an existing folder."""
         check_threads()  # polars, which starts threads, would hang in a forked process
-        (folder / SCENARIO).write_text(self.scenario.to_toml(), encoding="utf-8")
-        about = self._about()
-        text = manifest_text(self.KIND, **about, **self._more())
+        files = {}
+        for name, data in self._contents():
+            (folder / name).write_bytes(data)
+            files[name] = about_file(data)
+        text = manifest_text(self.KIND, **self._about(), **self._more(), files=files)
         (folder / MANIFEST).write_text(text, encoding="utf-8")
         write_code(folder, [self.scenario], self.source)
-        metadata = {"vibroswarm": json.dumps(about), "scenario": self.scenario.to_toml()}
+
+    def _contents(self) -> Iterator[tuple[str, bytes]]:
+        """Yield name and content of each file that is read back."""
+        scenario = self.scenario.to_toml()
+        yield SCENARIO, scenario.encode()
+        metadata = {"vibroswarm": json.dumps(self._about()), "scenario": scenario}
         for name in TABLES:
             frame = getattr(self, name)
             if frame is not None:
-                write_frame(frame, folder / f"{name}.parquet", metadata)
+                yield f"{name}.parquet", parquet_bytes(frame, metadata)
 
     def _about(self) -> dict[str, Any]:
         """Return the entries of the manifest that all results have."""
@@ -322,23 +328,24 @@ class Result(NotebookView):
                 do not fit each other or the scenario, or the scenario is not the one that the manifest names.
         """
         folder = path_of(path)
-        about = _head(folder)
+        about = head_of(folder)
+        result = cls._read(folder, about)
+        check_files(about, folder)  # after the checks of the values, which name the column
+        return result
+
+    @classmethod
+    def _read(cls, folder: Path, about: Mapping[str, Any]) -> Result:
+        """Read a result whose manifest is read already, and check its values."""
         seed, source, names = about["seed"], about["source"], about["tables"]
         frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}
         missing = [name for name in TABLES if frames[name] is None and name not in OPTIONAL]
         if missing:
             raise InputError(f"its manifest names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / SCENARIO)
-        # The hash is compared only if the same version of the code wrote it: another version may have more fields, so
-        # that its hash of the same scenario differs.
-        if scenario.hash != about["scenario_hash"] and about["versions"].get("code") == code_hash():
-            raise InputError(
-                f"is not the scenario that {MANIFEST} names ({about['scenario_hash']}); put it back",
-                field=str(folder / SCENARIO),
-            )
+        check_definition(folder / SCENARIO, scenario.hash, about["scenario_hash"], about["versions"])
         check_result(frames, scenario, folder, simulated=seed is not None)
         versions = about["versions"]
-        return cls(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
+        return Result(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
 
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:
@@ -351,8 +358,11 @@ def _read_table(folder: Path, name: str) -> pl.DataFrame:
     return read_table(folder / f"{name}.parquet", SCHEMAS[name], name)
 
 
-def _head(folder: Path) -> dict[str, Any]:
-    """Read and check the manifest; return seed (None: recorded), source, tables, scenario_hash and versions by name.
+def head_of(folder: Path) -> dict[str, Any]:
+    """Read and check the manifest of a result.
+
+    Returns: seed (None: recorded), source, tables, scenario_hash, versions and files by name.
+
 
     Raises:
         InputError: there is no manifest of a result, or one of its entries is missing or wrong.
@@ -366,6 +376,7 @@ def _head(folder: Path) -> dict[str, Any]:
     if seed is not None and not 0 <= seed < SEED_LIMIT:
         raise InputError(f"its seed, {seed}, is not a seed", field=str(path))
     return {
+        "files": entry({"files": {}, **about}, "files", dict, path),
         "seed": seed,
         "source": source,
         "tables": words(entry(about, "tables", list, path), "tables", path),

@@ -264,3 +264,27 @@ def test_a_result_without_run_0_is_shown(runs, tmp_path, capsys):
     simulate(short, 1, runs).write(tmp_path / "result")
     assert main(["show", str(tmp_path / "result")]) == 0
     assert "'random:0.48'" in capsys.readouterr().out
+
+
+def test_a_changed_table_of_a_command_is_refused(tmp_path, capsys):
+    """It would still parse."""
+    line = ["detect", "--fills", "0.4,0.6", "--no-pictures", *STUDY, "--out", str(tmp_path / "out")]
+    assert main(line) == 0
+    table = tmp_path / "out" / "detection.parquet"
+    assert main(["show", str(table)]) == 0
+    pl.read_parquet(table).head(1).write_parquet(table)
+    assert main(["show", str(table)]) == 2
+    assert f"{table}: " in capsys.readouterr().err
+
+
+def test_a_damaged_run_is_said_and_computed_again(tmp_path, caplog):
+    line = [*COMMANDS["run"], "--out", str(tmp_path / "out")]
+    assert main(line) == 0
+    table = tmp_path / "out" / "observations.parquet"
+    before = table.read_bytes()
+    pl.read_parquet(table).with_columns(observation=1 - pl.col("observation")).write_parquet(table)
+    assert main(["show", str(tmp_path / "out")]) == 2
+    assert main(line) == 0
+    assert f"{table}: " in caplog.text
+    assert "computed again" in caplog.text
+    assert table.read_bytes() == before

@@ -12,6 +12,7 @@ from typing import Any
 
 import polars as pl
 import pytest
+from tests.helpers.manifests import resealed
 
 from vibroswarm.core.tables import ALLOWED, check_table
 from vibroswarm.errors import InputError
@@ -64,6 +65,23 @@ def refused(read: Callable[[Path], Any], folder: Path, path: Path, *said: str) -
     assert caught.value.field == str(path)
     assert all(word in str(caught.value) for word in said), str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["scenario.toml", "observations.parquet", "rows.parquet"])
+def test_values_that_could_have_been_written_are_refused_if_they_were_not(there: Path, name: str) -> None:
+    path = there / "recording" / name
+    if path.suffix == ".toml":
+        path.write_text("# a comment\n" + path.read_text())
+    else:
+        changed(path, lambda f: f.with_columns(energy=pl.col("energy") * 2))
+    refused(Recording.read, there / "recording", path)
+
+
+def test_a_folder_of_the_version_before_hashes_is_read(there: Path) -> None:
+    path = there / "recording" / "vibroswarm.json"
+    about = json.loads(path.read_text())
+    path.write_text(json.dumps({key: about[key] for key in about if key not in ("files", "sha256")}))
+    assert Recording.read(there / "recording") == Recording.read(there / "recording")
 
 
 def test_what_was_not_touched_is_read(there: Path) -> None:
@@ -187,6 +205,7 @@ def test_a_robot_whose_decision_is_not_known_has_no_decision_time(there: Path) -
     path = there / "recording" / "robots.parquet"
     without_time = put("decision_time_s", None)
     changed(path, lambda f: without_time(put("decision", None)(f)))
+    resealed(there / "recording" / "vibroswarm.json")
     Recording.read(there / "recording")
     changed(path, put("decision_time_s", 50.0))
     refused(Recording.read, there / "recording", path, "'decision_time_s'")
@@ -223,6 +242,8 @@ def test_the_head_of_a_recording_is_checked(there: Path, key: str, value: Any) -
         about[key] = value
     path.write_text(json.dumps(about))
     if (key, str(value)) in (("floor", "x"), ("stated", "[]"), ("inferred", "[]")):  # these may be so
+        refused(Recording.read, there / "recording", path, "not what was written")
+        resealed(path)
         Recording.read(there / "recording")
         return
     refused(Recording.read, there / "recording", path, "damaged")
@@ -235,6 +256,8 @@ def test_the_head_of_a_result_is_checked(there: Path, key: str, value: Any) -> N
     about = json.loads(path.read_text())
     path.write_text(json.dumps(about | {key: value}))
     if (key, str(value)) in (("versions", "{}"), ("source", "x")):  # these may be so
+        refused(Result.read, there / "result", path, "not what was written")
+        resealed(path)
         Result.read(there / "result")
         return
     with pytest.raises(InputError) as caught:
@@ -277,6 +300,4 @@ def test_a_table_that_ends_like_a_parquet_file_but_is_none_is_refused(there: Pat
             Result.read(there / "result")
         except InputError as error:
             outcomes.add(error.field)
-        else:  # a byte of no matter, such as a name of what wrote it
-            outcomes.add("read")
-    assert str(path) in outcomes
+    assert outcomes == {str(path)}

@@ -93,3 +93,21 @@ def test_a_head_of_wrong_types_is_refused(key: str, value: Any, out: Path) -> No
     path = out / "vibroswarm.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
     assert again(out) == 2
+
+
+def test_a_step_that_describes_the_table_of_another_is_repeated(
+    out: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second, *_ = sorted((out / "steps").glob("*.json"))
+    before = first.read_bytes()
+    shutil.copy(second, first)
+    assert main(["show", str(out)]) == 0
+    assert f"{first}: names a file elsewhere" in caplog.text
+    assert again(out) == 0
+    assert first.read_bytes() == before
+
+
+def test_a_description_is_no_manifest_of_a_folder(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy(next((out / "steps").glob("*.json")), out / "vibroswarm.json")
+    assert main(["verify", str(out)]) == 2
+    assert "vibroswarm.json: is damaged: 'kind' is 'step'" in capsys.readouterr().err

@@ -13,6 +13,8 @@ import pytest
 import vibroswarm
 from vibroswarm.core import atomic_io
 from vibroswarm.core.atomic_io import OLD_MARK, remove_leftovers, tag, whole_file, whole_folder
+from vibroswarm.core.untrusted_files import read_text
+from vibroswarm.errors import InputError
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
 
@@ -206,3 +208,24 @@ def test_several_processes_that_replace_one_folder_do_not_stop_each_other(tmp_pa
     assert [writer.returncode for writer in writers] == [0, 0, 0], said
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "m").read_text() == (tmp_path / "out" / "n").read_text() == "59"
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a/" * 2000 + "b"], ids=["nul", "deep"])
+def test_impossible_names_are_refused_by_name(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    for write in (atomic_io.make_folder, lambda path: atomic_io.write_files(path, {"x": "y"})):
+        with pytest.raises(InputError, match="there is no such name"):
+            write(path)
+    with pytest.raises(InputError, match=r"no such name|not a valid folder name"), whole_folder(path):
+        pass
+
+
+def test_a_device_without_data_is_read_as_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A read without waiting gives None, as of /proc/kmsg; a pipe that takes a file's place does it too."""
+    ours, theirs = os.pipe()
+    (tmp_path / "x").write_text("x")
+    monkeypatch.setattr(os, "open", lambda *given: ours)
+    os.set_blocking(ours, False)
+    assert read_text(tmp_path / "x", "a text") == ""
+    monkeypatch.undo()
+    os.close(theirs)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.helpers.manifests import resealed
 
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.documents.grid import grid_document
@@ -279,6 +280,7 @@ def test_versions_are_those_that_began_it_and_those_of_now(found: Found, tmp_pat
     assert made_by(tmp_path / "s") == [versions()]
     head = tmp_path / "s" / "vibroswarm.json"
     head.write_text(head.read_text().replace(f'"numba": "{versions()["numba"]}"', '"numba": "0.1"'))
+    resealed(head)
     assert [one["numba"] for one in made_by(tmp_path / "s")] == ["0.1", versions()["numba"]]
 
 

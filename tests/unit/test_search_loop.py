@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.helpers.manifests import resealed
 
 from helpers.dask_cluster import Cluster
 from helpers.search_functions import steps_of
@@ -194,6 +195,7 @@ def test_other_versions_are_refused_unless_mixed(tmp_path: Path, whole: Found) -
     about = json.loads(head.read_text())
     about["versions"]["numba"] = "0.1"
     head.write_text(json.dumps(about))
+    resealed(head)
     with pytest.raises(InputError, match=r"numba 0\.1 there"):
         run_search(small(), tmp_path / "s")
     assert same(whole, run_search(small(), tmp_path / "s", mixed=True))

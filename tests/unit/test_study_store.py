@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
+from tests.helpers.manifests import resealed
 
+from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError, RunError
@@ -237,8 +240,14 @@ def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
     with pytest.raises(InputError, match="is damaged"):
         Store.open(copy)
     head.write_text(json.dumps(about))
-    marker.write_text(text.replace("seed = 1", "seed = 2"))
-    with pytest.raises(InputError, match="restore it"):
+    for changed in ("runs = 31", "seed = 2"):
+        key = changed.partition(" ")[0]
+        harmed = re.sub(rf"^{key} = \d+", changed, text, flags=re.MULTILINE)
+        marker.write_text(harmed)
+        with pytest.raises(InputError, match="not what was written; restore it"):
+            Store.open(copy)
+    marker.write_text(harmed.partition("# sha256")[0])  # as older versions wrote it
+    with pytest.raises(InputError, match="is not that for which"):
         Store.open(copy)
     marker.unlink()
     with pytest.raises(InputError, match="cannot be read"):
@@ -253,6 +262,7 @@ def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: P
     old = "f" * 16
     for path in [copy / "vibroswarm.json", *(copy / SHARDS).glob("*.json")]:
         path.write_text(path.read_text().replace(STUDY.hash, old).replace(versions()["code"], "0" * 16))
+        resealed(path)
     store = Store.open(copy)
     assert (store.hash, len(store.shards), store.damaged) == (old, 2, [])
     more = STUDY.with_runs(40).run(copy, workers=1, mixed=True)
@@ -261,7 +271,8 @@ def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: P
     again = Store.open(copy)
     assert (again.hash, again.study.runs, again.damaged) == (old, 40, [])
     marker = copy / "study.toml"
-    marker.write_text(marker.read_text().replace("t_end_s = 60.0", "t_end_s = 61.0"))
+    changed = marker.read_text().replace("t_end_s = 60.0", "t_end_s = 61.0")
+    marker.write_text(changed.partition("# sha256")[0])
     with pytest.raises(InputError, match="restore it"):
         Store.open(copy)
 
@@ -270,6 +281,7 @@ def test_a_hash_that_this_version_makes_otherwise_is_refused(copy: Path) -> None
     """The same code gives the same study the same hash, or it is another study."""
     for path in [copy / "vibroswarm.json", *(copy / SHARDS).glob("*.json")]:
         path.write_text(path.read_text().replace(STUDY.hash, "f" * 16))
+        resealed(path)
     with pytest.raises(InputError, match="restore it"):
         Store.open(copy)
 
@@ -339,6 +351,18 @@ def test_a_description_of_wrong_types_is_said(key: str, value: Any, copy: Path) 
     assert store.missing(plan_of(STUDY).groups[0], 30)
 
 
+def test_a_batch_without_a_version_that_is_shown_is_repeated(copy: Path) -> None:
+    about = one_of(copy, "*.json")
+    values = json.loads(about.read_text())
+    del values["versions"]["architecture"]
+    about.write_text(json.dumps(values))
+    resealed(about)
+    assert main(["show", str(copy)]) == 0
+    store = Store.open(copy)
+    assert ["'architecture' is missing" in one for one in store.damaged] == [True]
+    assert store.missing(plan_of(STUDY).groups[0], 30)
+
+
 @pytest.mark.parametrize("key", ["format", "hash", "versions"])
 @pytest.mark.parametrize("value", [None, "x", [], {"x": 1}, 1.5, float("inf")], ids=repr)
 def test_a_head_of_wrong_types_is_refused(key: str, value: Any, copy: Path) -> None:
@@ -359,6 +383,7 @@ def test_other_versions_are_not_mixed_unless_told(copy: Path) -> None:
     about = one_of(copy, "*.json")
     text = about.read_text().replace(versions()["numpy"], "0.1").replace(versions()["code"], "other code")
     about.write_text(text)
+    resealed(about)
     assert STUDY.run(copy).runs().height == 60, "what is all there can be read"
     with pytest.raises(InputError, match=r"numpy 0\.1 there"):
         STUDY.with_runs(31).run(copy)
@@ -454,6 +479,7 @@ def test_shares_of_different_studies_or_versions_are_not_merged(copy: Path, tmp_
         merge(tmp_path / "out", [copy, other])
     about = one_of(copy, "*.json")
     about.write_text(about.read_text().replace(versions()["numpy"], "0.1"))
+    resealed(about)
     with pytest.raises(InputError, match=r"numpy 0\.1"):
         merge(tmp_path / "out", [copy])
     with pytest.raises(InputError, match="is not a study"):

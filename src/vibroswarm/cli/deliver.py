@@ -60,12 +60,13 @@ def deliver(
     if output.out is not None:
         # first, so that the command can be given again if a table cannot be written
         begin(output.out, command, work)
+        files: dict[str, Any] = {}
         if tables:
             from vibroswarm.study.summary import write_table
 
             for name, table in tables.items():
-                write_table(table, output.out / name)
-        save_with_pictures(document, output, output.out, command, work)
+                files |= write_table(table, output.out / name)
+        save_with_pictures(document, output, output.out, command, work, files)
     print_with_place(document, output, REPORT)
 
 
@@ -77,13 +78,24 @@ def print_with_place(document: Document, output: Any, page: str | None) -> None:
     print_saved(output, page)
 
 
-def save_with_pictures(document: Document, output: Any, folder: Path, command: str, work: str = "") -> None:
-    """Write the page of a document, the document, and its pictures as the options say, into a folder."""
+def save_with_pictures(
+    document: Document,
+    output: Any,
+    folder: Path,
+    command: str,
+    work: str = "",
+    files: Mapping[str, Any] | None = None,
+) -> None:
+    """Write the page of a document, the document, and its pictures as the options say, into a folder.
+
+    Args:
+        command, work, files: as of ``saved.save``.
+    """
     from vibroswarm.documents.saved import save
     from vibroswarm.show.document import without_pictures
 
     no_pictures = getattr(output, "no_pictures", False)
-    save(without_pictures(document) if no_pictures else document, folder, command, work)
+    save(without_pictures(document) if no_pictures else document, folder, command, work, files=files)
     if hasattr(output, "pictures"):
         save_requested_pictures(document, output, folder)
 

@@ -57,7 +57,7 @@ def tradeoff(
     if output.out is not None:
         # replace=True even without --force: `claim` has accepted the folder.
         with whole_folder(output.out, replace=True) as part:
-            write_table(curve, part / "tradeoff")
+            files = write_table(curve, part / "tradeoff")
             (part / "scenario.toml").write_text(made.to_toml(), encoding="utf-8")
-            save_with_pictures(document, output, part, destination.command, destination.work)
+            save_with_pictures(document, output, part, destination.command, destination.work, files)
     print_with_place(document, output, REPORT)

@@ -25,7 +25,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError, RunError, shown_name
 
 TEMPORARY_NAME: Final = re.compile(
     r"(?:\.(?P<name>.+?)\.(?P<old>old\.)?|vibroswarm-)vs(?P<host>[0-9a-f]{8})-(?P<pid>\d+)-[0-9a-f]{12}(?:\..*)?"
@@ -320,6 +320,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         RunError: the disk is full or failed: the block or the renaming raised an ``OSError``.
     """
     path = Path(path)
+    if "\0" in str(path):
+        raise InputError("cannot be made: there is no such name", field=repr(str(path)))
     if path.is_dir():
         raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
     if not replace:
@@ -360,11 +362,25 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
         RunError: the folder cannot be created, or the disk is full or failed.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        _make_folders(folder)
     except OSError as error:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
     for name, content in contents.items():
         write_file(folder / name, content)
+
+
+def _make_folders(folder: Path) -> None:
+    """Make a folder, and those in which it lies.
+
+    Raises:
+        InputError: there can be no such folder. OSError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (ValueError, RecursionError):  # a NUL in the name, or thousands of folders in each other
+        raise InputError(
+            "cannot be made: there is no such name", field=shown_name(repr(str(folder)))
+        ) from None
 
 
 def make_folder(folder: Path) -> None:
@@ -374,9 +390,7 @@ def make_folder(folder: Path) -> None:
         InputError: it cannot be made there. RunError: the disk is full or failed.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except ValueError as error:  # a NUL in the name
-        raise InputError(f"cannot be made: {error}", field=repr(str(folder))) from None
+        _make_folders(folder)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
             raise RunError(f"could not write '{folder}': {error.strerror}") from error
@@ -411,7 +425,7 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
     check_folder(path, replace=replace, marker=marker)
     part = path.parent / f"{temporary_stem(path.name)}{tag()}"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _make_folders(path.parent)
         part.mkdir()
     except OSError as error:
         raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None

@@ -18,6 +18,9 @@ Tables that a longer work adds one by one (batches, steps, fresh runs) have a de
     NAME.json           kind, size and SHA-256 of each file; written last, so that tables without it are ignored
 
 Each file is written whole or not at all, so several writers of one folder need no coordination.
+
+A manifest has the SHA-256 of its own values (``SEAL``), and size and SHA-256 of the files that are read back. Manifests
+of version 0.2 lack some of them; what they do not say is not checked.
 """
 
 from __future__ import annotations
@@ -49,14 +52,30 @@ KINDS: Final = {
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""
+OF_FILES: Final = ("batch", "step", "fresh", "failure", "document")
+"""Kinds of manifests that no folder has: they describe files beside them."""
 OLDER: Final = ("result.json", "recording.json", "study.json", "search.json", "item.json", "printed.json")
 """Files of folders before format 6, when each kind had its own manifest, of which a folder without manifest has one."""
 
 
+SEAL: Final = "sha256"
+"""Key of the hash of a manifest's other values."""
+
+
 def manifest_text(kind: str, **values: Any) -> str:
-    """Return the text of a manifest: the format, the kind (of ``KINDS``) and the values of that kind."""
+    """Return the text of a manifest: the format, the kind (of ``KINDS``), the values of that kind, and their hash."""
     assert kind in KINDS
-    return json.dumps({"format": FORMAT, "kind": kind, **values}, indent=1, allow_nan=False) + "\n"
+    values = {"format": FORMAT, "kind": kind, **values}
+    return json.dumps({**values, SEAL: seal_of(values)}, indent=1, allow_nan=False) + "\n"
+
+
+def seal_of(values: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of the values of a manifest, in the order in which they are written.
+
+    Raises:
+        ValueError, RecursionError: JSON cannot hold the values.
+    """
+    return hashlib.sha256(json.dumps(values, allow_nan=False).encode()).hexdigest()
 
 
 def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
@@ -78,11 +97,46 @@ def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
     values = read_json(file, "a manifest")
     check_format(entry(values, "format", int, file), FORMAT, str(path))
     kind = entry(values, "kind", str, file)
-    if kind not in KINDS:
+    if kind not in KINDS or (file != path and kind in OF_FILES):
         raise InputError(f"is damaged: 'kind' is {shown(kind)}", field=str(file))
     if kinds and kind not in kinds:
         raise InputError(f"holds {KINDS[kind]}, not {KINDS[kinds[0]]}", field=str(path))
+    seal = values.pop(SEAL, None)
+    if seal is not None and seal != _seal_found(values):
+        raise InputError(f"{DAMAGED}: its values were changed", field=str(file))
     return dict(values)
+
+
+DAMAGED: Final = "is damaged, not what was written"
+"""Beginning of messages about files that were changed."""
+
+
+def _seal_found(values: Mapping[str, Any]) -> str:
+    """Return the hash of values from a file of any content; empty if they have none."""
+    try:
+        return seal_of(values)
+    except (ValueError, RecursionError):
+        return ""
+
+
+def check_definition(
+    file: Path, found: str, saved: str, made_by: Mapping[str, str], *, same_text: bool = True
+) -> None:
+    """Refuse a scenario, study or search in a folder that is not the one for which the folder was made.
+
+    Args:
+        file: that has it. found: its hash. saved: the hash that the manifest names.
+        made_by: versions that made the folder: others may make other hashes, as they know other fields.
+        same_text: whether its text is as it was, which decides for other versions.
+    Raises:
+        InputError: it is another one.
+    """
+    from vibroswarm.core.code_version import code_hash  # which takes a while, and is rarely needed
+
+    if found != saved and (not same_text or made_by.get("code") == code_hash()):
+        raise InputError(
+            f"is not that for which the folder was made (hash {saved}); restore it", field=str(file)
+        )
 
 
 def check_not_older(folder: Path) -> None:
@@ -116,21 +170,9 @@ def kind_of(folder: Path) -> str | None:
     return str(read_manifest(folder)["kind"])
 
 
-def described_files(name: str, tables: Mapping[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Return what a manifest says of the files of tables, by name of the file: table, size, and SHA-256.
-
-    Args:
-        name: beginning of the files' names. tables: Parquet files as bytes, by table; the first is the main table.
-    """
-    main = next(iter(tables))
-    return {
-        f"{name}.parquet" if table == main else f"{name}.{table}.parquet": {
-            "table": table,
-            "bytes": len(data),
-            "sha256": hashlib.sha256(data).hexdigest(),
-        }
-        for table, data in tables.items()
-    }
+def about_file(data: bytes) -> dict[str, Any]:
+    """Return what a manifest says of a file: its size and SHA-256."""
+    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def write_described(
@@ -139,17 +181,20 @@ def write_described(
     """Write tables with their description, which comes last; make the folder if needed.
 
     Args:
-        name: beginning of the files' names. kind: of the description. tables: as of ``described_files``.
+        name: beginning of the files' names. kind: of the description.
+        tables: Parquet files as bytes, by table; the first is the main table.
         values: what else the description says.
     Returns: the path of each table.
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed.
     """
-    files = described_files(name, tables)
-    contents: dict[str, str | bytes] = dict(zip(files, tables.values(), strict=True))
+    main = next(iter(tables))
+    names = {table: f"{name}.parquet" if table == main else f"{name}.{table}.parquet" for table in tables}
+    files = {names[table]: {"table": table, **about_file(data)} for table, data in tables.items()}
+    contents: dict[str, str | bytes] = {names[table]: data for table, data in tables.items()}
     contents[f"{name}.json"] = manifest_text(kind, **values, files=files)
     write_files(folder, contents)
-    return {about["table"]: folder / file for file, about in files.items()}
+    return {table: folder / file for table, file in names.items()}
 
 
 def read_described(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Path]]:
@@ -162,16 +207,46 @@ def read_described(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Pat
         InputError: the description cannot be read, or a file is missing, elsewhere, cut off or changed.
     """
     values = read_manifest(path, kind)
+    entry(values, "files", dict, path)
+    return values, check_files(values, path)
+
+
+def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:
+    """Check size and SHA-256 of the files that a manifest names, which lie beside it; return their paths, by table.
+
+    Args:
+        values: of the manifest. path: of the manifest, or the folder whose manifest it is.
+    Raises:
+        InputError: a file is missing, elsewhere, cut off or changed.
+    """
     folder = path if path.is_dir() else path.parent
     files: dict[str, Path] = {}
-    for name, about in entry(values, "files", dict, path).items():
-        # A name that is a path could lead to any file of this computer.
-        if Path(name).name != name:
+    for name, about in entry({"files": {}, **values}, "files", dict, path).items():
+        # A name that is a path could lead to any file of this computer; one of another description, to its table.
+        if Path(name).name != name or (path != folder and name.partition(".")[0] != path.stem):
             raise InputError(f"names a file elsewhere: {shown(name)}", field=str(path))
         size, sha256 = entry(about, "bytes", int, path), entry(about, "sha256", str, path)
         _check(folder / name, size, sha256)
-        files[entry(about, "table", str, path)] = folder / name
-    return values, files
+        # The file of a table has its name, unless the description says another table.
+        files[entry({"table": Path(name).stem, **about}, "table", str, path)] = folder / name
+    return files
+
+
+def check_written(path: Path, *manifests: str) -> None:
+    """Check a file of a folder, if a manifest there names it.
+
+    Args:
+        manifests: names of the files that may name it, besides the folder's manifest and its description.
+    Raises:
+        InputError: the file is cut off or changed.
+    """
+    for name in (MANIFEST, f"{path.name.partition('.')[0]}.json", *manifests):
+        try:
+            files = read_manifest(path.with_name(name)).get("files", {})
+        except InputError:  # another file of this name, or none
+            continue
+        if path.name in files:
+            check_files({"files": {path.name: files[path.name]}}, path.parent)
 
 
 def _check(path: Path, size: int, sha256: str) -> None:
@@ -184,4 +259,4 @@ def _check(path: Path, size: int, sha256: str) -> None:
         raise InputError(f"{how}: {found} bytes of {size}", field=str(path))
     with path.open("rb") as stream:
         if hashlib.file_digest(stream, "sha256").hexdigest() != sha256:
-            raise InputError("is not what was written", field=str(path))
+            raise InputError(DAMAGED, field=str(path))

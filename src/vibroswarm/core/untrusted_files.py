@@ -60,7 +60,8 @@ def read_bytes(path: Path, most: int, what: str) -> bytes:
     try:
         # The file may have been replaced by a pipe since the check. With O_NONBLOCK, opening it does not wait forever.
         with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as stream:
-            data = stream.read(most + 1)  # one byte more shows that the file has grown beyond the limit
+            # One byte more shows that the file has grown beyond the limit; None: a device of the system has no data.
+            data = stream.read(most + 1) or b""
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {_why(error)}", field=_named(path)) from None
     if len(data) > most:

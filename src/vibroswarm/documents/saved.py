@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
-from vibroswarm.core.folders import has_manifest, manifest_text, read_manifest
+from vibroswarm.core.folders import check_files, has_manifest, manifest_text, read_manifest
 from vibroswarm.core.untrusted_files import entry
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, warn_once
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
@@ -32,19 +32,26 @@ PICTURES: Final = "pictures"
 
 
 def save(
-    document: Document, folder: Path, command: str, work: str = "", *, page: str | None = REPORT
+    document: Document,
+    folder: Path,
+    command: str,
+    work: str = "",
+    *,
+    page: str | None = REPORT,
+    files: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the page of a document into a folder, and the document itself, so that ``show`` can print it again.
 
     Args:
         command, work: as of ``begin``, which is called first.
+        files: what ``printed.json`` says of the command's tables (``study.summary.write_table``).
     """
     from vibroswarm.show.page import write_page
 
     begin(folder, command, work)
     if page is not None:
         write_page(folder / page, document)
-    write_printed(folder, Printed(command, document))
+    write_printed(folder, Printed(command, document), files or {})
 
 
 def save_pictures(
@@ -106,23 +113,27 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
         InputError: the folder is refused.
     """
     from vibroswarm.core.code_version import code_hash
-    from vibroswarm.result import Result
+    from vibroswarm.result import head_of
 
     if not folder.is_dir():
         raise InputError("is a file; give the name of a folder", field=str(folder))
     try:
-        there = Result.read(folder)
+        there = head_of(folder)
     except InputError as error:
         raise InputError(
             f"exists already: {str(error).removeprefix(f'{error.field}: ')}", field=str(folder)
         ) from None
-    if there.scenario != scenario:
-        raise InputError("exists already and holds a run of another scenario", field=str(folder))
-    if (there.seed, there.source) != (seed, motion):
-        what = f"a run with seed {there.seed} by '{there.source}'"
-        raise InputError(f"exists already and holds {what}", field=str(folder))
-    if there.versions.get("code") != code_hash():
+    if there["versions"].get("code") != code_hash():
         raise InputError("exists already and was made by another version of vibroswarm", field=str(folder))
+    if there["scenario_hash"] != scenario.hash:
+        raise InputError("exists already and holds a run of another scenario", field=str(folder))
+    if (there["seed"], there["source"]) != (seed, motion):
+        what = f"a run with seed {there['seed']} by '{there['source']}'"
+        raise InputError(f"exists already and holds {what}", field=str(folder))
+    try:
+        check_files(there, folder)
+    except InputError as error:
+        warn_once(f"{error}; it is computed again")
 
 
 PRINTED: Final = "printed.json"
@@ -145,8 +156,8 @@ def hash_of(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def write_printed(folder: Path, printed: Printed) -> None:
-    """Write ``printed.json`` into a folder.
+def write_printed(folder: Path, printed: Printed, files: Mapping[str, Any]) -> None:
+    """Write ``printed.json`` into a folder; ``files`` is what it says of the command's tables.
 
     Raises:
         RunError: it cannot be written.
@@ -154,7 +165,7 @@ def write_printed(folder: Path, printed: Printed) -> None:
     from vibroswarm.show.stored import document_values
 
     values = {"command": printed.command, "document": document_values(printed.document)}
-    write_files(folder, {PRINTED: manifest_text("document", **values)})
+    write_files(folder, {PRINTED: manifest_text("document", **values, files=files)})
 
 
 def read_printed(folder: Path) -> Printed | None:

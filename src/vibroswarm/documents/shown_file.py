@@ -144,10 +144,13 @@ def _frame(path: Path) -> pl.DataFrame:
 
     import polars as pl
 
+    from vibroswarm.core.folders import check_written
     from vibroswarm.core.tables import read_frame
     from vibroswarm.core.untrusted_files import read_bytes
+    from vibroswarm.documents.saved import PRINTED
 
     if path.suffix != ".csv":
+        check_written(path, PRINTED)
         return read_frame(path, path.stem)
     data = read_bytes(path, MOST_CSV, "a table")
     head = data.partition(b"\n")[0]

@@ -45,6 +45,7 @@ from vibroswarm.core.atomic_io import (
     write_files,
 )
 from vibroswarm.core.folders import (
+    check_definition,
     check_not_older,
     has_manifest,
     manifest_text,
@@ -241,7 +242,7 @@ class SearchFolder:
         saved_hash = entry(manifest, "hash", str, path)
         made_by = versions_of(self.folder)
         if saved_hash != search.hash:
-            saved = Search.read(self.folder / SEARCH)
+            saved = saved_search(self.folder)
             # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
             other = search.with_settings(fresh=saved.settings.fresh)
             if saved_hash != other.hash:
@@ -252,6 +253,19 @@ class SearchFolder:
                 )
         if not mixed:
             check_begun_by(made_by, self.folder)
+
+
+def saved_search(folder: Path) -> Search:
+    """Read the search for which a folder was made.
+
+    Raises:
+        InputError: the search or the manifest is damaged, or the search is not the one that the manifest names.
+    """
+    path = folder / MANIFEST
+    manifest, search = read_manifest(folder, "search"), Search.read(folder / SEARCH)
+    saved_hash, made_by = entry(manifest, "hash", str, path), entry(manifest, "versions", dict, path)
+    check_definition(folder / SEARCH, search.hash, saved_hash, made_by)
+    return search
 
 
 def name_of(number: int) -> str:
@@ -360,7 +374,7 @@ def held(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: the search is damaged.
     """
-    search = Search.read(folder / SEARCH)
+    search = saved_search(folder)
     paths = sorted((folder / STEPS).glob("[!.]*.json"))
     steps = [table for table in (intact_step(path, search) for path in paths) if table is not None]
     runs = [table.filter(pl.col("case") == 0) for table in steps]

@@ -23,8 +23,7 @@ from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.optimize.evaluate import do_piece
 from vibroswarm.optimize.loop import RecordedRun, recorded_runs
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import SEARCH, STEPS, read_step, versions_of
+from vibroswarm.optimize.steps import STEPS, read_step, saved_search, versions_of
 from vibroswarm.result import TABLES, Result
 from vibroswarm.simulation import simulate, versions
 from vibroswarm.study.store import SHARDS
@@ -190,7 +189,7 @@ def _of_study(folder: Path) -> _Part:
 
 
 def _of_search(folder: Path) -> _Part:
-    search, damaged = Search.read(folder / SEARCH), []
+    search, damaged = saved_search(folder), []
     for path in sorted((folder / STEPS).glob("*.json")):
         try:
             read_step(path, search)

@@ -26,7 +26,7 @@ import polars as pl
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import MANIFEST, whole_folder
 from vibroswarm.core.code_version import syntax_hash
-from vibroswarm.core.folders import described_files, has_manifest, manifest_text, read_described
+from vibroswarm.core.folders import about_file, has_manifest, manifest_text, read_described
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import parquet_bytes, read_frame
 from vibroswarm.core.untrusted_files import entry
@@ -375,7 +375,7 @@ def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:
         files: dict[str, Any] = {}
         for name, table in tables.items():
             data = parquet_bytes(table)
-            files |= described_files(name, {name: data})
+            files[f"{name}.parquet"] = about_file(data)
             (part / f"{name}.parquet").write_bytes(data)
         text = manifest_text("item", fingerprint=fingerprint, files=files)
         (part / MANIFEST).write_text(text, encoding="utf-8")

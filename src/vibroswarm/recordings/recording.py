@@ -15,7 +15,7 @@ from a simulated result:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -23,11 +23,11 @@ from typing import Any, ClassVar, Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import MANIFEST
-from vibroswarm.core.folders import kind_of, read_manifest
-from vibroswarm.core.tables import Schema, read_table, write_frame
+from vibroswarm.core.folders import check_files, kind_of, read_manifest
+from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, number, words
 from vibroswarm.errors import InputError
-from vibroswarm.result import Result
+from vibroswarm.result import Result, head_of
 
 ROWS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -119,11 +119,11 @@ class Recording(Result):
         """Whether all sessions are from ``lab track``, which corrects positions for lens and marker height."""
         return bool(self.sessions) and all(session["reader"] == "camera" for session in self.sessions)
 
-    def write_into(self, folder: Path) -> None:
-        """Write into a folder the files of a result, ``rows.parquet`` and ``tracks.parquet``."""
-        super().write_into(folder)
+    def _contents(self) -> Iterator[tuple[str, bytes]]:
+        """Yield the files of a result, ``rows.parquet`` and ``tracks.parquet``."""
+        yield from super()._contents()
         for name in _EXTRA_TABLES:
-            write_frame(getattr(self, name), folder / f"{name}.parquet")
+            yield f"{name}.parquet", parquet_bytes(getattr(self, name))
 
     def _more(self) -> dict[str, Any]:
         """Return what the manifest of a recording says besides that of a result."""
@@ -145,7 +145,8 @@ class Recording(Result):
         folder = Path(path)
         if kind_of(folder) != cls.KIND:
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
-        result = Result.read(folder)
+        about = head_of(folder)
+        result = Result._read(folder, about)
         path = folder / MANIFEST
         # An import always writes segments, which other results may lack, and never a seed.
         if result.seed is not None or result.segments is None:
@@ -155,6 +156,7 @@ class Recording(Result):
             name: read_table(folder / f"{name}.parquet", _EXTRA_TABLES[name], name) for name in _EXTRA_TABLES
         }
         _check_extra_tables(result, extra, folder)
+        check_files(about, folder)
         of_result = {one.name: getattr(result, one.name) for one in fields(Result)}
         return cls(
             **of_result,

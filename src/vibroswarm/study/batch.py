@@ -10,6 +10,7 @@ cell, run and robot; columns of the run are repeated for each robot.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,6 +84,10 @@ SAMPLES: Final[dict[str, Any]] = {
 """Columns of the table of samples, saved on request: one row per cell and sample."""
 
 
+SAMPLES_TABLE: Final = "samples"
+"""Name of that table in a shard."""
+
+
 class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
     """The study was stopped while a batch was running."""
 
@@ -96,16 +101,8 @@ class BatchOutcomes(NamedTuple):
     """Columns of the robots, (rows, runs, robots) each."""
     runs: Columns
     """Columns of the runs, (rows, runs) each, or (runs,) if all rows share the values."""
-    samples: list[pl.DataFrame]
-    """The table of samples of each cell; empty unless samples are saved."""
-    failures: list[pl.DataFrame]
-    """The failed runs of each cell; empty if no run failed."""
-    agreements: list[pl.DataFrame]
-    """The agreements of each cell whose opinions may change after the swarm has decided."""
-    maps: list[pl.DataFrame]
-    """The scores of maps of each cell whose robots keep them."""
-    reported: list[pl.DataFrame]
-    """What the robots of each cell reported last, if they report anything."""
+    further: Mapping[str, list[pl.DataFrame]]
+    """The tables of ``FURTHER`` that cells have, by name, a frame for each cell that has some."""
 
 
 class BatchRequest(NamedTuple):
@@ -174,16 +171,17 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
     walk = Walk(result.motion).figures(tile, observation, tiles)
     robots, of_runs = columns_of(result)
     tables = (result.motion, result.observations, result.inference)
-    samples = samples_of(*tables, cells) if request.samples else []
-    failures = failed_rows(result.failures, [cells], scenario.run.t_end_s)
-    answers = answers_in(result) if scenario.change.is_given else None
-    agreements = agreed_rows(agreements_in(result), answers, cells) if is_followed(scenario) else []
-    maps = of_cells(map_figures_of(result), cells) if keeps_map(scenario) else []
-    reported = []
+    further = {FAILED_TABLE: failed_rows(result.failures, [cells], scenario.run.t_end_s)}
+    if request.samples:
+        further[SAMPLES_TABLE] = samples_of(*tables, cells)
+    if is_followed(scenario):
+        answers = answers_in(result) if scenario.change.is_given else None
+        further[AGREED_TABLE] = agreed_rows(agreements_in(result), answers, cells)
+    if keeps_map(scenario):
+        further[MAPS_TABLE] = of_cells(map_figures_of(result), cells)
     if result.reports is not None:
-        reported = of_cells(reported_last(scenario, result.reports, result.runs), cells)
-    of_runs = {**of_runs, **walked(walk, request.runs)}
-    return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements, maps, reported)
+        further[REPORTED_TABLE] = of_cells(reported_last(scenario, result.reports, result.runs), cells)
+    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, request.runs)}, further)
 
 
 class _SharedMotion:
@@ -215,9 +213,7 @@ class _SharedMotion:
         readings = self.places.read(common, floors, with_energies)
         energy = energies_read(common, readings) if with_energies else None
         finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
-        agreements: list[pl.DataFrame] = []
-        maps: list[pl.DataFrame] = []
-        reported: list[pl.DataFrame] = []
+        further = defaultdict[str, list[pl.DataFrame]](list)
         fills, truth = _asked_of(scenarios, floors, list(runs), self.end_s)
         for scenario, equal_cells, asked in zip(scenarios, cells, fills, strict=True):
             self.request.check()
@@ -230,15 +226,16 @@ class _SharedMotion:
                 if keeps_map(scenario):
                     beliefs = self.motion.samples.select("run", "robot", "time_s", belief_below=log.belief)
                     found = map_figures(scenario, swarm, floors, self.end_s, beliefs)
-                    maps += of_cells(found, equal_cells)
+                    further[MAPS_TABLE] += of_cells(found, equal_cells)
             else:
                 swarm = replay_to_end(*replayed)
             finals_by_scenario.append(final_columns(scenario, swarm))
             if strategy_used(scenario).reports:
-                reported += of_cells(reported_at_end(scenario, swarm, runs, asked), equal_cells)
+                reported = reported_at_end(scenario, swarm, runs, asked)
+                further[REPORTED_TABLE] += of_cells(reported, equal_cells)
             if is_followed(scenario):
                 agreed = agreements_of(swarm, runs) if may_change(scenario) else NO_AGREEMENTS
-                agreements += agreed_rows(agreed, answers, equal_cells)
+                further[AGREED_TABLE] += agreed_rows(agreed, answers, equal_cells)
         # The same columns, (scenarios, runs, robots) each.
         shape = (len(runs), self.timeline.robots)
         finals = {
@@ -252,10 +249,10 @@ class _SharedMotion:
             **run_columns(decisions, times_s, fills, truth, self.end_s, common.run.t_end_s),
             **walked(walk, runs),
         }
-        samples = self._samples(scenarios, cells, readings) if self.request.samples else []
-        failures = failed_rows(self.motion.failures, cells, common.run.t_end_s)
-        of_robots = robot_columns(finals, truth)
-        return BatchOutcomes(cells, of_robots, of_runs, samples, failures, agreements, maps, reported)
+        if self.request.samples:
+            further[SAMPLES_TABLE] = self._samples(scenarios, cells, readings)
+        further[FAILED_TABLE] = failed_rows(self.motion.failures, cells, common.run.t_end_s)
+        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, further)
 
     def _answers(self, scenario: Scenario, floors: dict[int, Floor], log: Log) -> pl.DataFrame:
         """Return how right the answers were over time, from the state after each sample."""
@@ -469,38 +466,24 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     runs_at_a_time = max(int(ROWS_AT_A_TIME / samples_per_run), 1)
     cells = [cell for _, equal_cells in pairs for cell in equal_cells]
     rows = BatchRows(cells, range(work.first, work.last), first.swarm.robots)
-    samples: list[pl.DataFrame] = []
-    failures: list[pl.DataFrame] = []
-    agreements: list[pl.DataFrame] = []
-    maps: list[pl.DataFrame] = []
-    reported: list[pl.DataFrame] = []
+    further = defaultdict[str, list[pl.DataFrame]](list)
     for low in range(work.first, work.last, runs_at_a_time):
         request = BatchRequest(
             runs=range(low, min(low + runs_at_a_time, work.last)),
             seed=work.seed,
             motion=work.motion,
-            samples="samples" in work.keep,
+            samples=SAMPLES_TABLE in work.keep,
             cancelled=cancelled,
         )
         for outcomes in simulate_batch(work.observed, request):
             rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
-            samples += outcomes.samples
-            failures += outcomes.failures
-            agreements += outcomes.agreements
-            maps += outcomes.maps
-            reported += outcomes.reported
+            for name, frames in outcomes.further.items():
+                further[name] += frames
     tables = {"robots": rows.table()}
-    if "samples" in work.keep:
-        order = ["cell", "run", "time_s", "robot"]
-        tables["samples"] = pl.concat(samples).sort(order, maintain_order=True)
-    if failures:
-        tables[FAILED_TABLE] = pl.concat(failures).sort("cell", "run")
-    if agreements:
-        tables[AGREED_TABLE] = pl.concat(agreements).sort("cell", "run")
-    if maps:
-        tables[MAPS_TABLE] = pl.concat(maps).sort("cell", "run")
-    if any(table.height for table in reported):
-        tables[REPORTED_TABLE] = pl.concat(reported).sort("cell", "run", "name", "index")
+    for name, schema in FURTHER.items():
+        if name in work.keep or any(frame.height for frame in further[name]):
+            order = ("cell", "run", "time_s", "robot") if name == SAMPLES_TABLE else schema.key
+            tables[name] = pl.concat(further[name]).sort(order, maintain_order=True)
     metadata = {"vibroswarm_study": work.study}
     files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
     return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
@@ -516,6 +499,14 @@ _OF_SAMPLES: Final = frozenset({"energy", "message", "alpha", "beta", "belief_be
 """Columns of the table ``samples`` that may be null."""
 SAMPLE_ROWS: Final = Schema(SAMPLES, _OF_SAMPLES, ("cell", "run", "robot", "sample"))
 """Schema of the table ``samples`` of a shard."""
+FURTHER: Final = {
+    SAMPLES_TABLE: SAMPLE_ROWS,
+    FAILED_TABLE: FAILED_ROWS,
+    AGREED_TABLE: AGREED_ROWS,
+    MAPS_TABLE: MAPPED_ROWS,
+    REPORTED_TABLE: REPORTED_ROWS,
+}
+"""Schemas of the tables of a shard besides ``robots``: samples on request, the others if cells have rows of them."""
 
 
 def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: range, rows: int) -> None:
@@ -529,9 +520,8 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             error names the file.
     """
     required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
-    # The table of failures exists only if a run failed, that of agreements only if opinions may change, those of maps
-    # and reports only if robots have some.
-    if set(files) - {FAILED_TABLE, AGREED_TABLE, MAPS_TABLE, REPORTED_TABLE} != required:
+    # The others exist only if a run failed, if opinions may change, or if robots have maps or reports.
+    if set(files) - (set(FURTHER) - {SAMPLES_TABLE}) != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -542,14 +532,8 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             f"describes {rows} rows; {len(cells)} cells, {len(runs)} runs and {robots} robots make {expected}"
         )
     for table, path in files.items():
-        # After the check of names above, any other table is ``samples``.
-        schemas = {
-            "robots": ROBOTS, FAILED_TABLE: FAILED_ROWS, AGREED_TABLE: AGREED_ROWS, MAPS_TABLE: MAPPED_ROWS,
-            REPORTED_TABLE: REPORTED_ROWS,
-        }  # fmt: skip
-        schema = schemas.get(table, SAMPLE_ROWS)
-        frame = read_frame(path, table)
-        frame = check_table(frame, schema, path.name, table)
+        schema = ROBOTS if table == "robots" else FURTHER[table]
+        frame = check_table(read_frame(path, table), schema, path.name, table)
         if table == "robots" and frame.height != expected:
             raise InputError(f"has {frame.height} rows, not {expected}", field=path.name)
         for column, allowed in (("cell", set(cells)), ("run", set(runs)), ("robot", set(range(robots)))):

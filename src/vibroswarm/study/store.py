@@ -25,6 +25,8 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import MANIFEST, make_folder, remove_leftovers, write_file
 from vibroswarm.core.folders import (
+    DAMAGED,
+    check_definition,
     check_not_older,
     has_manifest,
     manifest_text,
@@ -162,15 +164,12 @@ class Store:
         saved_hash = entry(manifest, "hash", str, path)
         made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
         text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
-        # If another version of this program made the folder, it may have computed another hash for the same study,
-        # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
-        # the same.
-        same_code = made_by.get("code") == versions()["code"]
-        if study.hash != saved_hash and (same_code or _fingerprint(text) != manifest.get("text")):
+        if not _is_as_written(text):
             raise InputError(
-                f"{MARKER} is not the study for which the folder was made (hash {saved_hash}); restore it",
-                field=str(folder),
+                f"{DAMAGED}; restore it (--runs changes the number of runs)", field=str(folder / MARKER)
             )
+        same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
+        check_definition(folder / MARKER, study.hash, saved_hash, made_by, same_text=same_text)
         store = cls(folder, study, hash=saved_hash)
         if shards:
             store.refresh()
@@ -371,6 +370,8 @@ class Store:
             raise ValueError(f"is of group {group}, runs {first} to {last}, which the study does not have")
         check_shard(files, self.study, groups[group], range(first, last), rows)
         made_by = texts(entry(description, "versions", dict, path), "versions", path)
+        for name in ("vibroswarm", "code", "architecture"):  # which are shown
+            entry(made_by, name, str, path)
         return Shard(
             name=path.stem, group=group, first=first, last=last, rows=rows, files=files, made_by=made_by
         )
@@ -393,10 +394,11 @@ class Store:
             # Another version made the folder. Its text stays, since its hash was computed from it; only the name, the
             # runs and the precision change.
             text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
+        sealed = f"{text}{SEALED}{hashlib.sha256(text.encode()).hexdigest()}\n"
         marker, manifest = self.folder / MARKER, self.folder / MANIFEST
         try:
-            if not marker.is_file() or marker.read_text(encoding="utf-8") != text:
-                write_file(marker, text)
+            if not marker.is_file() or marker.read_text(encoding="utf-8") != sealed:
+                write_file(marker, sealed)
             if not manifest.is_file():
                 self._check_written(text)
                 values = {"hash": self.hash, "text": _fingerprint(text), "versions": versions()}
@@ -414,6 +416,16 @@ class Store:
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "level")
 """Keys of a study's file that change no run of its cells, so that they may change without a new folder."""
+
+
+SEALED: Final = "# sha256 of the text above: "
+"""Beginning of the last line of a study's file in its folder, since no manifest says how many runs there are."""
+
+
+def _is_as_written(text: str) -> bool:
+    """Return whether the text of a study's file is as it was written; older versions wrote no hash of it."""
+    text, mark, written = text.rpartition(SEALED)
+    return not mark or hashlib.sha256(text.encode()).hexdigest() == written.strip()
 
 
 def _fingerprint(text: str) -> str:

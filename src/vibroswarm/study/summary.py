@@ -19,6 +19,7 @@ from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError
@@ -267,11 +268,13 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
                 raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
-def write_table(table: pl.DataFrame, path: Path) -> None:
+def write_table(table: pl.DataFrame, path: Path) -> dict[str, Any]:
     """Write a table as CSV and Parquet; ``path`` is without a suffix.
 
+    Returns: what a manifest says of the Parquet file, by its name.
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed.
     """
-    contents = {f"{path.name}.csv": csv_bytes(table), f"{path.name}.parquet": parquet_bytes(table)}
-    write_files(path.parent, contents)
+    data = parquet_bytes(table)
+    write_files(path.parent, {f"{path.name}.csv": csv_bytes(table), f"{path.name}.parquet": data})
+    return {f"{path.name}.parquet": about_file(data)}
