@@ -8,7 +8,7 @@ from typing import Any
 
 from vibroswarm.cli.options import ScenarioBase, ScenarioOptions
 from vibroswarm.cli.scenario_warnings import warn_of
-from vibroswarm.errors import InputError, nearest, share_from
+from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
@@ -174,8 +174,6 @@ def _image_threshold(options: ScenarioBase, settings: dict[str, Any]) -> float |
     if name in settings:
         field, given = name, settings[name]
         check_threshold(given, field)
-    elif given is not None:
-        given = share_from(given, field)
     if given is not None and (options.floor is None or not is_picture(options.floor)):
         raise InputError("applies to a picture; add --floor FILE.png", field=field)
     return None if given is None else float(given)

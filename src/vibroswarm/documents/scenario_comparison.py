@@ -27,7 +27,7 @@ def checked_document(found: Checked) -> Document:
     """Return the document of a comparison."""
     unit, scenarios = found.objective.unit, (found.first, found.second)
     failed = [
-        f"{one.failed:,} runs of {one.name} FAILED and are in no figure." for one in scenarios if one.failed
+        f"{count(one.failed, 'run')} of {one.name} FAILED (in no figure)." for one in scenarios if one.failed
     ]
     difference, again = (with_limits(each, sign=True) for each in (found.difference, found.replicate))
     words = (
