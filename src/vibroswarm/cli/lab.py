@@ -62,10 +62,8 @@ def import_logs(
     from vibroswarm.recordings.assemble_recording import recording_of
 
     output = Paged(out=out, force=force, json=json, open=page.open)
-    if scenario.floor is None and scenario.scenario is None:
-        raise InputError("is required: on which floor were the robots?", field="--floor")
     made = scenario_from(scenario)
-    check_one_floor(made)
+    check_one_floor(scenario, made)
     stated = stated_fields(scenario)
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
     robots = None if known_robots is None else list(known_robots)

@@ -59,14 +59,19 @@ def stated_fields(options: ScenarioOptions) -> list[str]:
     return stated + (["strategy.name"] if options.strategy is not None else [])
 
 
-def check_one_floor(scenario: Scenario) -> None:
-    """Refuse a random floor for a recording, whose robots were on one real floor, and random changes of it.
+def check_one_floor(options: ScenarioBase, scenario: Scenario) -> None:
+    """Refuse a recording without its floor, or with a random one: its robots were on one real floor.
 
     A random floor that all runs share (``redraw = "study"``) is refused too: it depends on the seed of a simulation.
+    The floor of a preset is that of a simulation.
 
+    Args:
+        options: of which ``--floor`` or ``--scenario`` must state the floor of ``scenario``.
     Raises:
-        InputError: the floor of the scenario, or its change, is random.
+        InputError: neither is given; or the floor of the scenario, or its change, is random.
     """
+    if options.floor is None and options.scenario is None:
+        raise InputError("is required: on which floor were the robots?", field="--floor")
     if scenario.change.is_random:
         raise InputError(
             "is random, but a recording's floor changed as it did; state the tiles", field="change"
