@@ -33,17 +33,14 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
-from vibroswarm.errors import InputError, check_choice, nearest, share_from, shown
-from vibroswarm.show.numbers import number as display
+from vibroswarm.cli.option_values import placeholder, reader
+from vibroswarm.errors import InputError, nearest
 
 MISSING: Final = inspect.Parameter.empty
 """Default of a parameter that must be given."""
-VALUES: Final[dict[Any, str]] = {int: "N", float: "X", str: "NAME", Path: "FILE"}
-"""What stands for a value of a type in the help."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,6 +122,13 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, prog: str, **settings: Any) -> None:
         super().__init__(prog=prog, allow_abbrev=False, formatter_class=Formatter, **settings)
 
+    def _get_value(self, action: argparse.Action, text: str) -> Any:
+        """Convert a text; the argparse method has words of its own for a wrong one."""
+        try:
+            return action.type(text) if callable(action.type) else text
+        except InputError as error:
+            raise argparse.ArgumentError(action, str(error)) from None
+
     def error(self, message: str) -> NoReturn:
         """Raise ``InputError``; argparse gives a finished sentence, of which the option is cut out."""
         what, _, text = message.partition(": ")
@@ -197,7 +201,8 @@ def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None
     else:
         origin = get_origin(kind)
         item = get_args(kind)[0] if origin in (Sequence, list) else kind
-        settings |= {"type": option.read or reader(item, option), "metavar": option.value or _value(item)}
+        read = option.read or reader(item, option.low, option.high)
+        settings |= {"type": read, "metavar": option.value or placeholder(item)}
         if get_origin(item) is Literal:
             option = dataclasses.replace(option, names=option.names or partial(get_args, item))
         if origin is Sequence:
@@ -212,83 +217,6 @@ def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None
         settings["nargs"] = "+" if place is inspect.Parameter.VAR_POSITIONAL else None if is_required else "?"
     action = parser.add_argument(*filter(None, words), **settings)
     vars(action).update(help=option.help, option=option)
-
-
-def _value(kind: Any) -> str:
-    """Return what stands for a value of a type in the help."""
-    if get_origin(kind) is tuple:
-        return f"{_value(get_args(kind)[0])},..."
-    return VALUES.get(kind, "NAME")
-
-
-def reader(kind: Any, option: Option) -> Callable[[str], Any]:
-    """Return the function that converts a text to a type, and raises ``ArgumentTypeError`` for a wrong one."""
-    if get_origin(kind) is tuple:
-        one = reader(get_args(kind)[0], option)
-        return lambda text: tuple(dict.fromkeys(one(part.strip()) for part in text.split(",")))
-    if get_origin(kind) is Literal:
-        return partial(_choice, choices=get_args(kind))
-    if kind in (int, float):
-        return partial(number, kind=kind, low=option.low, high=option.high)
-    return kind  # type: ignore[no-any-return]
-
-
-def _choice(text: str, choices: tuple[str, ...]) -> str:
-    try:
-        check_choice(text, "", choices)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
-
-
-def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf) -> Any:
-    """Convert a text to a whole number (``int``) or a finite number (``float``) from ``low`` to ``high``.
-
-    Raises:
-        argparse.ArgumentTypeError: it is none, or out of range.
-    """
-    try:
-        value = kind(text)
-        if not math.isfinite(value):
-            raise ValueError
-    except (ValueError, OverflowError):  # OverflowError: an integer of hundreds of digits
-        what = "a whole number" if kind is int else "a number"
-        raise argparse.ArgumentTypeError(f"{shown(text)} is not {what}") from None
-    if not low <= value <= high:
-        least, most = (display(end, digits=10) for end in (low, high))
-        limits = f"{least} or more" if high == math.inf else f"from {least} to {most}"
-        raise argparse.ArgumentTypeError(f"{text} is not {limits}")
-    return value
-
-
-def share(text: str) -> float:
-    """Convert a percentage such as ``5%`` to a share, 0.05.
-
-    Raises:
-        argparse.ArgumentTypeError: it is none, or not between 0 % and 100 %.
-    """
-    try:
-        return share_from(text, "")
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def pair_of(
-    separator: str, form: str, kind: type, low: float, high: float = math.inf
-) -> Callable[[str], Any]:
-    """Return the function that converts two numbers, such as those of ``1.2x0.8``.
-
-    Args:
-        form: what is right, for messages, such as "WxH, such as 1.2x0.8". kind, low, high: as of ``number``.
-    """
-
-    def read(text: str) -> tuple[Any, Any]:
-        parts = text.lower().split(separator)
-        if len(parts) != 2:
-            raise argparse.ArgumentTypeError(f"'{text}' is not of the form {form}")
-        return number(parts[0], kind, low, high), number(parts[1], kind, low, high)
-
-    return read
 
 
 def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.BoundArguments:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from vibroswarm.cli.command_line import Option, share
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
 from vibroswarm.errors import InputError
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from vibroswarm.cli.command_line import Option, number, pair_of, share
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import number, pair_of, share
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
 from vibroswarm.errors import InputError
 

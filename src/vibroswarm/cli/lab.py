@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from vibroswarm.cli.command_line import Option, pair_of
+from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile, toml_path
+from vibroswarm.cli.option_values import pair_of, toml_path
+from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile
 from vibroswarm.cli.output import print_saved_file
 from vibroswarm.errors import InputError
 

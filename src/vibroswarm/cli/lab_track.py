@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from vibroswarm.cli.command_line import Option, pair_of
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import pair_of
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.errors import InputError
 

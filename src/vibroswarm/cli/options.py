@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
@@ -11,7 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
-from vibroswarm.cli.command_line import Option, share
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import share, toml_path
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
@@ -160,17 +160,6 @@ Motion = Annotated[
 ]
 Json = Annotated[bool, Option("print JSON and nothing else on stdout")]
 Force = Annotated[bool, Option("replace the file or folder if it exists")]
-
-
-def toml_path(text: str) -> Path:
-    """Convert a text to the path of a TOML file.
-
-    Raises:
-        argparse.ArgumentTypeError: it does not end in .toml.
-    """
-    if not text.endswith(".toml"):
-        raise argparse.ArgumentTypeError(f"'{text}' does not end in .toml")
-    return Path(text)
 
 
 TomlFile = Annotated[Path | None, Option("write a scenario (TOML)", read=toml_path)]
