@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import FIGURES, FOLLOWED, RunFigure
+from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -28,7 +28,7 @@ from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Figure, limits_of
 from vibroswarm.show.numbers import stated
-from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
@@ -295,36 +295,21 @@ def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
 
 def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
     """Yield one figure for each compared quantity, with its paired differences and their intervals."""
-    for figure, title, label, better in (
-        ("decision_time_s", "Decision time, run by run", "difference in decision time (s)", "low"),
-        ("right_share", "Robots right, run by run", "difference in robots right (percentage points)", "high"),
-        ("wrong_share", "Robots wrong, run by run", "difference in robots wrong (percentage points)", "low"),
-        (
-            "undecided_share",
-            "Robots undecided, run by run",
-            "difference in robots undecided (percentage points)",
-            "low",
-        ),
-    ):
-        scale = 1.0 if figure == "decision_time_s" else 100.0  # shares are shown in percentage points
-        # ``first``: the difference in the study's own runs, not in a second block from another seed.
-        rows = [
-            {
-                "comparison": comparison.name,
-                "difference": scale * comparison.first.difference.estimate,
-                "low": scale * comparison.first.difference.low,
-                "high": scale * comparison.first.difference.high,
-                "wins": comparison.first.wins,
-                "ties": comparison.first.ties,
-                "losses": comparison.first.losses,
-                "runs": comparison.first.pairs,
-            }
-            for comparison in compared
-            if comparison.first.figure == figure
-        ][:MOST_ROWS]
-        if rows:
-            draw = partial(draw_forest, _frame(rows), label=label, better=better)
-            yield _figure(f"compared-{figure.replace('_', '-')}", title, draw)
+    table = comparison_table(compared)
+    for name in table["figure"].unique(maintain_order=True):
+        figure = BY_COLUMN[name]
+        scale, unit = (100.0, "percentage points") if figure.is_share else (1.0, figure.unit)
+        # the differences in the study's own runs, not in a second block from another seed
+        frame = table.filter(pl.col("figure") == name).select(
+            "wins", "ties", "losses", comparison="name", runs="pairs", difference=scale * pl.col("difference"),
+            low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),
+        )  # fmt: skip
+        label = f"difference in {figure.title}{f' ({unit})' if unit else ''}"
+        draw = partial(
+            draw_forest, frame.head(MOST_ROWS), label=label, better="low" if figure.better < 0 else "high"
+        )
+        title = f"{figure.title[0].upper()}{figure.title[1:]}, run by run"
+        yield _figure(f"compared-{name.replace('_', '-')}", title, draw)
 
 
 def _detection(outcome: Outcome, table: pl.DataFrame, style: str) -> Picture:
