@@ -14,7 +14,7 @@ import pytest
 
 from helpers.markup import Markup
 from helpers.recordings import TILES
-from vibroswarm import strategies, tasks
+from vibroswarm import sensors, strategies, tasks
 from vibroswarm.cli import main
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -156,6 +156,7 @@ def test_a_column_of_a_csv_that_is_shown(tmp_path: Path, capsys: pytest.CaptureF
 
 OWN = """
 import numpy as np
+from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Report, strategy_in
 from vibroswarm.tasks import Task
 
@@ -180,7 +181,20 @@ def decision(s, a, p, w):
 def truth(floor, asked, p):
     return 1
 
+def sense(samples, p):
+    return np.stack([samples.x_m, samples.y_m], axis=1)
+
+def reading(value, p):
+    return (value[:, 0] > 0.5).astype(int)
+
+def numbers(p):
+    return "energy", "".join(filter(str.isprintable, TEXT))
+
+def warnings(p):
+    return [TEXT]
+
 TEXT = {text!r}
+felt = SensorModel(name="felt", sense=sense, reading=reading, numbers=numbers, warnings=warnings, about=TEXT)
 mine = strategy_in(__name__, "mine", about=TEXT, reports=(Report("seen", unit=TEXT),))
 asked = Task(name="asked", truth=truth, answers=(TEXT, TEXT + "!"), about=TEXT)
 """
@@ -194,19 +208,27 @@ def test_code_with_its_reports_units_answers_and_what_it_is_about(
     for root, text in (("hostile", HOSTILE), ("plain", "name")):
         code = tmp_path / f"{root}.py"
         code.write_text(OWN.format(text=text), encoding="utf-8")
-        named = ["--strategy", f"{code}:mine", "--task", f"{code}:asked"]
+        named = [
+            "--strategy",
+            f"{code}:mine",
+            "--task",
+            f"{code}:asked",
+            "--set",
+            f"sensor.model={code}:felt",
+        ]
         try:
             for words, out in ((["run"], "run"), (["evaluate", "--runs", "4", "--no-confirm"], "study")):
                 folder = tmp_path / root / out
                 assert main([*words, *SHORT, *named, "-q", "--trust", "--out", str(folder)]) == 0
                 printed_plainly(capsys)
             Markup(Result.read(tmp_path / root / "run")._repr_html_()).check_inert()
-            for words in (["strategies"], ["tasks"], ["show", str(tmp_path / root / "run")]):
+            for words in (["strategies"], ["tasks"], ["sensors"], ["show", str(tmp_path / root / "run")]):
                 assert main(words) == 0
                 assert IMAGE in printed_plainly(capsys) or root == "plain"
         finally:
             strategies.base.forget("mine")
             tasks.base.forget("asked")
+            sensors.base.forget("felt")
         folders[root] = tmp_path / root
     check(folders["hostile"], folders["plain"], IMAGE)
 
