@@ -36,6 +36,7 @@ from vibroswarm.result_validation import check_result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import count
 
 SCENARIO: Final = "scenario.toml"
 """File of a result's scenario."""
@@ -215,7 +216,7 @@ class Result(NotebookView):
         scenario, runs = self.scenario, self.runs.height
         outcomes = self.runs["consensus"].drop_nulls().value_counts(sort=True).rows() if runs else []
         parts = [
-            f"{runs} run{'s' * (runs != 1)}",
+            count(runs, "run"),
             f"{scenario.swarm.robots} robots",
             scenario.strategy.name,
             f"floor {shown(scenario.floor.source)}",

@@ -223,7 +223,7 @@ def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]
     assert main([*line, "--boundary-of", "readings"]) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert (
-        "Warning: fill ratio 0.01: 15.1% of the samples read as vibrating, but less than 3.0% vibrates"
+        "Warning: fill ratio 0.01: 15.1 % of the samples read as vibrating, but less than 3.0 % vibrates"
         in told
     )
     assert "Warning: fill ratio 0.1" not in told

@@ -6,6 +6,7 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from vibroswarm.floors.io import read_tiles
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled
+from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled, recommend
 from vibroswarm.scenario.scenario import preset
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
@@ -52,10 +53,8 @@ def test_the_answer_says_at_what_price_the_threshold_in_use_decides(real: Record
     chosen = find_thresholds(real)[0]
 
     def answer(value: float) -> tuple[str, ...]:
-        in_use = at_threshold(real, value)
-        return tuple(
-            threshold_document([chosen], edge_profile(labelled(real), value), chosen, in_use, 0.02).answer
-        )
+        found = replace(recommend(real), in_use=at_threshold(real, value), chosen=chosen)
+        return tuple(threshold_document(found).answer)
 
     assert len(answer(1.33)) == 2
     assert "one with 50 % to 56 % vibrating tiles would be taken for below 50 %" in answer(1.55)[2]

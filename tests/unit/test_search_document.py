@@ -298,7 +298,7 @@ def test_failed_runs_stand_first_with_why(monkeypatch: pytest.MonkeyPatch, truth
     report = page_of(found, lame)
     assert report.warnings[0].startswith("3 runs FAILED; a candidate with a failed run cannot win. Why: ")
     assert "a crash" in report.warnings[0]
-    assert report.warnings[1] == "7 fresh runs of the winner FAILED and are in no figure."
+    assert report.warnings[1] == "7 fresh runs of the winner FAILED (in no figure)."
     (why,) = rows_of(report, "failures")
     assert (why["runs"], why["candidates"]) == (3, 1)
     assert sum(row["failed"] for row in rows_of(report, "runs")) == 3 + 7

@@ -11,6 +11,7 @@ from vibroswarm import sensors, strategies
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import claimed_rates, claims_differ, rates
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import percent
 from vibroswarm.strategies.static_analysis import told
 
 
@@ -49,14 +50,13 @@ def _is_loaded(scenario: Scenario) -> bool:
 
 def _words(claimed: NDArray[np.float64], true: NDArray[np.float64]) -> str:
     """Write both rates, in percent; of more than two kinds those that differ most."""
-    claimed, true = 100.0 * claimed, 100.0 * true
     if claimed.shape == (2, 2):
         return (
-            f"they expect {claimed[0, 1]:.1f} % false positives and {claimed[1, 0]:.1f} % false negatives, and the "
-            f"true rates are {true[0, 1]:.1f} and {true[1, 0]:.1f} %"
+            f"they expect {percent(claimed[0, 1])} false positives and {percent(claimed[1, 0])} false negatives, and "
+            f"the true rates are {percent(true[0, 1])} and {percent(true[1, 0])}"
         )
     kind, read = np.unravel_index(np.abs(claimed - true).argmax(), claimed.shape)
     return (
-        f"they expect {claimed[kind, read]:.1f} % of the samples on kind {kind} to read as {read}, and the true share "
-        f"is {true[kind, read]:.1f} %; no other share differs by more"
+        f"they expect {percent(claimed[kind, read])} of the samples on kind {kind} to read as {read}, and the true "
+        f"share is {percent(true[kind, read])}; no other share differs by more"
     )

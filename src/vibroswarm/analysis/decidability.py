@@ -61,6 +61,7 @@ from vibroswarm.observation.decision_boundary import (
 from vibroswarm.observation.energy_model import claims_differ, error_rates, model_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import number, percent, stated
 
 Word = Literal[
     "decidable", "wrong side", "on the boundary", "indistinguishable from the boundary", "not assessed"
@@ -218,7 +219,7 @@ def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float, 
         return asked(verdict="on the boundary", says=says, margin=None)
     read = int(shares.argmax())
     margin = float(shares[truth] - np.delete(shares, truth).max())
-    most = f"{shares[read]:.1%} of the samples read as kind {read}, more than as any other"
+    most = f"{percent(shares[read])} of the samples read as kind {read}, more than as any other"
     if abs(margin) < ON:
         says = f"Kind {truth} is read as often as another: however many samples are taken, it is decided by chance."
         return asked(verdict="on the boundary", says=says, margin=margin)
@@ -262,8 +263,8 @@ def decidability_of_share(
         if truth is not None and low <= boundary <= high:
             verdict = "indistinguishable from the boundary"
             says = (
-                f"{share:.1%} of the samples read as vibrating, {low:.1%} to {high:.1%} as the samples go: "
-                f"this is indistinguishable from the boundary of {boundary:.1%}."
+                f"{percent(share)} of the samples read as vibrating, {percent(low)} to {percent(high)} as the samples "
+                f"go: this is indistinguishable from the boundary of {percent(boundary)}."
             )
     return Decidability(
         verdict=verdict,
@@ -498,18 +499,18 @@ def _words(verdict: Word, share: float, boundary: float, tested: float, truth: i
         truth: 1 if the fill ratio f is above x, 0 if it is below x, None if it is x.
     """
     if truth is None:
-        return f"The fill ratio is the boundary itself, {boundary:.1%}: neither decision is right."
-    share_of_ones = f"{share:.1%} of the samples read as vibrating"
-    tested_boundary = f"the boundary of {boundary:.1%}"
+        return f"The fill ratio is the boundary itself, {percent(boundary)}: neither decision is right."
+    share_of_ones = f"{percent(share)} of the samples read as vibrating"
+    tested_boundary = f"the boundary of {percent(boundary)}"
     if tested != boundary:
-        tested_boundary = f"the {tested:.1%} by which robots recognise {tested_boundary}"
+        tested_boundary = f"the {percent(tested)} by which robots recognise {tested_boundary}"
     if verdict == "decidable":
         return f"{share_of_ones}, on the right side of {tested_boundary}: it can be decided."
     if verdict == "wrong side":
         if tested != boundary:
             problem = f"on the wrong side of {tested_boundary}"
         else:
-            problem = f"but {'more' if truth == 1 else 'less'} than {boundary:.1%} vibrates"
+            problem = f"but {'more' if truth == 1 else 'less'} than {percent(boundary)} vibrates"
         return f"{share_of_ones}, {problem}: more samples make the wrong answer surer, and feedback makes it faster."
     # The remaining verdict: the share of ones equals the tested boundary.
     return f"{share_of_ones}, just {tested_boundary}: however many samples are taken, it is decided by chance alone."
@@ -529,10 +530,12 @@ def _mend(verdict: Word, threshold: float, low: float | None, high: float | None
     if low is None or high is None:
         return " No threshold mends it: vibrating tiles do not read higher than still ones."
     if high - low < ON:
-        return f" The sensor's errors balance at a threshold of {low:.3f} (it is {threshold:g})."
+        return f" The sensor's errors balance at a threshold of {number(low, 3)} (it is {stated(threshold)})."
     if verdict == "decidable":
         return (
             f" But the mirror image of this floor across the boundary could not be: at a threshold of "
-            f"{threshold:g} all floors lean this way; between {low:.3f} and {high:.3f} both can."
+            f"{stated(threshold)} all floors lean this way; between {number(low, 3)} and {number(high, 3)} both can."
         )
-    return f" A threshold between {low:.3f} and {high:.3f} mends it (it is {threshold:g})."
+    return (
+        f" A threshold between {number(low, 3)} and {number(high, 3)} mends it (it is {stated(threshold)})."
+    )

@@ -36,14 +36,16 @@ def reports_over_time(result: Result, run: int = 0) -> pl.DataFrame:
 def report_headings(result: Result, names: Iterable[str]) -> dict[str, str]:
     """Return names and units in words, by names as in ``reports_over_time``."""
     reported = strategy_used(result.scenario).reported
-    found = {}
-    for name in names:
-        field, _, place = name.partition(" ")
-        unit = reported[field].unit if field in reported else ""
-        found[name] = (
-            field.replace("_", " ") + (f" {place}" if place else "") + (f" ({unit})" if unit else "")
-        )
-    return found
+    parts = {name: name.partition(" ") for name in names}
+    return {
+        name: report_heading(field, place, reported[field].unit if field in reported else "")
+        for name, (field, _, place) in parts.items()
+    }
+
+
+def report_heading(name: str, place: int | str = "", unit: str = "") -> str:
+    """Return a report and its unit in words, such as "trust 3 (m)"; ``place`` is that of a value in an array."""
+    return " ".join(filter(None, (name.replace("_", " "), str(place), f"({unit})" if unit else "")))
 
 
 def estimates_of(result: Result) -> list[str]:

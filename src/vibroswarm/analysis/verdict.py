@@ -28,6 +28,7 @@ from vibroswarm.errors import InputError, check_kind, shown
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import count, number, span, stated, stated_percent
 
 
 @dataclass(frozen=True)
@@ -60,9 +61,9 @@ class RobotVerdict(NotebookView):
 
     def __repr__(self) -> str:
         """Return the outcome in one line, such as "RobotVerdict(robot 3: decision 1 at 250.0 s, 125 samples)"."""
-        at = "" if self.decision_time_s is None else f" at {self.decision_time_s:.1f} s"
+        at = "" if self.decision_time_s is None else f" at {number(self.decision_time_s, 1)} s"
         without_decision = {None: "not logged", -1: "undecided"}
-        estimate = "" if self.estimate is None else f", estimate {self.estimate:.3f}"
+        estimate = "" if self.estimate is None else f", estimate {number(self.estimate, 3)}"
         decision = without_decision.get(self.decision, f"decision {self.decision}{at}")
         return f"RobotVerdict(robot {self.robot}: {decision}{estimate}, {self.samples} samples)"
 
@@ -121,18 +122,21 @@ class Verdict(NotebookView):
 
     def __repr__(self) -> str:
         """Return the outcome in one line: consensus, numbers of robots and fill ratio."""
-        at = "" if self.consensus_time_s is None else f" by {self.consensus_time_s:.1f} s"
+        at = "" if self.consensus_time_s is None else f" by {number(self.consensus_time_s, 1)} s"
         counts = [
-            f"{count} {word}"
-            for word, count in (("right", self.right), ("wrong", self.wrong), ("undecided", self.undecided))
-            if count is not None  # a recording without decisions has no counts
+            f"{robots} {word}"
+            for word, robots in (("right", self.right), ("wrong", self.wrong), ("undecided", self.undecided))
+            if robots is not None  # a recording without decisions has no counts
         ]
-        robots = f"{len(self.robots)} robot{'s' * (len(self.robots) != 1)}"
+        robots = count(len(self.robots), "robot")
         if self.estimated:
-            error = "unknown" if self.estimate_error is None else f"{self.estimate_error:.4g}"
-            return f"Verdict({robots}; {self.estimated} {self.fill_ratio:.4g}, mean error {error})"
+            error = "unknown" if self.estimate_error is None else number(self.estimate_error, digits=4)
+            return (
+                f"Verdict({robots}; {self.estimated} {number(self.fill_ratio, digits=4)}, mean error {error})"
+            )
         outcome = "decisions not logged" if self.consensus is None else f"{self.consensus}{at}"
-        return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {self.fill_ratio:.4g})"
+        fill_ratio = number(self.fill_ratio, digits=4)
+        return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {fill_ratio})"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON, robots and agreements as lists of dictionaries."""
@@ -226,7 +230,7 @@ def presumed(scenario: Scenario) -> str:
 def answers_of(scenario: Scenario) -> tuple[str, ...]:
     """Return the meaning of decisions 0, 1 and so on in words; "no" and "yes" if the task's code is not loaded."""
     known = tasks.known().get(scenario.task.name)
-    boundary = f"{100 * scenario.decision.decision_boundary:.4g} %"
+    boundary = stated_percent(scenario.decision.decision_boundary)
     answers = ("no", "yes") if known is None else known.answers_of(scenario.sensor.kinds)
     return tuple(answer.replace("{boundary}", boundary) for answer in answers)
 
@@ -273,11 +277,6 @@ def strategy_name(name: str) -> str:
     return known.about.partition(":")[0] if known is not None and known.about else name
 
 
-def percent(share: float) -> str:
-    """Write a share as a percentage: ``0.5`` as ``50 %``."""
-    return f"{100 * share:.4g} %"
-
-
 def decision_words(decision: int | None, answers: tuple[str, ...]) -> str:
     """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None.
 
@@ -302,7 +301,7 @@ def headline(found: Verdict) -> str:
     robots = len(found.robots)
     answer = decision_words(found.decision, found.answers)
     together = "the robot decided" if robots == 1 else f"all {robots} robots decided"
-    at = "" if found.consensus_time_s is None else f" by {found.consensus_time_s:.1f} s"
+    at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
     if found.consensus == "right":
         return f"CONSENSUS, RIGHT: {together} '{answer}'{at}."
     if found.consensus == "wrong":
@@ -315,29 +314,29 @@ def headline(found: Verdict) -> str:
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":
         return f"SPLIT: all {robots} robots decided, but differently: {sides}."
-    return f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {found.end_s:g} s ({sides})."
+    return (
+        f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {stated(found.end_s)} s ({sides})."
+    )
 
 
 def _estimates(found: Verdict) -> str:
     """Return how good the robots' estimates are as one sentence."""
     estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
-    true = f"the {found.estimated} is {found.fill_ratio:.4g}"
+    true = f"the {found.estimated} is {number(found.fill_ratio, digits=4)}"
     if not estimates or found.estimate_error is None:
         return f"NO ESTIMATES: {true}, and no robot has estimated it."
-    low, high = f"{min(estimates):.3g}", f"{max(estimates):.3g}"
-    which = low if low == high else f"{low} to {high}"
     sure = "they state no spread"
     if found.estimate_coverage is not None:
         holding = round(found.estimate_coverage * len(estimates))
         sure = f"the 90 % intervals of {holding} of {len(estimates)} hold it"
-    return f"ESTIMATES: {which}; {true}. Mean error {found.estimate_error:.3g}; {sure}."
+    return f"ESTIMATES: {span(estimates)}; {true}. Mean error {number(found.estimate_error)}; {sure}."
 
 
 def _sides(found: Verdict) -> str:
     """Return how many robots decided what, where no answer is right, such as "3 'less than ...', 1 'more than ...'"."""
     counts = [sum(robot.decision == answer for robot in found.robots) for answer in range(len(found.answers))]
     sides = zip(counts, found.answers, strict=True)
-    return ", ".join(f"{count} '{answer}'" for count, answer in sides if count) or "none decided"
+    return ", ".join(f"{robots} '{answer}'" for robots, answer in sides if robots) or "none decided"
 
 
 def agreement_words(found: Verdict) -> str:
@@ -350,12 +349,12 @@ def agreement_words(found: Verdict) -> str:
     if not ended:
         return ""
     first, last = ended[0], found.agreements[-1]
-    more = "" if len(ended) == 1 else f", and {len(ended) - 1} more time{'s' * (len(ended) > 2)}"
+    more = "" if len(ended) == 1 else f", and {count(len(ended) - 1, 'more time')}"
     now = "; opinions agree at the end" if last.until_s is None else "; opinions differ at the end"
     answer = decision_words(first.answer, found.answers)
     return (
-        f"Agreement did not last: all agreed on '{answer}' from {first.since_s:.1f} to {first.until_s:.1f} s"
-        f"{more}{now}."
+        f"Agreement did not last: all agreed on '{answer}' from {number(first.since_s, 1)} to "
+        f"{number(first.until_s, 1)} s{more}{now}."
     )
 
 
@@ -392,7 +391,8 @@ def _range(shares: list[float]) -> str:
     It is cut to 0.01 % to 99.99 %: a belief is never exactly 0 or 1, and only rounding would make it so.
     """
     low, high = (
-        percent(min(max(share, 1e-4), 1 - 1e-4)) for share in (round(min(shares), 4), round(max(shares), 4))
+        stated_percent(min(max(share, 1e-4), 1 - 1e-4))
+        for share in (round(min(shares), 4), round(max(shares), 4))
     )
     return low if low == high else f"{low} to {high}"
 

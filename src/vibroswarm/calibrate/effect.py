@@ -7,7 +7,7 @@ repeated with the next seed (fresh motion, fresh floors), and only a difference 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from vibroswarm.analysis.figures import BY_COLUMN, run_figures
@@ -38,6 +38,9 @@ class Effect(NotebookView):
     """Share of runs with each consensus outcome with the first seed, in the first and the second scenario."""
     differences: tuple[Confirmation, ...]
     """Difference of each figure, second minus first scenario, and whether the second seed confirms it."""
+    scenarios: tuple[Scenario, Scenario]
+    names: tuple[str, str] = ("first", "second")
+    """Of the scenarios."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; ``figures`` and ``consensus`` list the first and the second scenario."""
@@ -59,6 +62,7 @@ def effects(
     seed: int = 1,
     strategies: Sequence[str] = STRATEGIES,
     progress: Callable[[float], None] | None = None,
+    names: tuple[str, str] = ("first", "second"),
 ) -> list[Effect]:
     """Estimate the effect of changing from the first scenario to the second, under each strategy.
 
@@ -70,7 +74,7 @@ def effects(
         runs: number of runs for each scenario and seed.
         seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
         strategies: names of the strategies.
-        progress: called with the share of the work that is done, 0 to 1.
+        progress: called with the share of the work that is done, 0 to 1. names: of the scenarios, for documents.
     Returns:
         One effect per strategy, in the order of ``strategies``.
     Raises:
@@ -99,7 +103,10 @@ def effects(
                 progress((block + now.done / max(now.wanted, 1)) / 2)
 
         blocks.append(run(Study.of_scenarios(cells, runs, seed + block), progress=report))
-    return [_effect(name, place, len(strategies), blocks) for place, name in enumerate(strategies)]
+    return [
+        replace(_effect(name, place, len(strategies), blocks), names=names)
+        for place, name in enumerate(strategies)
+    ]
 
 
 def _effect(name: str, place: int, strategies: int, blocks: Sequence[StudyResult]) -> Effect:
@@ -129,6 +136,7 @@ def _effect(name: str, place: int, strategies: int, blocks: Sequence[StudyResult
         strategy=name,
         figures=(figures[0], figures[1]),
         consensus=(shares[0], shares[1]),
+        scenarios=(cells[0][0].scenario, cells[0][1].scenario),
         # The comparisons of both seeds list the figures in the same order.
         differences=tuple(
             confirmed(difference, repeated) for difference, repeated in zip(*comparisons, strict=True)

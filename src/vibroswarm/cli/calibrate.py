@@ -10,6 +10,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, Json, TomlFile
 from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.terminal import say
 from vibroswarm.errors import InputError
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
@@ -132,8 +133,8 @@ def effect(
 
     scenarios = (scenario_named(first, settings), scenario_named(second, settings))
     with progress_bar("runs") as progress:
-        results = effects(*scenarios, runs, seed, progress=progress)
-    print_document(effect_document(results, (first, second), scenarios), as_json=json)
+        results = effects(*scenarios, runs, seed, progress=progress, names=(first, second))
+    print_document(effect_document(*results), as_json=json)
 
 
 def bursts(
@@ -189,8 +190,6 @@ def fit(
       vibroswarm calibrate fit lab --out mine.toml
       vibroswarm calibrate fit lab --folds --against authors
     """
-    import sys
-
     from vibroswarm.calibrate.cross_validation import folds as validated
     from vibroswarm.calibrate.dataset import dataset_of
     from vibroswarm.calibrate.fit import contradictions
@@ -208,7 +207,7 @@ def fit(
     scenario = scenario_named(base, settings)
     results = [read_result(folder) for folder in folders]
     for sentence in contradictions(results, scenario):
-        print(f"Warning: {sentence}", file=sys.stderr)
+        say(f"Warning: {sentence}")
     dataset = dataset_of(results)
     # the sessions of another simulator, whose similarity to the held-out sessions is printed beside that of the fit
     other = None if against is None else dataset_of([read_result(against)])

@@ -32,16 +32,15 @@ import dataclasses
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
+from functools import partial
 from types import NoneType
 from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
-from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.cli.option_values import placeholder, reader
+from vibroswarm.errors import InputError, nearest
 
 MISSING: Final = inspect.Parameter.empty
 """Default of a parameter that must be given."""
-VALUES: Final[dict[Any, str]] = {int: "N", float: "X", str: "NAME", Path: "FILE"}
-"""What stands for a value of a type in the help."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +86,7 @@ def parameters_of(command: Callable[..., Any]) -> list[Parameter]:
         kind, *notes = get_args(hints[name]) if get_origin(hints[name]) is Annotated else (hints[name],)
         option = next((note for note in notes if isinstance(note, Option)), None)
         if NoneType in get_args(kind):
-            kind = next(one for one in get_args(kind) if one is not NoneType)
+            (kind,) = set(get_args(kind)) - {NoneType}
         found.append(Parameter(name, kind, option, parameter.default, parameter.kind))
     return found
 
@@ -123,17 +122,23 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, prog: str, **settings: Any) -> None:
         super().__init__(prog=prog, allow_abbrev=False, formatter_class=Formatter, **settings)
 
+    def _get_value(self, action: argparse.Action, text: str) -> Any:
+        """Convert a text; the argparse method has words of its own for a wrong one."""
+        try:
+            return action.type(text) if callable(action.type) else text
+        except InputError as error:
+            raise argparse.ArgumentError(action, str(error)) from None
+
     def error(self, message: str) -> NoReturn:
         """Raise ``InputError``; argparse gives a finished sentence, of which the option is cut out."""
-        option, colon, text = message.removeprefix("argument ").partition(": ")
-        if message.startswith("unrecognized arguments: "):
-            word = message.split(": ", 1)[1].split()[0].split("=")[0]
+        what, _, text = message.partition(": ")
+        if what == "unrecognized arguments":
+            word = text.split()[0].split("=")[0]
             kind = "option" if word.startswith("-") else "argument"
-            known = [one for action in self._actions for one in action.option_strings]
-            text = f"unknown {kind}{nearest(word, known)}"
-            raise InputError(f"{text}; '{self.prog} --help' lists what there is", field=word)
-        if colon and message.startswith("argument "):
-            raise InputError(text, field=option.split("/")[-1])
+            similar = nearest(word, [one for action in self._actions for one in action.option_strings])
+            raise InputError(f"unknown {kind}{similar}; '{self.prog} --help' lists what there is", field=word)
+        if text and what.startswith("argument "):
+            raise InputError(text, field=what.removeprefix("argument ").split("/")[-1])
         raise InputError(f"{message}; see '{self.prog} --help'", field=self.prog)
 
 
@@ -189,99 +194,29 @@ def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None
     name, kind, option, default, place = parameter
     if option is None:
         raise TypeError(f"parameter '{name}' has no Option")
-    settings: dict[str, Any] = {}
+    is_required = default is MISSING
+    settings: dict[str, Any] = {"default": None if is_required else default}
     if kind is bool:
         settings["action"] = "store_true"
     else:
         origin = get_origin(kind)
         item = get_args(kind)[0] if origin in (Sequence, list) else kind
-        settings |= {"type": option.read or reader(item, option), "metavar": option.value or _value(item)}
-        if get_origin(item) is Literal and option.names is None:
-            option = dataclasses.replace(option, names=lambda: get_args(item))
+        read = option.read or reader(item, option.low, option.high)
+        settings |= {"type": read, "metavar": option.value or placeholder(item)}
+        if get_origin(item) is Literal:
+            option = dataclasses.replace(option, names=option.names or partial(get_args, item))
         if origin is Sequence:
-            settings["action"], default = "append", list(default)
+            settings |= {"action": "append", "default": list(default)}
         elif origin is list:
             settings["nargs"] = "+"
-    if place is not inspect.Parameter.KEYWORD_ONLY:
-        nargs = "+" if place is inspect.Parameter.VAR_POSITIONAL else "?" if default is not MISSING else None
-        action = parser.add_argument(
-            name, nargs=nargs, default=None if default is MISSING else default, **settings
-        )
+    words = [name]
+    if place is inspect.Parameter.KEYWORD_ONLY:
+        words = [option.short, option.name or f"--{name.replace('_', '-')}"]
+        settings |= {"dest": name, "required": is_required}
     else:
-        named = option.name or f"--{name.replace('_', '-')}"
-        action = parser.add_argument(
-            *filter(None, (option.short, named)),
-            dest=name,
-            required=default is MISSING,
-            default=None if default is MISSING else default,
-            **settings,
-        )
-    action.help = option.help
-    vars(action)["option"] = option
-
-
-def _value(kind: Any) -> str:
-    """Return what stands for a value of a type in the help."""
-    if get_origin(kind) is tuple:
-        return f"{_value(get_args(kind)[0])},..."
-    return VALUES.get(kind, "NAME")
-
-
-def reader(kind: Any, option: Option) -> Callable[[str], Any]:
-    """Return the function that converts a text to a type, and raises ``ArgumentTypeError`` for a wrong one."""
-    if get_origin(kind) is tuple:
-        one = reader(get_args(kind)[0], option)
-        return lambda text: tuple(dict.fromkeys(one(part.strip()) for part in text.split(",")))
-    if get_origin(kind) is Literal:
-        return lambda text: _choice(text, get_args(kind))
-    if kind in (int, float):
-        return lambda text: number(text, kind, option.low, option.high)
-    return kind  # type: ignore[no-any-return]
-
-
-def _choice(text: str, choices: tuple[str, ...]) -> str:
-    if text not in choices:
-        known = ", ".join(choices)
-        raise argparse.ArgumentTypeError(f"there is no '{text}'{nearest(text, choices)} (choices: {known})")
-    return text
-
-
-def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf) -> Any:
-    """Convert a text to a whole number (``int``) or a finite number (``float``) from ``low`` to ``high``.
-
-    Raises:
-        argparse.ArgumentTypeError: it is none, or out of range.
-    """
-    try:
-        value = kind(text)
-        is_number = math.isfinite(value)
-    except (ValueError, OverflowError):  # OverflowError: an integer of hundreds of digits
-        is_number = False
-    if not is_number:
-        what = "a whole number" if kind is int else "a number"
-        raise argparse.ArgumentTypeError(f"{shown(text)} is not {what}")
-    if not low <= value <= high:
-        limits = f"{low:g} or more" if high == math.inf else f"from {low:g} to {high:.10g}"
-        raise argparse.ArgumentTypeError(f"{text} is not {limits}")
-    return value
-
-
-def pair_of(
-    separator: str, form: str, kind: type, low: float, high: float = math.inf
-) -> Callable[[str], Any]:
-    """Return the function that converts two numbers, such as those of ``1.2x0.8``.
-
-    Args:
-        form: what is right, for messages, such as "WxH, such as 1.2x0.8". kind, low, high: as of ``number``.
-    """
-
-    def read(text: str) -> tuple[Any, Any]:
-        parts = text.lower().split(separator)
-        if len(parts) != 2:
-            raise argparse.ArgumentTypeError(f"'{text}' is not of the form {form}")
-        return number(parts[0], kind, low, high), number(parts[1], kind, low, high)
-
-    return read
+        settings["nargs"] = "+" if place is inspect.Parameter.VAR_POSITIONAL else None if is_required else "?"
+    action = parser.add_argument(*filter(None, words), **settings)
+    vars(action).update(help=option.help, option=option)
 
 
 def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.BoundArguments:
@@ -290,16 +225,11 @@ def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.Bou
     Args:
         values: parsed values of options and arguments, by name.
     """
-    positional: list[Any] = []
-    keywords: dict[str, Any] = {}
+    call = inspect.signature(command).bind_partial()
     for name, kind, _, _, place in parameters_of(command):
-        if place is inspect.Parameter.VAR_POSITIONAL:
-            positional += values[name]
-        elif place is inspect.Parameter.POSITIONAL_ONLY:
-            positional.append(values[name])
-        else:
-            keywords[name] = group_of(kind, values) if dataclasses.is_dataclass(kind) else values[name]
-    return inspect.signature(command).bind(*positional, **keywords)
+        value = group_of(kind, values) if dataclasses.is_dataclass(kind) else values[name]
+        call.arguments[name] = tuple(value) if place is inspect.Parameter.VAR_POSITIONAL else value
+    return call
 
 
 def group_of(kind: Any, values: Mapping[str, Any]) -> Any:

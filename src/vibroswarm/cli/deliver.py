@@ -72,8 +72,8 @@ def deliver(
 
 def print_with_place(document: Document, output: Any, page: str | None) -> None:
     """Print a document, and where it is saved, with which page."""
-    print_result(document, output)
-    if not getattr(output, "json", False):
+    print_document(document, as_json=output.json)
+    if not output.json:
         print_line()
     print_saved(output, page)
 
@@ -115,19 +115,14 @@ def save_requested_pictures(
         arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
     """
     from vibroswarm.core.atomic_io import remove_folder
-    from vibroswarm.documents.saved import PICTURES, save_pictures
-    from vibroswarm.show.figures import CAPTIONS
+    from vibroswarm.documents.saved import PICTURES
+    from vibroswarm.show.figures import CAPTIONS, write_figures
 
     earlier = (arguments.out / PICTURES / CAPTIONS).is_file()
     if arguments.pictures or (earlier and not arguments.no_pictures):
-        save_pictures(document, folder, getattr(arguments, "style", "column"), progress)
+        write_figures(folder / PICTURES, document, arguments.style, progress)
     elif (folder / PICTURES / CAPTIONS).is_file():
         remove_folder(folder / PICTURES)
-
-
-def print_result(document: Document, arguments: Any) -> None:
-    """Print a document, or with ``--json`` its answer and tables as one JSON document."""
-    print_document(document, as_json=getattr(arguments, "json", False))
 
 
 def print_document(document: Document, *, as_json: bool = False) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
 from vibroswarm.errors import InputError
 
@@ -27,9 +28,11 @@ class Inspected(ScenarioBase, SeveralSizes, OneStrategy):
 def detect(
     *,
     more_than: Annotated[
-        str | None,
+        float | None,
         Option(
-            "the question: does more than this share of the tiles vibrate? (default: the scenario's)", "P%"
+            "the question: does more than this share of the tiles vibrate? (default: the scenario's)",
+            "P%",
+            read=share,
         ),
     ] = None,
     fills: Annotated[
@@ -41,9 +44,10 @@ def detect(
             high=1,
         ),
     ] = None,
-    error: Annotated[str, Option("tolerated probability of a miss", "P%")] = "5%",
+    error: Annotated[float, Option("tolerated probability of a miss (default 5%)", "P%", read=share)] = 0.05,
     false_alarms: Annotated[
-        str | None, Option("tolerated probability of a false alarm (default: as --error)", "P%")
+        float | None,
+        Option("tolerated probability of a false alarm (default: as --error)", "P%", read=share),
     ] = None,
     boundary_of: Annotated[
         Literal["tiles", "readings"] | None,
@@ -70,12 +74,9 @@ def detect(
     """
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.documents.detection import detection_document
-    from vibroswarm.errors import share_from
 
-    alarms = None if false_alarms is None else share_from(false_alarms, "--false-alarms")
-    tolerated = (share_from(error, "--error"), alarms)
     base = base_of(scenario, more_than, boundary_of)
-    found = _searched(base, fills, runs, tolerated, scenario, execution, output)
+    found = _searched(base, fills, runs, (error, false_alarms), scenario, execution, output)
     if found is None:  # only a shard or a batch of the runs was requested
         return
     deliver(detection_document(found), output, "detect", found.tables)
@@ -93,12 +94,13 @@ def _searched(
     """Search with a plan and progress of each study; None if only a part of the runs was done."""
     from vibroswarm.cli.studies import run_study_of
     from vibroswarm.cli.terminal import report
+    from vibroswarm.show.numbers import stated
     from vibroswarm.study.detection import detect_by
 
     def run_study(study: Study, place: Path | None) -> StudyResult | None:
         end_s = study.cells[0].scenario.run.t_end_s
         if end_s > base.run.t_end_s:
-            report(f"No floor is found yet; next with runs of {end_s:g} s.")
+            report(f"No floor is found yet; next with runs of {stated(end_s)} s.")
         page_cells = None if output.out is None else 0
         return run_study_of(study, execution, replace(output, out=place), page_cells=page_cells)
 
@@ -114,20 +116,19 @@ def _searched(
     )
 
 
-def base_of(scenario: Inspected, more_than: str | None, boundary_of: str | None) -> Scenario:
+def base_of(scenario: Inspected, more_than: float | None, boundary_of: str | None) -> Scenario:
     """Return the scenario that the options describe; its robots allow for their sensor's errors by default.
 
     Raises:
         InputError: two options say the same.
     """
     from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.errors import share_from
     from vibroswarm.scenario.scenario import parse_setting
 
     given = {name for name, _ in map(parse_setting, scenario.settings)}
     values: dict[str, Any] = {}
     if more_than is not None:
-        values["decision.decision_boundary"] = share_from(more_than, "--more-than")
+        values["decision.decision_boundary"] = more_than
     if boundary_of is not None or not ("decision.boundary_of" in given or _file_says_boundary(scenario)):
         values["decision.boundary_of"] = boundary_of or "tiles"
     for name, option in (

@@ -217,18 +217,14 @@ def _varied(options: Sequence[str]) -> dict[str, list[Any]]:
     """
     from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.scenario import plugins
-    from vibroswarm.scenario.scenario import parse_setting
+    from vibroswarm.scenario.scenario import parse_values
 
     vary: dict[str, list[Any]] = {}
     for text in options:
-        name, separator, values = text.partition("=")
-        name = name.strip()
-        if not separator or not values.strip():
-            raise InputError(f"'{text}' is not of the form section.field=value,value", field="--vary")
+        name, values = parse_values(text)
         if name in vary:
             raise InputError("is varied twice", field=f"--vary {name}")
-        # `parse_setting` returns the name and the value, converted to its type
-        vary[name] = [parse_setting(f"{name}={value}")[1] for value in values.split(",")]
+        vary[name] = values
         kind = name.partition(".")[0]
         if kind in plugins.KINDS and name == plugins.field_of(kind):
             vary[name] = [chosen(kind, item) if plugins.is_code(item) else item for item in vary[name]]

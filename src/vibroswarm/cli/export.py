@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Annotated
 
@@ -30,21 +29,17 @@ def c(
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
     from vibroswarm.documents.export import export_document
-    from vibroswarm.export.c_library import COMPILER, MARKER, measured, write_library
-    from vibroswarm.export.timing import timed
+    from vibroswarm.export.c_library import MARKER
+    from vibroswarm.export.timing import export_library
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     check_folder(folder, replace=force, marker=MARKER)
     made = scenario_from(scenario)
     with whole_folder(folder, replace=force, marker=MARKER) as part:
-        files = write_library(made, part)
-        # None without the compiler and the tool for sizes of the robot's processor
-        memory = measured(part / "src")
-        timing = None if memory is None else timed(part / "src", made, memory.flags)
-    document = export_document(made, files, memory, timing, has_compiler=shutil.which(COMPILER) is not None)
-    print_document(document, as_json=json)
+        found = export_library(made, part)
+    print_document(export_document(found), as_json=json)
     begin = "examples/inspection/inspection.ino"
-    print_saved_file(folder, f"{len(files)} files; begin with {begin}", as_json=json)
+    print_saved_file(folder, f"{len(found.files)} files; begin with {begin}", as_json=json)
 
 
 def check(

@@ -119,16 +119,15 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
 
 
-def _floor(floor: str, tiles: str | None, image_threshold: str | None, seed: int) -> Floor:
+def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: int) -> Floor:
     """Return the floor called ``floor`` of 1 m x 1 m; the seed selects a random one."""
-    from vibroswarm.errors import share_from
     from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.io import THRESHOLD
     from vibroswarm.floors.source import resolve, surface_of
 
     size = None if tiles is None else parse_tiles(tiles)
-    threshold = THRESHOLD if image_threshold is None else share_from(image_threshold, "--image-threshold")
+    threshold = THRESHOLD if image_threshold is None else image_threshold
     grid, name = resolve(floor, size, seed, threshold=threshold)
     rows, columns = grid.shape
     surface = surface_of(floor, (rows, columns), (0.0, 0.0, 1.0, 1.0), seed)

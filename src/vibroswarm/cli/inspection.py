@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from vibroswarm.cli.command_line import Option, number, pair_of
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import number, pair_of, share
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
 from vibroswarm.errors import InputError
 
@@ -44,15 +45,21 @@ class Evidence:
         float, Option("of a CSV, or seen by a camera: standard deviation of places", "MM", low=0)
     ] = 0.0
     robot_spread: Annotated[
-        str | None,
+        float,
         Option(
-            "of measured values (--laws CSV): standard deviation of how robots differ (default none)", "P%"
+            "of measured values (--laws CSV): standard deviation of how robots differ (default none)",
+            "P%",
+            read=share,
         ),
-    ] = None
+    ] = 0.0
     tile_spread: Annotated[
-        str | None,
-        Option("of measured values: standard deviation of how places of 20 cm differ (default none)", "P%"),
-    ] = None
+        float,
+        Option(
+            "of measured values: standard deviation of how places of 20 cm differ (default none)",
+            "P%",
+            read=share,
+        ),
+    ] = 0.0
 
 
 def forms(text: str) -> tuple[Any, ...]:
@@ -101,16 +108,29 @@ class Damage:
     contrasts: Annotated[
         tuple[float, ...], Option("contrasts of damage that must be found; 1: as in the reference", "C,...")
     ] = (1.0, 0.75, 0.5)
-    prior: Annotated[str, Option("probability of damage before any sample", "P%")] = "50%"
-    risk: Annotated[str, Option("tolerated probability of damage after clearing", "P%")] = "5%"
+    prior: Annotated[
+        float, Option("probability of damage before any sample (default 50%)", "P%", read=share)
+    ] = 0.5
+    risk: Annotated[
+        float, Option("tolerated probability of damage after clearing (default 5%)", "P%", read=share)
+    ] = 0.05
     level: Annotated[
-        str, Option("tolerated share of false calls: intact surfaces that are called (also of --plan)", "P%")
-    ] = "5%"
+        float,
+        Option(
+            "tolerated share of false calls: intact surfaces that are called, also of --plan (default 5%)",
+            "P%",
+            read=share,
+        ),
+    ] = 0.05
     strict: Annotated[bool, Option("the risk must be tolerated at every place, not on average")] = False
     loss: Annotated[
-        str | None,
-        Option("share of messages that a robot loses, if robots stop by themselves (default none)", "P%"),
-    ] = None
+        float,
+        Option(
+            "share of messages that a robot loses, if robots stop by themselves (default none)",
+            "P%",
+            read=share,
+        ),
+    ] = 0.0
     replicates: Annotated[int, Option("intact surfaces drawn for the scan's p-value")] = 999
 
 
@@ -197,17 +217,15 @@ def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, 
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.documents.damage import plan_document
-    from vibroswarm.errors import share_from
     from vibroswarm.inspection.missed import SIDES_M, plan
 
     assert planned.plan is not None
-    level = share_from(damage.level, "--level")
     made = scenario_from(_with_default(scenario))
     runs = planned.runs
     with progress_bar("plan") as progress:
         table = plan(
             made, planned.plan, [60.0 * end for end in planned.minutes], runs=runs, seed=seed,
-            each=max(1, round(planned.plates / (runs - runs // 2))), level=level, progress=progress,
+            each=max(1, round(planned.plates / (runs - runs // 2))), level=damage.level, progress=progress,
         )  # fmt: skip
     want_m = None if planned.want_cm is None else planned.want_cm / 100.0
     return plan_document(table, want_m, runs, planned.plates * len(SIDES_M), f"{made}, seed {seed}")
@@ -224,16 +242,12 @@ def _inspected(
     """Inspect what the options name."""
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.errors import share_from
     from vibroswarm.inspection.inspection import inspect as inspect_source
 
     known: dict[str, Any] = {
         "run": evidence.run, "laws": evidence.laws, "bits": evidence.bits, "seed": seed, **_asked(damage),
         "spread_m": evidence.spread_mm / 1000.0,
-        "spreads": tuple(
-            0.0 if text is None else share_from(text, field)
-            for text, field in ((evidence.tile_spread, "--tile-spread"), (evidence.robot_spread, "--robot-spread"))
-        ),
+        "spreads": (evidence.tile_spread, evidence.robot_spread),
     }  # fmt: skip
     is_csv = source is not None and source.suffix == ".csv"
     _refuse(evidence.size is not None and not is_csv, "--size", "describes a CSV; give one")
@@ -258,7 +272,7 @@ def _inspected(
 
 def _asked(damage: Damage) -> dict[str, Any]:
     """Return the question about damage as keywords of ``inspect``; the question is None if it was not asked."""
-    from vibroswarm.errors import check_choice, share_from
+    from vibroswarm.errors import check_choice
     from vibroswarm.inspection.damage import SHAPES
     from vibroswarm.inspection.patches import SIZES_M
     from vibroswarm.inspection.stopping import Question
@@ -266,11 +280,11 @@ def _asked(damage: Damage) -> dict[str, Any]:
     question = Question(
         least_m=damage.least_cm / 100.0,
         contrasts=damage.contrasts,
-        prior=share_from(damage.prior, "--prior"),
-        risk=share_from(damage.risk, "--risk"),
-        level=share_from(damage.level, "--level"),
+        prior=damage.prior,
+        risk=damage.risk,
+        level=damage.level,
         strict=damage.strict,
-        loss=0.0 if damage.loss is None else share_from(damage.loss, "--loss"),
+        loss=damage.loss,
     )
     for shape in damage.shapes:
         check_choice(shape, "--shapes", SHAPES)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from vibroswarm.cli.command_line import Option, pair_of
+from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile, toml_path
+from vibroswarm.cli.option_values import pair_of, toml_path
+from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile
 from vibroswarm.cli.output import print_saved_file
 from vibroswarm.errors import InputError
 
@@ -61,10 +63,8 @@ def import_logs(
     from vibroswarm.recordings.assemble_recording import recording_of
 
     output = Paged(out=out, force=force, json=json, open=page.open)
-    if scenario.floor is None and scenario.scenario is None:
-        raise InputError("is required: on which floor were the robots?", field="--floor")
     made = scenario_from(scenario)
-    check_one_floor(made)
+    check_one_floor(scenario, made)
     stated = stated_fields(scenario)
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
     robots = None if known_robots is None else list(known_robots)
@@ -174,7 +174,7 @@ def replay(
     from vibroswarm.documents.recording import replay_document
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
-    from vibroswarm.recordings.replay import replay_recording, replayed_settings
+    from vibroswarm.recordings.replay import replay_strategies, replayed_settings
 
     for name in strategy:
         chosen("strategy", name)  # refuses an unknown name
@@ -184,11 +184,8 @@ def replay(
         recording, warnings = with_law(recording, law_named(laws, draws=0))
         scenario = recording.scenario
     scenario = scenario.with_values(replayed_settings(settings, gate))
-    replays = {
-        name: replay_recording(recording, scenario.with_values({"strategy.name": name}), draws, seed)
-        for name in strategy
-    }
-    print_document(replay_document(recording, replays, draws, seed, warnings), as_json=json)
+    replays = replay_strategies(recording, scenario, strategy, draws, seed)
+    print_document(replay_document(replace(replays, warnings=warnings)), as_json=json)
 
 
 def threshold(
@@ -232,13 +229,7 @@ def threshold(
     from vibroswarm.documents.recording import threshold_document
     from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
     from vibroswarm.recordings.recording import Recording
-    from vibroswarm.recordings.threshold import (
-        at_threshold,
-        edge_profile,
-        find_thresholds,
-        labelled,
-        unseen_errors,
-    )
+    from vibroswarm.recordings.threshold import recommend
 
     if base is not None and out is None and law is None:
         raise InputError("has no effect without --out FILE or --law FILE", field="--base")
@@ -247,38 +238,19 @@ def threshold(
             check_free(path)  # now, since the fit takes long
     if law is not None and law == out:
         raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
-    false_positive, false_negative = costs
-    margin_m = margin_mm / 1000.0
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
-    thresholds = find_thresholds(recording, false_positive, false_negative, margin_m)
-    in_use = at_threshold(
-        recording, recording.scenario.sensor.rms_threshold, name="in use", margin_m=margin_m
-    )
-    if at is not None:
-        thresholds.append(at_threshold(recording, at, margin_m=margin_m))
-    profile = edge_profile(labelled(recording), thresholds[0].value)  # at the threshold of equal error
-    # The last one is that of --at, else of different --costs; the first one that of equal error.
-    chosen = thresholds[-1] if at is not None or false_positive != false_negative else thresholds[0]
-    written = round(chosen.value, 3)  # robots log energies with three decimals
+    found = recommend(recording, (costs[0], costs[1]), at, margin_mm / 1000.0)
+    written = round(found.chosen.value, 3)  # robots log energies with three decimals
     scenario = scenario.with_values({"sensor.rms_threshold": written})
     if out is not None:
         write_text(out, scenario.to_toml(), replace=force)
-    fitted = None
     if law is not None:
         fitted = law_of_recording(recording)
         write_law(fitted, scenario, law, replace=force)
-    document = threshold_document(
-        thresholds,
-        profile,
-        chosen,
-        in_use,
-        margin_m,
-        unseen_errors(recording, false_positive, false_negative),
-        None if fitted is None else law_table(fitted.law),
-    )
-    print_document(document, as_json=json)
-    print_saved_file(out, f"sensor.rms_threshold = {written:g}: {chosen.rule}", as_json=json)
+        found = replace(found, law=law_table(fitted.law))
+    print_document(threshold_document(found), as_json=json)
+    print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(
         law, f"law of the sensor with its error; vibroswarm inspect ... --laws {law}", as_json=json
     )

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from vibroswarm.cli.command_line import Option, pair_of
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import pair_of
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.errors import InputError
 
@@ -148,11 +149,10 @@ def track(
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:
     """Return the table of the robots' log; None without one.
 
-    With a log, a recording is made, which needs the floor on which the robots were. So ``--floor`` or ``--scenario``
-    must state it; the floor of a preset is that of a simulation.
+    With a log, a recording is made, which needs the floor on which the robots were.
 
     Raises:
-        InputError: the log cannot be read; neither of these options is given; or the floor is random.
+        InputError: the log cannot be read, or the floor is not stated or random.
     """
     from vibroswarm.cli.scenario_options import check_one_floor
     from vibroswarm.tracking.track import read_robot_log
@@ -160,9 +160,7 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     if log is None:
         return None
     samples = read_robot_log(log)
-    if options.floor is None and options.scenario is None:
-        raise InputError("is required with --log: on which floor were the robots?", field="--floor")
-    check_one_floor(scenario)
+    check_one_floor(options, scenario)
     return samples
 
 

@@ -6,7 +6,6 @@ wrong robots, where an undecided robot counts as if it had decided for the answe
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -23,13 +22,12 @@ from vibroswarm.cli.options import (
     SeveralSizes,
     SeveralStrategies,
 )
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.cli.terminal import say
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from vibroswarm.league.entries import Entry, LeagueFloor
-    from vibroswarm.league.standings import League, Standings
+    from vibroswarm.league.standings import League
     from vibroswarm.scenario.scenario import Scenario
 
 
@@ -132,12 +130,14 @@ def league(
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
+    from vibroswarm.league.fault_curves import KINDS
+    from vibroswarm.league.tables import check_tests, further_tables, league_tables
     from vibroswarm.study.store import Store
 
     made, basic_entries = league_of(scenario, entries, runs)
     if scenario.shares is not None:  # beliefs, and messages of the opposite, are those of two kinds
         tests = replace(tests, belief_runs=0, fault_runs=0)
-    _check(made, reference, tests)
+    check_tests(made, reference, tests.belief_runs, tests.fault_runs, tests.faults)
     study = made.study  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(output, lambda folder: Store.existing(folder, study, shards=False))
@@ -146,76 +146,21 @@ def league(
     )
     with study_progress("simulating") as progress:
         standings = made.play(output.out, progress=progress, **execution.how)
-    tables = _tables_of(
-        standings, replace(made, entries=basic_entries), reference, tests, execution, output.out
+    basic = replace(made, entries=basic_entries)
+    tables = league_tables(standings, reference) | further_tables(
+        basic,
+        output.out,
+        study_progress,
+        belief_runs=tests.belief_runs,
+        fault_runs=tests.fault_runs,
+        kinds=tests.faults or KINDS,
+        **execution.where,
     )
     if output.out is not None or output.json:
         tables["summary"] = standings.summary
     if output.out is not None:
         write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
     deliver(league_document(standings, tables), output, "league")
-
-
-def _check(league: League, reference: str | None, tests: Tests) -> None:
-    """Refuse options that do not fit a league, before anything is simulated."""
-    from vibroswarm.league.entries import main_entries
-    from vibroswarm.scenario.fault_fields import FAULTS
-
-    main = main_entries(league.entries)
-    known = [*dict.fromkeys(name for one in main for name in (one.label, one.strategy))]
-    if reference is not None and reference not in known:
-        listed = ", ".join(f"'{name}'" for name in known)
-        raise InputError(f"'{reference}' is not an entry (entries: {listed})", field="--reference")
-    for kind in tests.faults or ():
-        check_choice(kind, "--faults", FAULTS)
-    # Without --faults, a league with swarms of one robot is accepted: its table of faults is empty.
-    if tests.faults and tests.fault_runs and min(league.robots) == 1:
-        raise InputError(
-            "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
-        )
-    if (tests.belief_runs or tests.fault_runs) and league.boundaries != {0.5}:
-        raise InputError(
-            "must be 0.5 to compare beliefs and faults; add --belief-runs 0 --fault-runs 0",
-            field="decision.decision_boundary",
-        )
-
-
-def _tables_of(
-    standings: Standings,
-    basic: League,
-    reference: str | None,
-    tests: Tests,
-    execution: Execution,
-    out: Path | None,
-) -> dict[str, pl.DataFrame]:
-    """Return the tables of a league by name, which ``--out`` saves as CSV.
-
-    The tables "beliefs" and "faults" need simulations of their own; each is missing if none of its runs are wanted.
-
-    Args:
-        basic: the league with the entries of these two tables: one for each strategy.
-    """
-    from vibroswarm.cli.progress import study_progress
-    from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
-    from vibroswarm.league.fault_curves import FOLDER as FAULTS_FOLDER
-    from vibroswarm.league.fault_curves import KINDS, fault_curves
-    from vibroswarm.league.tables import league_tables
-
-    tables = league_tables(standings, reference)
-    if tests.belief_runs:
-        folder = None if out is None else out / BELIEFS
-        with study_progress("comparing beliefs") as progress:
-            tables["beliefs"] = belief_calibration(
-                basic, folder, runs=tests.belief_runs, progress=progress, **execution.where
-            )
-    if tests.fault_runs:
-        folder = None if out is None else out / FAULTS_FOLDER
-        kinds = tests.faults or KINDS
-        with study_progress("with faulty robots") as progress:
-            tables["faults"] = fault_curves(
-                basic, folder, kinds=kinds, runs=tests.fault_runs, progress=progress, **execution.where
-            )
-    return tables
 
 
 def league_of(players: Players, options: Entries, runs: int) -> tuple[League, tuple[Entry, ...]]:
@@ -226,7 +171,13 @@ def league_of(players: Players, options: Entries, runs: int) -> tuple[League, tu
     Raises:
         InputError: a strategy or setting is unknown.
     """
-    from vibroswarm.league.entries import entries_of, frozen_settings, main_entries, read_settings
+    from vibroswarm.league.entries import (
+        entries_of,
+        frozen_settings,
+        main_entries,
+        read_settings,
+        varied_by,
+    )
     from vibroswarm.league.standings import League
 
     names, base, floors, robots = players_of(players)
@@ -241,7 +192,7 @@ def league_of(players: Players, options: Entries, runs: int) -> tuple[League, tu
     entries = entries_of(names, settings)
     basic_entries = main_entries(entries)
     for text in options.vary:
-        entries = _varied(entries, text)
+        entries = varied_by(entries, text)
     return League(base, entries, floors, robots, runs=runs, seed=players.seed), basic_entries
 
 
@@ -305,37 +256,8 @@ def _with_kinds(players: Players, kinds: int) -> Players:
         task = "majority"
         notes.append("--task majority")
     if notes:
-        print(
-            f"--shares without a sensor or a task of {kinds} kinds: with {' '.join(notes)}.", file=sys.stderr
-        )
+        say(f"--shares without a sensor or a task of {kinds} kinds: with {' '.join(notes)}.")
     return replace(players, settings=settings, task=task)
-
-
-def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
-    """Replace entries of a league by several: one for each value that ``--vary`` gives a field.
-
-    Entries of other strategies than that of ``text`` stay as they are, and so does the order.
-
-    Args:
-        text: a value of ``--vary``: ``FIELD=A,B`` to vary all entries, or ``STRATEGY:FIELD=A,B`` to vary the entries of
-            one strategy.
-    Raises:
-        InputError: the text is not of this form, its field is unknown, or no entry has its strategy.
-    """
-    from vibroswarm.league.entries import varied
-    from vibroswarm.scenario.scenario import parse_setting
-
-    name, separator, values = text.partition("=")
-    if not separator or not values.strip():
-        raise InputError(f"'{text}' is not of the form [strategy:]section.field=value,value", field="--vary")
-    strategy, colon, field = name.strip().rpartition(":")  # without a colon, all of the name is the field
-    return varied(
-        entries,
-        strategy if colon else None,  # None: of all strategies
-        field,
-        # `parse_setting` returns the name and the value, converted to its type
-        [parse_setting(f"{field}={value}")[1] for value in values.split(",")],
-    )
 
 
 def tune(

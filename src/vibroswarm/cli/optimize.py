@@ -15,9 +15,7 @@ from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    from vibroswarm.optimize.loop import Found
     from vibroswarm.optimize.spec import Search
-    from vibroswarm.optimize.validation import Front, Truth
 
 
 def method_names() -> list[str]:
@@ -136,6 +134,7 @@ def _search(search: Search, execution: Execution, output: Drawn) -> None:
     from vibroswarm.optimize.loop import check_libraries, run_search
     from vibroswarm.optimize.search_files import made_by, write_search
     from vibroswarm.optimize.steps import SearchFolder
+    from vibroswarm.optimize.validation import validated
     from vibroswarm.study.spec import Study
 
     if search.study.runs != Study().runs:
@@ -150,30 +149,12 @@ def _search(search: Search, execution: Execution, output: Drawn) -> None:
         report(sentence)
     with search_progress() as progress:
         found = run_search(search, output.out, progress=progress, **execution.how)
-    truth, front = _validated(found, execution, output.out)
+    truth, front = validated(found, output.out, _counting, **execution.where)
     versions = []
     if output.out is not None:
         write_search(found, output.out, front)
         versions = made_by(output.out)
     deliver(search_document(found, truth, front, versions), output, "optimize")
-
-
-def _validated(found: Found, execution: Execution, out: Path | None) -> tuple[Truth | None, Front | None]:
-    """Score the winner, or the Pareto front, on fresh runs.
-
-    The scores of the search itself are too good: the winner was chosen for its score, which is partly luck. With
-    several objectives the result is a front. It is empty if no candidate has finite scores; then nothing is scored.
-    """
-    from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
-
-    search, truth, front = found.search, None, None
-    if found.front:  # never with one objective
-        with _counting("scoring on fresh runs", fresh_runs(found) * len(found.front)) as counted:
-            front = front_of(found, folder=out, progress=counted, **execution.where)
-    if len(search.objectives) == 1:  # the winner, and each start of the search for comparison
-        with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
-            truth = truth_of(found, folder=out, progress=counted, **execution.where)
-    return truth, front
 
 
 def _grid(file: Path | None, options: SearchOptions, execution: Execution, output: Drawn) -> None:

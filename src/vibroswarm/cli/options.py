@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, get_args
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import share, toml_path
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
 
 Style = Literal["column", "page", "slide"]
 """Styles of pictures; the first is the default."""
-STYLES: Final = ("column", "page", "slide")
-"""The same, for messages."""
+STYLES: Final[tuple[str, ...]] = get_args(Style)
 
 
 def refuse_both(options: object, first: str, second: str) -> None:
@@ -66,7 +65,8 @@ class UserCode:
 
 Tiles = Annotated[str | None, Option("rows x columns of a random floor, coordinate list or picture", "RxC")]
 ImageThreshold = Annotated[
-    str | None, Option("tiles of a picture vibrate from this mean brightness (default 50%)", "P")
+    float | None,
+    Option("tiles of a picture vibrate from this mean brightness (default 50%)", "P", read=share),
 ]
 
 
@@ -160,17 +160,6 @@ Motion = Annotated[
 ]
 Json = Annotated[bool, Option("print JSON and nothing else on stdout")]
 Force = Annotated[bool, Option("replace the file or folder if it exists")]
-
-
-def toml_path(text: str) -> Path:
-    """Convert a text to the path of a TOML file.
-
-    Raises:
-        argparse.ArgumentTypeError: it does not end in .toml.
-    """
-    if not text.endswith(".toml"):
-        raise argparse.ArgumentTypeError(f"'{text}' does not end in .toml")
-    return Path(text)
 
 
 TomlFile = Annotated[Path | None, Option("write a scenario (TOML)", read=toml_path)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,8 +31,8 @@ def print_paragraph(text: str) -> None:
 
 
 def print_line(text: str = "") -> None:
-    """Print a line as it is, such as a path or an empty line."""
-    print(text)
+    """Print a line that is not broken, such as a path or an empty line."""
+    print(terminal.plain(text))
 
 
 def print_saved(output: Any, page: str | None = None) -> None:
@@ -54,9 +55,9 @@ def print_saved(output: Any, page: str | None = None) -> None:
     sys.stdout.flush()  # so that the results are seen before the browser opens
     if getattr(output, "open", False) and out is not None:
         if page is None:
-            print("vibroswarm: nothing to open: no page was written", file=sys.stderr)
+            terminal.say("vibroswarm: nothing to open: no page was written")
         else:
-            open_page(out / page)
+            open_page((out / page).resolve())
 
 
 def print_saved_file(path: Path | None, note: str = "", *, as_json: bool = False) -> None:
@@ -79,24 +80,15 @@ def _names_in(folder: Path) -> list[str]:
     return [*files, *([f"tables ({', '.join(kinds)})"] if kinds else []), *folders]
 
 
-def open_page(path: Path) -> bool:
-    """Open a file in the browser and return True; if that fails, print on stderr what to do, and return False."""
+def open_page(address: Path | str) -> bool:
+    """Open a page in the browser and return True; if that fails, print on stderr what to do, and return False."""
     import webbrowser
 
-    path = path.resolve()
-    opened = False
-    if has_display():
-        try:
-            opened = webbrowser.open(path.as_uri())
-        except webbrowser.Error:
-            opened = False
-    if not opened:
-        print(
-            f"vibroswarm: no browser can be opened here; open {path} on a machine that has one",
-            file=sys.stderr,
-            flush=True,
-        )
-    return opened
+    with suppress(webbrowser.Error):
+        if has_display() and webbrowser.open(address.as_uri() if isinstance(address, Path) else address):
+            return True
+    terminal.say(f"vibroswarm: no browser can be opened here; open {address} on a machine that has one")
+    return False
 
 
 def has_display() -> bool:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from vibroswarm.cli.terminal import printing, report
+from vibroswarm.show.numbers import count, count_of, duration, number, percent, whole
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.methods import SearchProgress
@@ -36,16 +37,24 @@ class _Lines:
 
 
 @contextmanager
-def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]:
-    """Show a bar of shares (total 1) or runs, unless ``--quiet``; yield what updates it (total, completed, note)."""
+def _shown(what: str, total: float | None = None) -> Iterator[Callable[..., None]]:
+    """Show progress of shares (total 1) or runs; yield a function that updates it, unless ``--quiet``.
+
+    The function takes the text of a line, and as keywords values of the bar: description, total, completed, note. On a
+    terminal the bar is shown; otherwise lines are printed.
+    """
+    if not sys.stderr.isatty():
+        lines = _Lines()
+        yield lambda text, **values: lines(text)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    count = ("{task.percentage:3.0f} %",) if total else (MofNCompleteColumn(), "runs")
-    columns = ("{task.description}", BarColumn(), *count, TimeRemainingColumn(), "{task.fields[note]}")
+    amount = ("{task.percentage:3.0f} %",) if total else (MofNCompleteColumn(), "runs")
+    columns = ("{task.description}", BarColumn(), *amount, TimeRemainingColumn(), "{task.fields[note]}")
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=printing.quiet) as bars:
         task = bars.add_task(what, total=total, note="")
-        yield lambda **values: bars.update(task, **values)
+        yield lambda text, **values: bars.update(task, **values)
 
 
 @contextmanager
@@ -66,12 +75,8 @@ def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
         what: description of the whole work.
     """
     say_compiling()
-    if not sys.stderr.isatty():
-        lines = _Lines()
-        yield lambda now, share: lines(f"{what}: {100 * share:.0f} %")
-        return
-    with _bar(what, total=1.0) as update:
-        yield lambda now, share: update(description=now, completed=share)
+    with _shown(what, total=1.0) as show:
+        yield lambda now, share: show(f"{what}: {percent(share, 0)}", description=now, completed=share)
 
 
 @contextmanager
@@ -84,46 +89,31 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     Args:
         what: description of the work.
     """
-    from vibroswarm.study.runner import StudyProgress
-
     began_s = time.monotonic()
-    latest = StudyProgress(done=0, wanted=0, failed=0)  # for lines that are printed during compilation
+    done = ""  # for lines that are printed during compilation
 
-    def rate_and_failures(now: StudyProgress) -> tuple[float, str]:
-        """Return the number of runs per second so far, and in words how many batches failed (empty if none)."""
-        passed_s = time.monotonic() - began_s
-        rate = now.done / max(passed_s, 1e-9)  # 1e-9: the clock may not have advanced yet
-        return rate, f"{now.failed} batches failed" if now.failed else ""
+    with _shown(what) as show:
 
-    if not sys.stderr.isatty():
-        lines = _Lines()
+        def update(now: StudyProgress) -> None:
+            nonlocal done
+            rate = now.done / max(time.monotonic() - began_s, 1e-9)  # the clock may not have advanced yet
+            failed = f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
+            left = f"{duration((now.wanted - now.done) / rate)} left" if rate else ""
+            speed = f"{whole(rate)} per second"
+            done = f"; {whole(now.done)} of {count(now.wanted, 'run')} done"
+            show(
+                ", ".join(
+                    filter(None, (f"{what}: {count_of(now.done, now.wanted, 'run')}", speed, left, failed))
+                ),
+                # set each time, because it may be "compiling"
+                description=what,
+                total=now.wanted,
+                completed=now.done,
+                note=", ".join(filter(None, (speed, failed))),
+            )
 
-        def line(now: StudyProgress) -> None:
-            nonlocal latest
-            latest = now
-            rate, failed = rate_and_failures(now)
-            share = 100 * now.done / max(now.wanted, 1)  # at least 1, so that nothing is divided by 0
-            left = f"{(now.wanted - now.done) / rate:.0f} s left" if rate else ""
-            text = f"{what}: {now.done:,} of {now.wanted:,} runs ({share:.0f} %)"
-            lines(", ".join(part for part in (text, f"{rate:,.0f} per second", left, failed) if part))
-
-        def line_while_compiling() -> None:
-            done = f"; {latest.done:,} of {latest.wanted:,} runs done" if latest.wanted else ""
-            lines(f"{what}: compiling{done}")
-
-        with _while_compiling(line_while_compiling):
-            yield line
-        return
-    with _bar(what) as update:
-
-        def show(now: StudyProgress) -> None:
-            rate, failed = rate_and_failures(now)
-            note = f"{rate:,.0f} per second{f', {failed}' if failed else ''}"
-            # `description` is set each time, because it may be "compiling"
-            update(description=what, total=now.wanted, completed=now.done, note=note)
-
-        with _while_compiling(lambda: update(description=f"{what}: compiling")):
-            yield show
+        with _while_compiling(lambda: show(f"{what}: compiling{done}", description=f"{what}: compiling")):
+            yield update
 
 
 _compiling: list[Callable[[], None]] = []
@@ -154,23 +144,21 @@ def _while_compiling(show: Callable[[], None]) -> Iterator[None]:
 def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
     """Yield a function that takes the progress of a search and shows its iteration, runs and best score."""
 
-    def best(now: SearchProgress) -> str:
-        return f"best so far {now.best:.4g}{f', {now.failed} failed' if now.failed else ''}"
+    with _shown("searching") as show:
 
-    if not sys.stderr.isatty():
-        lines = _Lines()
-        yield lambda now: lines(
-            f"{now.method}: iteration {now.iteration} of {now.iterations}, {now.runs:,} of {now.wanted:,} runs, "
-            f"{best(now)}"
-        )
-        return
-    with _bar("searching") as update:
-        yield lambda now: update(
-            total=now.wanted,
-            completed=now.runs,
-            note=best(now),
-            description=f"{now.method} {now.iteration}/{now.iterations}",
-        )
+        def update(now: SearchProgress) -> None:
+            failed = f", {whole(now.failed)} failed" if now.failed else ""
+            best = f"best so far {number(now.best, digits=4)}{failed}"
+            runs = f"{whole(now.runs)} of {count(now.wanted, 'run')}"
+            show(
+                f"{now.method}: iteration {now.iteration} of {now.iterations}, {runs}, {best}",
+                description=f"{now.method} {now.iteration}/{now.iterations}",
+                total=now.wanted,
+                completed=now.runs,
+                note=best,
+            )
+
+        yield update
 
 
 _reported: set[tuple[str, ...]] = set()

@@ -8,7 +8,7 @@ from typing import Any
 
 from vibroswarm.cli.options import ScenarioBase, ScenarioOptions
 from vibroswarm.cli.scenario_warnings import warn_of
-from vibroswarm.errors import InputError, nearest, share_from
+from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
@@ -59,14 +59,19 @@ def stated_fields(options: ScenarioOptions) -> list[str]:
     return stated + (["strategy.name"] if options.strategy is not None else [])
 
 
-def check_one_floor(scenario: Scenario) -> None:
-    """Refuse a random floor for a recording, whose robots were on one real floor, and random changes of it.
+def check_one_floor(options: ScenarioBase, scenario: Scenario) -> None:
+    """Refuse a recording without its floor, or with a random one: its robots were on one real floor.
 
     A random floor that all runs share (``redraw = "study"``) is refused too: it depends on the seed of a simulation.
+    The floor of a preset is that of a simulation.
 
+    Args:
+        options: of which ``--floor`` or ``--scenario`` must state the floor of ``scenario``.
     Raises:
-        InputError: the floor of the scenario, or its change, is random.
+        InputError: neither is given; or the floor of the scenario, or its change, is random.
     """
+    if options.floor is None and options.scenario is None:
+        raise InputError("is required: on which floor were the robots?", field="--floor")
     if scenario.change.is_random:
         raise InputError(
             "is random, but a recording's floor changed as it did; state the tiles", field="change"
@@ -174,8 +179,6 @@ def _image_threshold(options: ScenarioBase, settings: dict[str, Any]) -> float |
     if name in settings:
         field, given = name, settings[name]
         check_threshold(given, field)
-    elif given is not None:
-        given = share_from(given, field)
     if given is not None and (options.floor is None or not is_picture(options.floor)):
         raise InputError("applies to a picture; add --floor FILE.png", field=field)
     return None if given is None else float(given)

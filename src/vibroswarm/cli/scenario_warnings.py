@@ -6,9 +6,10 @@ simulations need: ``vibroswarm --help`` loads it too.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
+
+from vibroswarm.cli.terminal import say
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
@@ -51,9 +52,9 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
     new = [text for text in texts if text not in _printed]
     _printed.update(new)
     for text in new[:MOST]:
-        print(f"Warning: {text}.", file=sys.stderr)
+        say(f"Warning: {text}.")
     if len(new) > MOST:
-        print(f"Warnings that are not printed: {len(new) - MOST}.", file=sys.stderr)
+        say(f"Warnings that are not printed: {len(new) - MOST}.")
 
 
 def _is_final(scenario: Scenario) -> bool:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
-from vibroswarm.cli.terminal import report
+from vibroswarm.cli.output import print_line
+from vibroswarm.cli.terminal import report, say
 from vibroswarm.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -88,6 +89,7 @@ def run_study_of(
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.cli.scenario_warnings import warn_of
+    from vibroswarm.show.numbers import count_of
     from vibroswarm.study.run import run
     from vibroswarm.study.runner import Job, run_batch
     from vibroswarm.study.store import Store
@@ -107,7 +109,7 @@ def run_study_of(
     warn_of(cell.scenario for cell in study.cells)
     if execution.batch is not None and out is not None:
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)
-        print(f"Batch {execution.batch} is done; saved in {store.folder}")
+        print_line(f"Batch {execution.batch} is done; saved in {store.folder}")
         return None
     print_plan(study, out, job, again=again and job is None, page_cells=page_cells if job is None else None)
     with study_progress("simulating") as progress:
@@ -122,8 +124,10 @@ def run_study_of(
     if job is None:
         return result
     done, requested = int(result.cells["there"].sum()), int(result.cells["wanted"].sum())
-    print(f"Shard {job.number} of {job.of} is done: {done:,} of {requested:,} runs in {result.store.folder}")
-    print("After all shards: vibroswarm evaluate merge OUT SHARD ...")
+    print_line(
+        f"Shard {job.number} of {job.of} is done: {count_of(done, requested, 'run')} in {result.store.folder}"
+    )
+    print_line("After all shards: vibroswarm evaluate merge OUT SHARD ...")
     return None
 
 
@@ -168,7 +172,7 @@ def print_plan(
     store = Store(Path(), study) if store is None else store
     for damage in store.damaged:
         # a warning, so it is not printed by `report`, which --quiet silences
-        print(f"damaged, will be recomputed: {damage}", file=sys.stderr)
+        say(f"damaged, will be recomputed: {damage}")
     say_compiling()  # before `expected`, whose trial runs compile kernels
     left = expected(store, plan)
     report(work_sentence(plan, left, job, again=again, page_cells=page_cells, tests=tests))
@@ -183,7 +187,7 @@ def print_outcome(
         result: the study with its finished runs; without any, ``outcome_of`` raises ``InputError``.
         second: the repetition of its cells on other seeds, which confirms comparisons; None if it was not run.
     """
-    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.saved import REPORT
@@ -197,7 +201,7 @@ def print_outcome(
         )
     if output.out is not None:
         write_outcome(outcome, output.out)
-    print_result(study_document(outcome), output)
+    print_document(study_document(outcome), as_json=output.json)
     sys.stdout.flush()  # the tables are seen before the page's pictures are drawn, which takes a while
     if output.out is not None and not output.no_pictures:
         _write_page(outcome, output.out, output)

@@ -78,10 +78,15 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
 
 
+def say(text: str) -> None:
+    """Print a line on stderr, such as a warning."""
+    print(plain(text), file=sys.stderr, flush=True)
+
+
 def report(text: str) -> None:
     """Print a line on stderr about what is being done, unless ``--quiet``."""
     if not printing.quiet:
-        print(text, file=sys.stderr, flush=True)
+        say(text)
 
 
 _since_s = [0.0]
@@ -93,7 +98,7 @@ _listens: list[bool] = []
 def _line(text: str) -> None:
     """With ``--verbose``, print a line on stderr with the time since the command began."""
     if printing.verbose:
-        print(f"[{time.monotonic() - _since_s[0]:7.2f} s] {text}", file=sys.stderr, flush=True)
+        say(f"[{time.monotonic() - _since_s[0]:7.2f} s] {text}")
 
 
 @contextmanager

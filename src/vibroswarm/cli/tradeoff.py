@@ -46,18 +46,18 @@ def tradeoff(
     from vibroswarm.documents.saved import REPORT
     from vibroswarm.documents.tradeoff import tradeoff_document
     from vibroswarm.study.summary import write_table
-    from vibroswarm.study.tradeoff import time_error_curve
+    from vibroswarm.study.tradeoff import tradeoff as computed
 
     made = scenario_from(scenario)
     settings = (made.hash, scenario.seed, runs, list(thresholds), list(observations))
     destination = Destination(output, "evaluate tradeoff", *settings, at_once=False)
     say_compiling()
-    curve = time_error_curve(made, scenario.seed, runs, thresholds, observations, workers=workers)
-    document = tradeoff_document(curve, made, scenario.seed)
+    found = computed(made, scenario.seed, runs, thresholds, observations, workers=workers)
+    document = tradeoff_document(found)
     if output.out is not None:
         # replace=True even without --force: `claim` has accepted the folder.
         with whole_folder(output.out, replace=True) as part:
-            files = write_table(curve, part / "tradeoff")
+            files = write_table(found.curve, part / "tradeoff")
             (part / "scenario.toml").write_text(made.to_toml(), encoding="utf-8")
             save_with_pictures(document, output, part, destination.command, destination.work, files)
     print_with_place(document, output, REPORT)

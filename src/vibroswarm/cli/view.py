@@ -32,10 +32,11 @@ def view(
       vibroswarm view first --html first.html
       vibroswarm view first --picture first.png --at 300
     """
-    from vibroswarm.cli.output import print_saved_file
+    from vibroswarm.cli.output import open_page, print_saved_file
     from vibroswarm.cli.terminal import report
     from vibroswarm.errors import InputError
     from vibroswarm.recordings.recording import read_result
+    from vibroswarm.show import numbers
     from vibroswarm.view.server import Server, viser, write_html
 
     if not 1.0 <= speed <= 200.0:  # the range of the slider on the page; --html has the same limits
@@ -64,15 +65,14 @@ def view(
         return
     if html is not None:
         frames = write_html(result, number, html, speed=speed)
-        print_saved_file(html, f"{frames} frames, {html.stat().st_size / 1e6:.1f} MB")
+        print_saved_file(
+            html, f"{numbers.count(frames, 'frame')}, {numbers.number(html.stat().st_size / 1e6, 1)} MB"
+        )
         return
     server = Server(result, number, port=port, speed=speed)
     print(f"Run {number} at {server.url} (Ctrl-C ends it)", flush=True)
     if open:
-        import webbrowser
-
-        if not webbrowser.open(server.url):
-            print("No browser could be opened here; open that address in one.", flush=True)
+        open_page(server.url)
     try:
         server.serve()
     finally:

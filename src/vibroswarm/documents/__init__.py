@@ -1,4 +1,8 @@
-"""The document of each kind of result: one function a kind, which terminal, page, notebook and JSON show."""
+"""The document of each kind of result: one function a kind, which terminal, page, notebook and JSON show.
+
+Documents of several results side by side, such as floors or comparisons by folder, of plain tables and lists, and of
+files and folders have no class of their own, so that they are not in ``DOCUMENTS``; commands call their functions.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +27,21 @@ DOCUMENTS: Final = {
     "vibroswarm.league.standings.League": "league:entries_document",
     "vibroswarm.league.standings.Standings": "league:league_document",
     "vibroswarm.league.tuning.Tuned": "tune:tune_document",
+    "vibroswarm.calibrate.effect.Effect": "effect:effect_document",
     "vibroswarm.calibrate.fit.Fit": "fit:fit_document",
     "vibroswarm.calibrate.message_loss.LossFits": "message_loss:message_loss_document",
     "vibroswarm.calibrate.real_vs_simulated.Comparison": "calibration:comparison_document",
     "vibroswarm.paper.claims.Claim": "reproduction:claim_document",
     "vibroswarm.paper.claims.Decided": "reproduction:verdict_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
+    "vibroswarm.export.timing.Exported": "export:export_document",
+    "vibroswarm.recordings.replay.Replays": "recording:replay_document",
+    "vibroswarm.recordings.spectrum.Spectra": "spectrum:spectrum_document",
+    "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",
     "vibroswarm.study.detection.Detection": "detection:detection_document",
     "vibroswarm.study.study_outputs.Comparison": "study:comparison_document",
+    "vibroswarm.study.tradeoff.Tradeoff": "tradeoff:tradeoff_document",
+    "vibroswarm.tracking.track.Tracking": "tracking:tracking_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
     "vibroswarm.optimize.verify.Verified": "verified:verified_document",
     "vibroswarm.optimize.grid.Nodes": "grid:grid_document",

@@ -16,9 +16,9 @@ from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
 from vibroswarm.calibrate.similarity import EnergyDistance, Similarity, Spread
-from vibroswarm.documents.session_estimates import columns_of, estimate_of, limited
+from vibroswarm.documents.session_estimates import columns_of, estimate_of
 from vibroswarm.show.document import Column, Document, Part, Table, Text
-from vibroswarm.show.numbers import listed, number, percent, with_limits
+from vibroswarm.show.numbers import listed, number, percent, stated, with_limits
 
 DISTANCES: Final = (
     "Energy distance, effect size (0: same distribution, 1: no overlap; in brackets 95 % over sessions)."
@@ -101,13 +101,13 @@ def figures_document(figures: Mapping[str, Sequence[Figure]], rms_threshold: flo
     return Document(
         title="Figures of sessions",
         answer=(
-            f"{len(FIGURES)} figures of {listed(names.values())}; errors at a threshold of {rms_threshold:g}.",
+            f"{len(FIGURES)} figures of {listed(names.values())}; errors at a threshold of {stated(rms_threshold)}.",
         ),
         parts=(
             Table(pl.DataFrame(rows), name="figures"),
             Text("In brackets: 95 % over sessions. '-': not measurable.", "aside"),
         ),
-        made_by={"rms_threshold": f"{rms_threshold:g}"},
+        made_by={"rms_threshold": stated(rms_threshold)},
         data={"figures": pl.DataFrame(values, infer_schema_length=None)},
     )
 
@@ -161,10 +161,9 @@ def _similarities(found: Comparison) -> Table:
         }
         for one in found.similarities
     ]
-    columns = {name: Column(decimals=3) for name in ("published", "null", "here", "ceiling")}
-    columns |= limited("session", "sessions, real-sim", decimals=3, wide=True)
-    columns |= limited("real_session", "sessions, real-real", decimals=3, wide=True)
-    columns |= {
+    columns = {name: Column(decimals=3) for name in ("published", "null", "here", "ceiling")} | {
+        "session": Column("sessions, real-sim", decimals=3, wide=True),
+        "real_session": Column("sessions, real-real", decimals=3, wide=True),
         "without_camera": Column("without camera", decimals=3),
         "note": Column("note", tones={"below": "bad"}),
     }
@@ -188,20 +187,27 @@ def _distances(found: Comparison) -> Table:
         {"feature": WORDS[one.feature], **columns_of("simulated", one.effect), **columns_of("real", one.real)}
         for one in found.distances
     ]
-    columns = limited("simulated", "real - simulated", decimals=4) | limited(
-        "real", "real - real", decimals=4
-    )
+    columns = {
+        "simulated": Column("real - simulated", decimals=4),
+        "real": Column("real - real", decimals=4),
+    }
     return Table(pl.DataFrame(rows), columns, DISTANCES, "energy_distances")
 
 
+def _told_apart(found: Comparison) -> pl.DataFrame:
+    shares = {name: getattr(found.classifier, name) for name in CLASSIFIERS}
+    return pl.DataFrame(
+        [
+            {"recognised": name} | columns_of("share", share)
+            for name, share in shares.items()
+            if share is not None
+        ]
+    )
+
+
 def _recognised(found: Comparison) -> Table:
-    shares = {words: getattr(found.classifier, name) for name, words in CLASSIFIERS.items()}
-    rows = [
-        {"recognised": words} | columns_of("share", share)
-        for words, share in shares.items()
-        if share is not None
-    ]
-    return Table(pl.DataFrame(rows), limited("share", "share", share=True), RECOGNISED, "told_apart")
+    frame = _told_apart(found).with_columns(pl.col("recognised").replace(CLASSIFIERS))
+    return Table(frame, {"share": Column(share=True)}, RECOGNISED, "told_apart")
 
 
 def _intervals(found: Comparison, requested: bool) -> list[Part]:
@@ -224,9 +230,10 @@ def _intervals(found: Comparison, requested: bool) -> list[Part]:
         )
         if accuracy.same_robots  # empty if there is no pair of sessions: a single real session
     ]
-    columns = limited("same_robots", "same robots", share=True) | limited(
-        "other_robots", "other robots", share=True
-    )
+    columns = {
+        "same_robots": Column("same robots", share=True),
+        "other_robots": Column("other robots", share=True),
+    }
     caption = (
         "Undisturbed intervals that boosted trees recognise by turn and distance (with range over pairs)."
     )
@@ -245,14 +252,14 @@ def _range_of(name: str, shares: tuple[float, ...]) -> dict[str, float]:
 def _several_distances(found: Mapping[str, Comparison], names: Mapping[str, str]) -> Table:
     """Return energy distances with a column for each simulation; those among real sessions are the same in all."""
     by_feature = {folder: {one.feature: one for one in each.distances} for folder, each in found.items()}
-    columns, rows = limited("real", "real - real", decimals=4), []
+    columns, rows = {"real": Column("real - real", decimals=4)}, []
     for feature in FEATURES:
         of_feature = {folder: each.get(feature) for folder, each in by_feature.items()}
         real = next((one.real for one in of_feature.values() if one is not None), None)
         row: dict[str, Any] = {"feature": WORDS[feature], **columns_of("real", real)}
         for folder, one in of_feature.items():
             row |= columns_of(folder, None if one is None else one.effect)
-            columns |= limited(folder, f"real - {names[folder]}", decimals=4)
+            columns[folder] = Column(f"real - {names[folder]}", decimals=4)
         rows.append(row)
     return Table(pl.DataFrame(rows), columns, DISTANCES, "distances")
 
@@ -264,27 +271,20 @@ def _several_classifiers(found: Mapping[str, Comparison], names: Mapping[str, st
         row: dict[str, Any] = {"recognised": CLASSIFIERS[field]}
         for folder, one in found.items():
             row |= columns_of(folder, getattr(one.classifier, field))
-            columns |= limited(folder, names[folder], share=True)
+            columns[folder] = Column(names[folder], share=True)
         rows.append(row)
     return Table(pl.DataFrame(rows), columns, RECOGNISED, "classifiers")
 
 
 def _data(found: Comparison) -> dict[str, pl.DataFrame]:
     """Return all numbers of a comparison as tables for JSON."""
-    shares = {name: getattr(found.classifier, name) for name in CLASSIFIERS}
     return {
         "similarities": pl.DataFrame(
             [_similarity(one) for one in found.similarities], infer_schema_length=None
         ),
         "similarities_without_camera": pl.DataFrame([_similarity(one) for one in found.without_camera]),
         "energy_distances": pl.DataFrame([_distance(one) for one in found.distances]),
-        "told_apart": pl.DataFrame(
-            [
-                {"recognised": name} | columns_of("share", share)
-                for name, share in shares.items()
-                if share is not None
-            ]
-        ),
+        "told_apart": _told_apart(found),
         "intervals_told_apart": _pairs(found.intervals),
         "camera": pl.DataFrame([asdict(found.camera)]),
         "missing": pl.DataFrame({"feature": found.missing}, schema={"feature": pl.String}),

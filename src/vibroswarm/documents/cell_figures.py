@@ -10,6 +10,7 @@ import polars as pl
 
 from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
 from vibroswarm.show.document import Column, Table, limits_of
+from vibroswarm.show.numbers import number
 
 _NUMBERS: Final = {
     "icc_decision_time": Column("correlation within a run: decision time", decimals=3),
@@ -36,6 +37,26 @@ MAP_CAPTION: Final = (
 """What the figures of ``analysis.map_figures`` are."""
 
 
+WIDEST_MAP: Final = 16
+"""Most columns of tiles of a map that is printed as text."""
+
+
+def tile_lines(tiles: pl.DataFrame) -> str:
+    """Write a map of tiles as lines of text: probabilities that they vibrate in percent, a wrong one with ``!``.
+
+    Args:
+        tiles: row, vibrating (the probability) and vibrates (the truth; null: not known), row by row.
+    """
+    cells = tiles.select(
+        "row",
+        text=pl.Series([number(100 * p, 0).rjust(3) for p in tiles["vibrating"]])
+        + pl.when((pl.col("vibrating") > 0.5) != (pl.col("vibrates") == 1))
+        .then(pl.lit("!"))
+        .otherwise(pl.lit(" ")),
+    )
+    return "\n".join(cells.group_by("row", maintain_order=True).agg(pl.col("text").str.join(" "))["text"])
+
+
 def with_limits_of(names: Iterable[str], columns: Collection[str]) -> list[str]:
     """Return the names of figures, each followed by those of its limits if a table has them."""
     return [each for name in names for each in (name, *limits_of(name)) if each in columns]
@@ -53,6 +74,19 @@ def figure_columns(wide: Collection[str] = ()) -> dict[str, Column]:
     formats = {figure.name: column_of(figure) for figure in FIGURES} | _NUMBERS
     formats["error"] = column_of(BY_NAME["robots_wrong"])
     return {name: replace(column, wide=name in wide) for name, column in formats.items()}
+
+
+def answers_table(judged: pl.DataFrame, names: int = 0, more: str = "") -> list[Table]:
+    """Tabulate how right answers were over time (``analysis.answers_over_time``); nothing if none of that is known.
+
+    Args:
+        names: number of columns that say whose answers they are. more: end of the caption.
+    """
+    known = judged.select(column for column in judged if column.count())
+    if known.width <= names:
+        return []
+    caption = f"Answers over time: what was right when it was given, and how soon after a change{more}."
+    return [Table(known, figure_columns(), caption, name="answers", names=max(names, 1))]
 
 
 def map_table(rows: pl.DataFrame, names: Mapping[str, Column]) -> Table:

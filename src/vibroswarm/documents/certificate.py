@@ -27,7 +27,7 @@ from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import Scan
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import count, number, percent
+from vibroswarm.show.numbers import count, number, percent, size, span, stated
 from vibroswarm.simulation import versions
 
 CERTIFICATE: Final = "certificate.html"
@@ -40,14 +40,14 @@ def certificate_document(found: Inspection) -> Document:
     question = assessment.question
     asked = (
         f"Is there damage of {in_cm(question.least_m)} cm or larger, with a contrast of at least "
-        f"{min(question.contrasts):g}? Tolerated risk {percent(question.risk)}, prior {percent(question.prior)}"
+        f"{stated(min(question.contrasts))}? Tolerated risk {percent(question.risk)}, prior {percent(question.prior)}"
         f"{', at every place' if question.strict else ', on average over places'}."
     )
     covered = (
         f"Visited: {percent(assessment.visited, 0)} of the cells of 10 cm. Not covered: damage smaller than "
-        f"{in_cm(question.least_m)} cm or weaker than contrast {min(question.contrasts):g}; places not visited; shapes "
-        f"without a row above; damage that does not follow the reference. Places: {samples.places}; errors of places "
-        f"taken as independent. Error of the law: {_error_of(samples.law)}."
+        f"{in_cm(question.least_m)} cm or weaker than contrast {stated(min(question.contrasts))}; places not visited; "
+        f"shapes without a row above; damage that does not follow the reference. Places: {samples.places}; errors of "
+        f"places taken as independent. Error of the law: {_error_of(samples.law)}."
     )
     return Document(
         title=f"Inspection of {samples.source}",
@@ -87,9 +87,9 @@ def _patches(scan: Scan) -> tuple[Table, ...]:
     """Return the first called patches with their regions, in few columns; nothing if none is called."""
     rows = [
         (
-            f"x {box.centre_m[0]:.2f}, y {box.centre_m[1]:.2f}",
+            f"x {number(box.centre_m[0], 2)}, y {number(box.centre_m[1], 2)}",
             f"{in_cm(region.size_m[0])} to {in_cm(region.size_m[1])}",
-            "-" if region.contrast is None else f"{region.contrast[0]:.2f} to {region.contrast[1]:.2f}",
+            span(region.contrast or (), 2),
             1e4 * region.centre_m2,
         )
         for box, region in zip(scan.called_m[:MOST_LISTED], scan.regions[:MOST_LISTED], strict=True)
@@ -116,7 +116,7 @@ def _what(found: Inspection) -> str:
     samples = found.samples
     return (
         f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} in "
-        f"{number(found.times_s[-1], 0)} s on {samples.size_m[0]:g} m x {samples.size_m[1]:g} m."
+        f"{number(found.times_s[-1], 0)} s on {size(*samples.size_m)}."
     )
 
 

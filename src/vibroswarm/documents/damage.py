@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
@@ -23,7 +22,7 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import maps_figure
 from vibroswarm.plots.style import settings
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import count, listed, number, p_value, percent
+from vibroswarm.show.numbers import count, listed, number, p_value, percent, stated, whole, with_limits
 from vibroswarm.simulation import versions
 
 MOST_LISTED: Final = 4
@@ -37,7 +36,7 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     size = f"{in_cm(question.least_m)} cm or larger"
     if found.verdict == "damage":
         each = [
-            f"{_box(box)} at x = {box.centre_m[0]:.2f} m, y = {box.centre_m[1]:.2f} m"
+            f"{_box(box)} at x = {number(box.centre_m[0], 2)} m, y = {number(box.centre_m[1], 2)} m"
             for box in found.scan.called_m[:MOST_LISTED]
         ]
         more = len(found.scan.called_m) - len(each)
@@ -99,10 +98,10 @@ def damage_sections(found: Inspection) -> list[Section]:
 
 
 _POD: Final = (
-    f"At random places of this inspection, {INTACT:,} intact surfaces; PoD(a) = p_f + (1 - p_f) F(b0 + b1 g(a)), F "
-    "logistic or Weibull, a90/95 by penalised profile likelihood (one-sided 95 %). Size: side of squares, diameter of "
-    f"discs, length of cracks of {100 * CRACK_M:g} cm. Where less than {percent(WHOLLY, 0)} of the cells are visited "
-    "the curve may end below 1 (by AIC). Other places are not covered."
+    f"At random places of this inspection, {count(INTACT, 'intact surface')}; PoD(a) = p_f + (1 - p_f) F(b0 + b1 "
+    "g(a)), F logistic or Weibull, a90/95 by penalised profile likelihood (one-sided 95 %). Size: side of squares, "
+    f"diameter of discs, length of cracks of {stated(100 * CRACK_M)} cm. Where less than {percent(WHOLLY, 0)} of the "
+    "cells are visited the curve may end below 1 (by AIC). Other places are not covered."
 )
 UNTESTED: Final = (
     "Holm's correction; at most 5 % of right laws are refused. Places are tested by whether the robots agree on where "
@@ -176,19 +175,22 @@ def _looks(scan: Scan) -> str:
 def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     """Return when the risk is tolerated, and how much damage is cleared all the same."""
     told, question = found.stopping, found.question
-    contrasts = listed(f"{c:g}" for c in question.contrasts)
+    contrasts = listed(map(stated, question.contrasts))
     heard = f"all but {percent(question.loss, 0)} of" if question.loss else "all of"
     places = listed(
-        f"{places:,} of {_form(form)} cm"
+        f"{whole(places)} of {_form(form)} cm"
         for form, places in zip(told.patches.forms, told.patches.places.tolist(), strict=True)
     )
     if question.strict:
         rule = f"the largest L of all places ({places})"
     else:
         rule = f"the mean of L over places, all with the same weight ({places}), of the worst size"
-    missed = f"{_limits(told.missed)} ({_limits(told.worst)} at the worst of {BLOCKS**2} blocks of places)"
+    worst = f"{with_limits(told.worst, '%')} at the worst of {BLOCKS**2} blocks of places"
+    missed = f"{with_limits(told.missed, '%')} ({worst})"
     robots = (
-        "" if told.missed_by_robots is None else f", if the robots decide {_limits(told.missed_by_robots)}"
+        ""
+        if told.missed_by_robots is None
+        else f", if the robots decide {with_limits(told.missed_by_robots, '%')}"
     )
     return (
         Text(
@@ -198,19 +200,15 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
         ),
         Text(
             f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
-            f"{in_cm(question.least_m)} cm with contrast {min(question.contrasts):g} are cleared all the same in "
-            f"{missed}{robots}; by all samples at the end in {_limits(told.missed_at_end)}. Drawn at the places of "
-            "this inspection, with 95 % limits."
+            f"{in_cm(question.least_m)} cm with contrast {stated(min(question.contrasts))} are cleared all the same in "
+            f"{missed}{robots}; by all samples at the end in {with_limits(told.missed_at_end, '%')}. Drawn at the "
+            "places of this inspection, with 95 % limits."
         ),
     )
 
 
 def _when(time_s: float | None) -> str:
     return "at no look" if time_s is None else f"from {number(time_s, 0)} s on"
-
-
-def _limits(share: Interval) -> str:
-    return f"{percent(share.estimate)} [{100 * share.low:.1f}, {100 * share.high:.1f}]"
 
 
 def _risk(found: Assessment) -> pl.DataFrame:
@@ -343,9 +341,9 @@ def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: 
         "sweep_a90_m": Column("a90 of a sweep", "cm", decimals=1),
     }
     words = (
-        f"{count(runs, 'simulated inspection')}, half of which give the threshold; {plates:,} surfaces with squares "
-        "drawn from the law of the sensor (model-assisted); a90/95 is the upper 95 % limit of a90 for so many. "
-        "A sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
+        f"{count(runs, 'simulated inspection')}, half of which give the threshold; {count(plates, 'surface')} with "
+        "squares drawn from the law of the sensor (model-assisted); a90/95 is the upper 95 % limit of a90 for so "
+        "many. A sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
     )
     return Document(
         title="Plan of an inspection",

@@ -21,7 +21,7 @@ from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
-from vibroswarm.show.numbers import count, decimals_of, listed, number
+from vibroswarm.show.numbers import count, decimals_of, listed, number, stated, stated_percent
 from vibroswarm.simulation import versions
 from vibroswarm.study.detection import Detection
 
@@ -37,7 +37,7 @@ def detection_document(detection: Detection) -> Document:
     numbers = (_curve_table(curve), *([_pairs_table(tables["pairs"])] if found.height else []))
     parts: list[Part] = [Text(_setting_of(needed, scenario))]
     if added:
-        parts.append(Text(f"Fill ratios added to count false alarms: {listed(map(_percent, added))}."))
+        parts.append(Text(f"Fill ratios added to count false alarms: {listed(map(stated_percent, added))}."))
     if found.height:
         parts.append(_found_table(found, scenario, detection))
     parts.append(Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))))
@@ -82,7 +82,9 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
     """Return a sentence for each number of robots on the fill ratios that they find."""
     boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
     if found.is_empty():
-        return (f"All floors are on one side of {_percent(boundary)}: no pairs of misses and false alarms.",)
+        return (
+            f"All floors are on one side of {stated_percent(boundary)}: no pairs of misses and false alarms.",
+        )
     if tolerated.runs < tolerated.runs_needed:
         return (
             f"Too few runs to say: {count(tolerated.runs, 'run')} cannot show {_most(tolerated)}, even if nothing "
@@ -106,34 +108,31 @@ def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolera
     found = rows.filter(pl.col("time_s").is_not_null()).sort("fill_ratio")
     missed = rows.filter(pl.col("time_s").is_null())["fill_ratio"].sort().to_list()
     if found.is_empty():
-        return f"{who} none of these floors within {t_end_s:g} s."
+        return f"{who} none of these floors within {stated(t_end_s)} s."
     nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
     sentence = (
-        f"{who} {_percent(nearest['fill_ratio'])} vibrating within {nearest['time_s']:.0f} s, with {_most(tolerated)} "
-        f"on floors up to {_percent(nearest['fill_ratio_below'])}"
+        f"{who} {stated_percent(nearest['fill_ratio'])} vibrating within {number(nearest['time_s'], 0)} s, with "
+        f"{_most(tolerated)} on floors up to {stated_percent(nearest['fill_ratio_below'])}"
     )
     if farthest["fill_ratio"] != nearest["fill_ratio"]:
-        sentence += f"; {_percent(farthest['fill_ratio'])} within {farthest['time_s']:.0f} s"
+        sentence += f"; {stated_percent(farthest['fill_ratio'])} within {number(farthest['time_s'], 0)} s"
     if missed:
-        sentence += f"; not {listed(map(_percent, missed))} by {t_end_s:g} s"
+        sentence += f"; not {listed(map(stated_percent, missed))} by {stated(t_end_s)} s"
     return f"{sentence}."
 
 
 def _most(tolerated: Detection) -> str:
     """Name the misses and false alarms that are tolerated."""
-    return f"at most {_percent(tolerated.error)} misses, and at most {_percent(tolerated.false_alarms)} false alarms"
-
-
-def _percent(share: float) -> str:
-    """Write a fill ratio or a tolerated probability, which have few digits, in percent."""
-    return f"{number(100 * share, digits=4)} %"
+    misses, alarms = stated_percent(tolerated.error), stated_percent(tolerated.false_alarms)
+    return f"at most {misses} misses, and at most {alarms} false alarms"
 
 
 def _setting_of(needed: pl.DataFrame, scenario: Scenario) -> str:
     runs = count(int(needed["runs"].min()), "run")  # type: ignore[arg-type]
     return (
-        f"Does more than {_percent(scenario.decision.decision_boundary)} vibrate? Strategy {scenario.strategy.name}, "
-        f"random floors, up to {scenario.run.t_end_s:g} s; {runs} of each fill ratio and number of robots."
+        f"Does more than {stated_percent(scenario.decision.decision_boundary)} vibrate? Strategy "
+        f"{scenario.strategy.name}, random floors, up to {stated(scenario.run.t_end_s)} s; {runs} of each fill ratio "
+        "and number of robots."
     )
 
 
@@ -159,11 +158,11 @@ def _found_table(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) 
         "robots": Column("robots"),
         "time_s": Column("found within", "s", decimals=0),
         "fill_ratio_below": replace(
-            fills, title=f"at most {_percent(tolerated.false_alarms)} false alarms on floors up to"
+            fills, title=f"at most {stated_percent(tolerated.false_alarms)} false alarms on floors up to"
         ),
         "fewest": Column("fewest robots"),
     }
-    caption = f"Floors above the boundary. A dash: not by {scenario.run.t_end_s:g} s."
+    caption = f"Floors above the boundary. A dash: not by {stated(scenario.run.t_end_s)} s."
     return Table(found.select(*columns), columns, caption=caption, name="found", names=2)
 
 
@@ -190,8 +189,8 @@ def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
         "clear_until_s": Column("clear until", "s", decimals=0),
     }
     caption = (
-        f"Misses and false alarms by {t_end_s:g} s. A dash: not by then; false alarms are on floors below the boundary "
-        "only."
+        f"Misses and false alarms by {stated(t_end_s)} s. A dash: not by then; false alarms are on floors below the "
+        "boundary only."
     )
     return Table(rows.select(*columns), columns, caption=caption, name="needed", names=2)
 

@@ -12,36 +12,30 @@ from vibroswarm.analysis.paired import Confirmation
 from vibroswarm.calibrate.effect import Effect
 from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
-from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Table, limits_of
 from vibroswarm.show.numbers import with_limits
 
 
-def effect_document(
-    found: Sequence[Effect], names: tuple[str, str], scenarios: tuple[Scenario, Scenario]
-) -> Document:
-    """Return what changes from the first scenario to the second, under each strategy.
-
-    Args:
-        names: of the scenarios, as the user gave them.
-    """
-    both = [
-        scenario.with_values({"strategy.name": effect.strategy}) for effect in found for scenario in scenarios
-    ]
+def effect_document(*found: Effect) -> Document:
+    """Return what changes from the first scenario to the second, under each strategy: all effects of one comparison."""
     return Document(
-        title=f"{names[0]} and {names[1]}",
-        answer=tuple(_change(effect, names) for effect in found),
-        knew=told(both),
-        parts=(_figures(found, names), _differences(found, names)),
-        data={"consensus": _consensus(found, names), "differences": _all_differences(found)},
+        title=" and ".join(found[0].names),
+        answer=tuple(map(_change, found)),
+        knew=told(scenario for effect in found for scenario in effect.scenarios),
+        parts=(_figures(found), _differences(found)),
+        data={"consensus": _consensus(found), "differences": _all_differences(found)},
     )
 
 
-def _change(effect: Effect, names: tuple[str, str]) -> str:
+def _change(effect: Effect) -> str:
     """Say how the decision time changes, and whether other seeds confirm it."""
     time = next(one for one in effect.differences if one.first.figure == "decision_time_s")
     change = with_limits(time.first.difference, "s", 0, sign=True)
-    return f"{effect.strategy}: decision time {names[1]} - {names[0]} {change}; {_says(time)}."
+    return f"{effect.strategy}: decision time {_minus(effect)} {change}; {_says(time)}."
+
+
+def _minus(effect: Effect) -> str:
+    return f"{effect.names[1]} - {effect.names[0]}"
 
 
 def _says(one: Confirmation) -> str:
@@ -49,11 +43,11 @@ def _says(one: Confirmation) -> str:
     return one.says if one.first.difference.excludes(0.0) else "no significant difference"
 
 
-def _figures(found: Sequence[Effect], names: tuple[str, str]) -> Table:
+def _figures(found: Sequence[Effect]) -> Table:
     """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus."""
     rows = []
     for effect in found:
-        for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True):
+        for name, figures, shares in zip(effect.names, effect.figures, effect.consensus, strict=True):
             row: dict[str, Any] = {"strategy": effect.strategy, "scenario": name}
             for figure in ("decision_time_s", "belief_in_truth"):
                 row |= zip((figure, *limits_of(figure)), figures[figure][:3], strict=True)
@@ -63,7 +57,7 @@ def _figures(found: Sequence[Effect], names: tuple[str, str]) -> Table:
     return Table(frame, figure_columns(), caption, "figures", names=2)
 
 
-def _differences(found: Sequence[Effect], names: tuple[str, str]) -> Table:
+def _differences(found: Sequence[Effect]) -> Table:
     rows = []
     for effect in found:
         for one in effect.differences:
@@ -74,15 +68,15 @@ def _differences(found: Sequence[Effect], names: tuple[str, str]) -> Table:
             rows.append((effect.strategy, words, difference, _says(one)))
     frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "on other seeds"], orient="row")
     columns = {"on other seeds": Column(prose=True)}
-    return Table(frame, columns, f"{names[1]} - {names[0]}, paired by run (95 %).", "differences", names=2)
+    return Table(frame, columns, f"{_minus(found[0])}, paired by run (95 %).", "differences", names=2)
 
 
-def _consensus(found: Sequence[Effect], names: tuple[str, str]) -> pl.DataFrame:
+def _consensus(found: Sequence[Effect]) -> pl.DataFrame:
     return pl.DataFrame(
         [
             {"strategy": effect.strategy, "scenario": name, **shares}
             for effect in found
-            for name, shares in zip(names, effect.consensus, strict=True)
+            for name, shares in zip(effect.names, effect.consensus, strict=True)
         ]
     )
 

@@ -8,28 +8,15 @@ from dataclasses import asdict
 import polars as pl
 
 from vibroswarm.export.c_library import COMPILER, SIZE_TOOL, Memory
-from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Timing, ms, other_robot, unfit
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Exported, Timing, ms, other_robot, unfit
 from vibroswarm.show.document import Document, Table
-from vibroswarm.show.numbers import count
+from vibroswarm.show.numbers import count, number, percent, stated
 
 
-def export_document(
-    scenario: Scenario,
-    files: Sequence[str],
-    memory: Memory | None,
-    timing: Timing | None,
-    *,
-    has_compiler: bool,
-) -> Document:
-    """Return what was exported, how much memory and time a robot's program takes, and whether that fits the robots.
-
-    Args:
-        memory: None if it was not measured, because the compiler for the robot's processor is not installed, or the
-            tool that lists sizes is missing or fails. timing: None if it was not measured, because compiler or emulator
-            are not installed. has_compiler: whether the compiler is installed.
-    """
-    answer = [_memory_words(memory, has_compiler=has_compiler)]
+def export_document(found: Exported) -> Document:
+    """Return what was exported, how much memory and time a robot's program takes, and whether that fits the robots."""
+    scenario, memory, timing = found.scenario, found.memory, found.timing
+    answer = [_memory_words(memory, has_compiler=found.has_compiler)]
     reasons = []
     if memory is not None:
         answer.append(_timing_words(timing))
@@ -42,7 +29,7 @@ def export_document(
         title="Exported program",
         answer=tuple(answer),
         data={
-            "files": pl.DataFrame({"file": list(files)}),
+            "files": pl.DataFrame({"file": list(found.files)}),
             "memory": pl.DataFrame([] if memory is None else [asdict(memory)]),
             "timing": pl.DataFrame([] if timing is None else [asdict(timing)]),
             "unfit": pl.DataFrame({"reason": reasons}, schema={"reason": pl.String}),
@@ -54,9 +41,9 @@ def _timing_words(timing: Timing | None) -> str:
     if timing is None:
         return f"Time not measured: {EMULATOR} is not installed or fails (Debian: qemu-system-arm)."
     return (
-        f"At {CLOCK_HZ / 1e6:g} MHz wheels are set at most {timing.late_ms:.1f} ms after a control period begins. "
-        f"Localisation and strategy work in between, {timing.load:.1%} of the time, and are at most "
-        f"{ms(timing.waits):.0f} ms late."
+        f"At {stated(CLOCK_HZ / 1e6)} MHz wheels are set at most {number(timing.late_ms, 1)} ms after a control period "
+        f"begins. Localisation and strategy work in between, {percent(timing.load)} of the time, and are at most "
+        f"{number(ms(timing.waits), 0)} ms late."
     )
 
 

@@ -17,7 +17,16 @@ from vibroswarm.calibrate.fit import LACKS, Fit
 from vibroswarm.calibrate.fit_vibration import FoldMisfit, Misfit, VibrationFit
 from vibroswarm.calibrate.reading import Reading
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, decimals_of, listed, number, percent, with_limits
+from vibroswarm.show.numbers import (
+    Estimate,
+    count,
+    decimals_of,
+    listed,
+    number,
+    percent,
+    plus_minus,
+    with_limits,
+)
 
 DIGITS: Final = 5
 """Significant digits of estimates, which become fields of a scenario."""
@@ -119,7 +128,7 @@ def _vibration_features(fitted: VibrationFit) -> Table:
     rows = [
         {
             "feature": name,
-            "recorded": f"{number(judged.recorded[k], 2)} +- {number(judged.recorded_error[k], 2)}",
+            "recorded": plus_minus(judged.recorded[k], judged.recorded_error[k], 2),
             "simulated": number(judged.simulated[k], 2),
             "difference": _difference(judged, k),
         }
@@ -140,7 +149,7 @@ def _vibration_features(fitted: VibrationFit) -> Table:
 def _difference(judged: Misfit, k: int) -> str:
     """Return by how much a simulated feature is off, with the standard error of the recorded one."""
     recorded, error = judged.recorded[k], judged.recorded_error[k]
-    return f"{number(100.0 * (judged.simulated[k] / recorded - 1.0), 0, sign=True)} +- {percent(error / recorded, 0)}"
+    return f"{number(100.0 * (judged.simulated[k] / recorded - 1.0), 0, sign=True)} ± {percent(error / recorded, 0)}"
 
 
 def _vibration_facts(facts: Sequence[Reading]) -> Table:
@@ -149,13 +158,13 @@ def _vibration_facts(facts: Sequence[Reading]) -> Table:
         {
             "fact": fact.name,
             "recorded": number(fact.recorded, 2),
-            "simulated": f"{number(fact.simulated, 2)} +- {number(fact.spread, 2)}",
+            "simulated": plus_minus(fact.simulated, fact.spread, 2),
             "deviation": number(fact.deviation, 1, sign=True),
         }
         for fact in facts
     ]
     columns = {"deviation": Column("deviation, in s.d. of a simulation")}
-    caption = "Not in the misfit; +- one standard deviation of simulations of all sessions."
+    caption = "Not in the misfit; ± one standard deviation of simulations of all sessions."
     return Table(pl.DataFrame(rows), columns, caption, "vibration_facts")
 
 
@@ -167,7 +176,7 @@ def _vibration_folds(folds: Sequence[FoldMisfit]) -> list[Table]:
         {
             "session": fold.session + 1,
             "inside": percent(fold.inside),
-            "outside": f"{percent(fold.outside.value)} +- {percent(fold.outside.error)}",
+            "outside": f"{percent(fold.outside.value)} ± {percent(fold.outside.error)}",
             "forecast": percent(fold.forecast),
         }
         for fold in folds
@@ -178,7 +187,7 @@ def _vibration_folds(folds: Sequence[FoldMisfit]) -> list[Table]:
         "outside": Column("misfit to it"),
         "forecast": Column("misfit of the others as its forecast"),
     }
-    words = "The physics fitted to all sessions but one, and judged on that one; +- one standard error."
+    words = "The physics fitted to all sessions but one, and judged on that one; ± one standard error."
     return [Table(pl.DataFrame(rows), columns, words, "vibration_folds")]
 
 

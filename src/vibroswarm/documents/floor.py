@@ -40,7 +40,8 @@ def floor_document(floor: Floor, drawing: str = "") -> Document:
     difficulty = measure_floor(floor)
     patches = floor.surface.patches
     words = (
-        f"{count(len(patches), 'patch', 'patches')} on a still floor: fill ratio {difficulty.fill_ratio:.4g}."
+        f"{count(len(patches), 'patch', 'patches')} on a still floor: fill ratio "
+        f"{number(difficulty.fill_ratio, digits=4)}."
         if floor.has_patches
         else f"{_in_words(difficulty)}."
     )
@@ -170,7 +171,7 @@ def _in_words(d: Difficulty) -> str:
     """Describe a floor in one line: size, vibrating tiles, and its measures of difficulty."""
     largest = "" if d.clusters == 1 else f", the largest has {count(d.largest_cluster, 'tile')}"
     return (
-        f"{d.rows} x {d.columns} tiles, {d.ones} vibrating: fill ratio {d.fill_ratio:.4g}, Moran index "
+        f"{d.rows} x {d.columns} tiles, {d.ones} vibrating: fill ratio {number(d.fill_ratio, digits=4)}, Moran index "
         f"{_measure(d.moran_index)}, entropy {_measure(d.entropy)}, {count(d.clusters, 'cluster')}{largest}"
     )
 

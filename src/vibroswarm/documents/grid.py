@@ -11,6 +11,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.search import captioned, commands, file_section, truth_section
 from vibroswarm.documents.search_words import (
@@ -40,13 +41,8 @@ FIGURES: Final = {
     "belief_in_truth": "The belief in the truth",
 }
 """Titles of the figures of two varied fields, by the column that they show."""
-CELLS: Final = {
+CELLS: Final = figure_columns(("belief_in_truth", "runs")) | {
     "standing": Column("run by run", tones={"the lowest": "good", "not significant": "open"}),
-    "decision_time_s": Column("decision time", "s", decimals=0),
-    "robots_wrong": Column("robots wrong", share=True),
-    "robots_undecided": Column("robots undecided", share=True),
-    "belief_in_truth": Column("belief in the truth", decimals=3, wide=True),
-    "runs": Column(wide=True),
 }
 """Headings and formats of the columns of cells that have no unit of the score."""
 

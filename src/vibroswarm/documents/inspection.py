@@ -10,6 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import SURE, calibration
+from vibroswarm.documents.cell_figures import WIDEST_MAP, tile_lines
 from vibroswarm.documents.damage import (
     damage_answer,
     damage_sections,
@@ -20,11 +21,9 @@ from vibroswarm.documents.damage import (
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
-from vibroswarm.show.numbers import count, number, percent
+from vibroswarm.show.numbers import count, number, percent, size
 from vibroswarm.simulation import versions
 
-WIDEST_MAP: Final = 16
-"""Most columns of tiles of a map that is printed as text."""
 ROWS: Final = 12
 """Rows of the table of scores over time."""
 
@@ -115,7 +114,7 @@ def _what(samples: Samples) -> str:
     )
     return (
         f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} on "
-        f"{samples.size_m[0]:g} m x {samples.size_m[1]:g} m.{left_out}"
+        f"{size(*samples.size_m)}.{left_out}"
     )
 
 
@@ -126,7 +125,8 @@ def _presumed(samples: Samples) -> Iterator[str]:
         shares = ", ".join(percent(share) for share in errors.within)
         yield (
             f"Places taken as independent: their errors within 1, 2 and 4 stated standard deviations are {shares} "
-            f"(68.3, 95.4 and 100 % expected), correlated by {errors.lag_one:.2f} from sample to sample of a robot."
+            f"(68.3, 95.4 and 100 % expected), correlated by {number(errors.lag_one, 2)} from sample to sample of a "
+            "robot."
         )
     elif samples.column("spread_x_m").any():
         yield "Places taken as independent; how wrong they are is not known."
@@ -147,16 +147,9 @@ def _map(found: Inspection) -> list[Part]:
     pooled = maps.filter(pl.col("robot").is_null())
     parts: list[Part] = []
     if found.samples.floor is not None and found.samples.floor.tiles.shape[1] <= WIDEST_MAP:
-        lines = [
-            " ".join(
-                f"{100 * p:3.0f}{'!' if x is not None and (p > 0.5) != (x == 1) else ' '}"
-                for p, x in row.select("vibrating", "vibrates").iter_rows()
-            )
-            for _, row in pooled.group_by("row", maintain_order=True)
-        ]
         words = f"Probability that each tile {vibrates(found)}, %, from all samples"
         parts.append(Text(f"{words}{'; ! marks a wrong tile' if found.samples.truth_known else ''}:"))
-        parts.append(Text("\n".join(lines), "code"))
+        parts.append(Text(tile_lines(pooled), "code"))
 
     parts.append(map_figure(found))
     parts.append(

@@ -1,15 +1,25 @@
-"""What robots were told: a sentence for wherever strategies stand side by side."""
+"""In which setting robots were, and what they were told: a sentence for wherever strategies stand side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from vibroswarm.analysis.claimed_rates import claims_notes
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import listed
+from vibroswarm.show.numbers import count, listed, stated
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told as told_by_strategy
+
+
+def setting(scenario: Scenario, varied: Collection[str] = ()) -> str:
+    """Write robots, floor and end of a scenario, but those that are varied: ``5 robots, floor random:0.48, ...``."""
+    words = {
+        "swarm.robots": count(scenario.swarm.robots, "robot"),
+        "floor.source": f"floor {scenario.floor.source}",
+        "run.t_end_s": f"up to {stated(scenario.run.t_end_s)} s",
+    }
+    return ", ".join(each for field, each in words.items() if field not in varied)
 
 
 def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:

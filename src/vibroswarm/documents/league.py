@@ -20,7 +20,7 @@ from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, listed, number, percent, with_limits
+from vibroswarm.show.numbers import Estimate, count, listed, number, percent, whole, with_limits
 from vibroswarm.simulation import versions
 from vibroswarm.study.factors import LABEL
 
@@ -86,7 +86,7 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
         made_by={
             "floors": str(len(league.floors)),
             "robots": ", ".join(map(str, league.robots)),
-            "runs": f"{league.runs:,} of each floor and swarm size",
+            "runs": f"{whole(league.runs)} of each floor and swarm size",
             "seed": str(league.seed),
             "base scenario": league.base.hash,
             **versions(),
@@ -340,8 +340,8 @@ def _faults(curves: pl.DataFrame | None) -> tuple[Section, ...]:
     kinds = curves["kind"].unique(maintain_order=True)
     words = (
         "Forced error of the working robots of the smallest swarm, on random floors on both sides of 1/2; runs are "
-        f"paired. Tolerated: the 95 % interval of the rise lies below {100 * MARGIN:.0f} points, for that number of "
-        "faulty robots and all smaller ones. Who guesses without faults tolerates nothing."
+        f"paired. Tolerated: the 95 % interval of the rise lies below {number(100 * MARGIN, 0)} points, for that "
+        "number of faulty robots and all smaller ones. Who guesses without faults tolerates nothing."
     )
     caption = "Number of faulty robots that a strategy tolerates: forced error (%) of the others with 0, 1, ... of them"
     columns = {"name": ENTRY, **{kind: Column(kind.replace("_", " ")) for kind in kinds}}

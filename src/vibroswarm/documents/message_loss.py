@@ -8,7 +8,7 @@ import polars as pl
 
 from vibroswarm.calibrate.message_loss import STEPS, LossFits
 from vibroswarm.show.document import Column, Document, Table, Text
-from vibroswarm.show.numbers import count, number, percent
+from vibroswarm.show.numbers import count, number, percent, plus_minus
 
 
 def message_loss_document(found: LossFits) -> Document:
@@ -76,7 +76,7 @@ def _gaps(found: LossFits) -> Table:
             else f"{size} to {end}",
             "found": int(found.gaps[place]),
             **{
-                name: f"{number(float(mean[place]), 1)} ± {number(float(deviation[place]), 1)}"
+                name: plus_minus(float(mean[place]), float(deviation[place]), 1)
                 for name, (mean, deviation) in found.expected.items()
             },
         }

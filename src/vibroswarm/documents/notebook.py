@@ -10,6 +10,7 @@ import polars as pl
 
 from vibroswarm.core.notebook_view import public_values, short_text, short_value
 from vibroswarm.documents import document_of
+from vibroswarm.documents.objects import values_table
 from vibroswarm.documents.run import run_document
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of, why_no_page
@@ -62,11 +63,7 @@ def values_document(value: object) -> Document:
     values = public_values(value)
     tables = {name: content for name, content in values.items() if _is_table(content)}
     others = {name: short_value(content) for name, content in values.items() if name not in tables}
-    parts: list[Part] = []
-    if others:
-        parts.append(
-            Table(pl.DataFrame({"field": list(others), "value": list(others.values())}), name="values")
-        )
+    parts: list[Part] = [values_table(others)] if others else []
     parts += [Table(_frame_of(content), caption=f"{name}:", name=name) for name, content in tables.items()]
     title = type(value).__name__ if values else short_text(value)
     return Document(title, tuple(filter(None, [_first_paragraph(value)])), parts=tuple(parts))

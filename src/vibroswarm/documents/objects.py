@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import polars as pl
@@ -11,6 +12,7 @@ from vibroswarm.errors import shown
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import FieldNames, Scenario
 from vibroswarm.show.document import Document, Figure, Section, Table, Text
+from vibroswarm.show.numbers import size, stated
 from vibroswarm.study.factors import LABEL, PRESET
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_outputs import ReportFile
@@ -26,14 +28,14 @@ def scenario_document(scenario: Scenario) -> Document:
         "robots": scenario.swarm.robots,
         "strategy": scenario.strategy.name,
         "floor": shown(scenario.floor.source),
-        "arena": f"{scenario.arena.width_m:g} m x {scenario.arena.height_m:g} m",
+        "arena": size(scenario.arena.width_m, scenario.arena.height_m),
         "network": scenario.network.name,
         "task": scenario.task.name,
-        "up to": f"{scenario.run.t_end_s:g} s",
+        "up to": f"{stated(scenario.run.t_end_s)} s",
         "hash": scenario.hash,
     }
     toml = Section("All fields (TOML)", (Text(scenario.to_toml(), "code"),), folded=True)
-    return Document("Scenario", (), parts=(_values(values), toml))
+    return Document("Scenario", (), parts=(values_table(values), toml))
 
 
 def picture_document(picture: Picture) -> Document:
@@ -84,7 +86,7 @@ def field_names_document(names: FieldNames) -> Document:
     return Document("Fields", ("Complete a name with the Tab key.",), parts=(Text(", ".join(dir(names))),))
 
 
-def _values(values: dict[str, Any]) -> Table:
+def values_table(values: Mapping[str, object]) -> Table:
     """Return a table of values by name."""
     return Table(
         pl.DataFrame({"field": list(values), "value": list(map(str, values.values()))}), name="values"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from vibroswarm.show.numbers import count, duration, listed
+from vibroswarm.show.numbers import count, duration, listed, whole
 from vibroswarm.study.cell_comparison import MOST_AGAIN
 from vibroswarm.study.plan import Plan
 from vibroswarm.study.precision import FIRST_LOOK
@@ -27,7 +27,7 @@ def plan_sentence(plan: Plan) -> str:
     """
     study = plan.study
     # With --until, intervals are computed after 100 runs for the first time.
-    runs = f"{study.runs:,}" if study.runs else f"{FIRST_LOOK} or more"
+    runs = whole(study.runs) if study.runs else f"{FIRST_LOOK} or more"
     shared = ", ".join(
         (
             count(len(plan.groups), "motion"),
@@ -63,7 +63,7 @@ def work_sentence(
     if again:
         repeated = min(plan.study.runs or FIRST_LOOK, MOST_AGAIN) * len(plan.groups)
         runs_s += left.core_s / left.runs * repeated
-        words.append(f"{repeated:,} on other seeds")
+        words.append(f"{whole(repeated)} on other seeds")
     page_s = 0.0
     if page_cells is not None:
         page_s = PAGE_S + PAGE_OF_CELL_S * min(page_cells, CELLS_DRAWN)

@@ -11,7 +11,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.answers_over_time import JUDGED
-from vibroswarm.documents.cell_figures import figure_columns
+from vibroswarm.documents.cell_figures import answers_table
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.session_estimates import estimate_of
 from vibroswarm.plots.run import write_run_picture
@@ -19,16 +19,17 @@ from vibroswarm.recordings.assemble_recording import count_lines
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import (
     Replayed,
+    Replays,
     SessionOutcome,
     logged_outcomes,
     session_outcomes,
     with_beliefs,
 )
-from vibroswarm.recordings.threshold import Threshold
+from vibroswarm.recordings.threshold import Recommendation, Threshold
 from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, listed, number, percent, with_limits
+from vibroswarm.show.numbers import Estimate, count, listed, number, percent, span, stated, with_limits
 
 
 def import_document(recording: Recording, pages: Sequence[str], computed: Sequence[str] = ()) -> Document:
@@ -152,39 +153,30 @@ def _number_of(value: Any) -> float | None:
     return float(value) if is_number else None
 
 
-def replay_document(
-    recording: Recording, replays: Mapping[str, Replayed], draws: int, seed: int, warnings: Sequence[str] = ()
-) -> Document:
+def replay_document(found: Replays) -> Document:
     """Return what strategies would have decided on a recording's observations.
 
     Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
     before one of its samples than the other robots can have sent by then, the surplus is left out (``unsent``).
-
-    Args:
-        replays: by strategy, at least one, all of the same ``draws`` of the lost packets.
     """
+    recording, replays, draws = found.recording, found.by_strategy, count(found.draws, "draw")
     logged = logged_outcomes(recording)
     outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
     first = next(iter(replays.values()))
     rule = _rule(first.scenario)
-    unsent = ", ".join(f"{replay.unsent:g} ({name})" for name, replay in replays.items())
+    unsent = ", ".join(f"{stated(replay.unsent)} ({name})" for name, replay in replays.items())
     return Document(
         title="Replay of a recording",
         answer=(
             f"As logged: {_shares(logged)}.",
-            *(
-                f"{name}: {_shares(found)} (mean over {count(draws, 'draw')})."
-                for name, found in outcomes.items()
-            ),
+            *(f"{name}: {_shares(of_one)} (mean over {draws})." for name, of_one in outcomes.items()),
         ),
         knew=told(replay.scenario for replay in replays.values()),
-        warnings=tuple(warnings),
+        warnings=found.warnings,
         parts=(
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
-            Text(
-                f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {count(draws, 'draw')}."
-            ),
+            Text(f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {draws}."),
             Text(
                 f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
                 "nobody could have sent at that time."
@@ -195,11 +187,11 @@ def replay_document(
                 else []
             ),
         ),
-        made_by={"seed": str(seed), "draws": str(draws)},
+        made_by={"seed": str(found.seed), "draws": str(found.draws)},
         data={
             "rule": pl.DataFrame([rule]),
             "as_logged": _outcome_rows(logged),
-            "replayed": _outcome_rows([one for found in outcomes.values() for one in found]),
+            "replayed": _outcome_rows([one for of_one in outcomes.values() for one in of_one]),
             "left_out": pl.DataFrame(
                 [
                     {"strategy": name, "put_back": replay.put_back, "unsent": float(replay.unsent)}
@@ -256,20 +248,14 @@ def _answers_over_time(replays: Mapping[str, Replayed]) -> list[Table]:
         for name, replay in replays.items()
         if replay.answers is not None
     ]
-    if not rows:
-        return []
-    judged = pl.concat(rows).sort("session", maintain_order=True)
-    known = judged.select(column for column in judged if column.count())
-    caption = (
-        "Answers over time: what was right when it was given, and how soon after a change; means over draws."
-    )
-    return [Table(known, figure_columns(), caption, "answers", names=2)]
+    judged = pl.concat(rows).sort("session", maintain_order=True) if rows else pl.DataFrame()
+    return answers_table(judged, names=2, more="; means over draws")
 
 
 def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> dict[str, Any]:
     """Return the row of one session and strategy; the logged outcome has no shares and no quantiles over draws."""
     outcomes = (
-        outcome if is_logged else f"{outcome} {number(100 * share)} %"
+        outcome if is_logged else f"{outcome} {percent(share, None)}"
         for outcome, share in found.consensus.items()
     )
     time = None
@@ -297,23 +283,10 @@ def _outcome_rows(found: Sequence[SessionOutcome]) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def threshold_document(
-    thresholds: Sequence[Threshold],
-    profile: pl.DataFrame,
-    chosen: Threshold,
-    in_use: Threshold,
-    margin_m: float,
-    unseen: pl.DataFrame | None = None,
-    law: pl.DataFrame | None = None,
-) -> Document:
-    """Return which threshold to use, others by several rules, and whether the floor can be decided with them.
-
-    Args:
-        profile: of ``edge_profile``. chosen: the threshold that is recommended, and written into a scenario.
-        in_use: at the threshold of the recording.
-        margin_m: samples farther than this from the nearest tile of the other kind are the inner samples.
-        unseen: of ``threshold.unseen_errors``. law: of ``laws.law_table``, if the law was fitted.
-    """
+def threshold_document(found: Recommendation) -> Document:
+    """Return which threshold to use, others by several rules, and whether the floor can be decided with them."""
+    chosen, in_use, unseen = found.chosen, found.in_use, found.unseen
+    every = (*found.thresholds, in_use)
     (still, vibrating), (still_in_use, vibrating_in_use) = (
         (percent(one.all_samples.false_positive), percent(one.all_samples.false_negative))
         for one in (chosen, in_use)
@@ -329,16 +302,14 @@ def threshold_document(
         ),
         warnings=(_SELF_JUDGED,) if unseen is not None and unseen.is_empty() else (),
         parts=(
-            _thresholds([*thresholds, in_use], margin_m),
+            _thresholds(every, found.margin_m),
             *(() if unseen is None or unseen.is_empty() else (_unseen(unseen),)),
-            _profile(profile, thresholds[0]),
-            *(() if law is None else (_law(law),)),
+            _profile(found.profile, found.thresholds[0]),
+            *(() if found.law is None else (_law(found.law),)),
         ),
         data={
-            "thresholds": pl.DataFrame(
-                [_flat(one) for one in (*thresholds, in_use)], infer_schema_length=None
-            ),
-            "edge_profile": profile,
+            "thresholds": pl.DataFrame([_flat(one) for one in every], infer_schema_length=None),
+            "edge_profile": found.profile,
         },
     )
 
@@ -430,8 +401,8 @@ def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
         "says": Column("can it be decided?", prose=True),
     }
     caption = (
-        f"Thresholds. Errors: of all samples, and in brackets of those farther than {1000 * margin_m:g} mm from a tile "
-        "of the other kind. Share of ones: tiles weighted equally, 95 % over sessions."
+        f"Thresholds. Errors: of all samples, and in brackets of those farther than {stated(1000 * margin_m)} mm from "
+        "a tile of the other kind. Share of ones: tiles weighted equally, 95 % over sessions."
     )
     return Table(pl.DataFrame(rows), columns, caption, "thresholds")
 
@@ -447,9 +418,9 @@ def _profile(profile: pl.DataFrame, at: Threshold) -> Table:
         from_mm, to_mm = 1000 * row["from_m"], 1000 * row["to_m"]
         rows.append(
             {
-                "distance": f"{from_mm:.0f} mm or more"
+                "distance": f"{number(from_mm, 0)} mm or more"
                 if math.isinf(to_mm)
-                else f"{from_mm:.0f} to {to_mm:.0f} mm",
+                else f"{span((from_mm, to_mm), 0)} mm",
                 "still": f"{percent(row['false_positive'])} of {row['still']}",
                 "vibrating": f"{percent(row['false_negative'])} of {row['vibrating']}",
             }

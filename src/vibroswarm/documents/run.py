@@ -19,11 +19,10 @@ from vibroswarm.analysis.verdict import (
     decision_words,
     headline,
     holds_opinions,
-    percent,
     strategy_name,
     verdict,
 )
-from vibroswarm.documents.cell_figures import figure_columns
+from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
 from vibroswarm.observation.decision_boundary import expected_classes_on
@@ -34,12 +33,10 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
-from vibroswarm.show.numbers import count
+from vibroswarm.show.numbers import count, number, stated_percent
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""
-WIDEST_MAP: Final = 16
-"""Most columns of tiles of a map that is shown."""
 
 
 def result_document(result: Result) -> Document:
@@ -62,7 +59,7 @@ def run_document(result: Result, run: int) -> Document:
     parts += map(Text, fault_sentences(result, run))
     parts += [Text(OPINION_NOTE)] if opinions else []
     parts += robot_tables(found, "opinion" if opinions else "share of ones" if _counts(found) else "estimate")
-    parts += _answers(answers)
+    parts += answers_table(answers)
     parts += _reports(result, run)
     parts += _map(result, run)
     parts += _reports_over_time(result, run)
@@ -137,7 +134,7 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
     floor = result.floor(run).at(found.end_s)
     counts = np.bincount(floor.tiles.ravel(), minlength=result.scenario.sensor.kinds).tolist()
     arena = result.scenario.arena
-    fill = f"fill ratio {floor.fill_ratio_within(arena.width_m, arena.height_m):.4g}"
+    fill = f"fill ratio {number(floor.fill_ratio_within(arena.width_m, arena.height_m), digits=4)}"
     tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, {fill}"
     if len(counts) > 2:
         tiles = f"{', '.join(f'{n} tiles of kind {kind}' for kind, n in enumerate(counts))}"
@@ -180,7 +177,7 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
             sensor, result.floor(run).at(found.end_s), (arena.width_m, arena.height_m)
         )
         shares = [
-            f"{kind}: {percent(round(n / max(read.size, 1), 4))} ({percent(round(share, 4))})"
+            f"{kind}: {stated_percent(round(n / max(read.size, 1), 4))} ({stated_percent(round(share, 4))})"
             for kind, (n, share) in enumerate(zip(counts.tolist(), expected.tolist(), strict=True))
         ]
         return [
@@ -190,13 +187,13 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
     # Shares are rounded to 4 decimals, so that percentages have at most two.
     if found.share_of_ones_read is not None:
         sentences.append(
-            f"Samples read as vibrating: {percent(round(found.share_of_ones_read, 4))} (expected on this floor, with "
-            f"the sensor's errors: {percent(round(found.share_of_ones_expected, 4))})."
+            f"Samples read as vibrating: {stated_percent(round(found.share_of_ones_read, 4))} (expected on this floor, "
+            f"with the sensor's errors: {stated_percent(round(found.share_of_ones_expected, 4))})."
         )
     if found.readings_boundary != found.decision_boundary:  # robots allow for the sensor's errors
         sentences.append(
-            f"Robots compare the share of ones with {percent(round(found.readings_boundary, 4))}, expected on a floor "
-            f"with {percent(found.decision_boundary)} vibrating tiles."
+            f"Robots compare the share of ones with {stated_percent(round(found.readings_boundary, 4))}, expected on a "
+            f"floor with {stated_percent(found.decision_boundary)} vibrating tiles."
         )
     return sentences
 
@@ -211,7 +208,7 @@ def fault_sentences(result: Result, run: int) -> list[str]:
         return [f"Faults: none of {robots} robots failed."]
     each = [
         f"robot {row['robot']} {fault_words(row['fault'])}"
-        + ("" if row["from_s"] == 0 else f" from {row['from_s']:.4g} s")
+        + ("" if row["from_s"] == 0 else f" from {number(row['from_s'], digits=4)} s")
         for row in of_run.to_dicts()
     ]
     return [f"Faults: {of_run['robot'].n_unique()} of {robots} robots failed: {'; '.join(each)}."]
@@ -222,7 +219,8 @@ def failure_sentences(result: Result) -> list[str]:
     if result.failures is None:
         return []
     return [
-        f"RUN FAILED at {row['time_s']:.4g} s: {row['reason']}. Its robots stand since then; what follows is no result."
+        f"RUN FAILED at {number(row['time_s'], digits=4)} s: {row['reason']}. Its robots stand since then; what "
+        "follows is no result."
         for row in result.failures.to_dicts()
     ]
 
@@ -233,28 +231,19 @@ def _counts(found: Verdict) -> bool:
 
 
 def _answers_over_time(result: Result, run: int) -> pl.DataFrame:
-    """Return how right the answers of a run were over time, in one row; without columns if that is not known."""
+    """Return how right the answers of a run were over time, in one row; without columns if its floor stays."""
     if not result.scenario.change.is_given:
         return pl.DataFrame()
-    judged = answers_in(result).filter(pl.col("run") == run).drop("run")
-    return judged.select(column for column in judged if column.count())
-
-
-def _answers(judged: pl.DataFrame) -> list[Part]:
-    """Return a table of how right answers were over time, if that is known."""
-    caption = "Answers over time: what was right when it was given, and how soon after a change."
-    return [Table(judged, figure_columns(), caption, name="answers")] if judged.width else []
+    return answers_in(result).filter(pl.col("run") == run).drop("run")
 
 
 def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
     """Return a sentence on answers that were wrong when they were given, if what they became by the end hides that."""
-    if "right_at_decision" not in judged.columns or found.consensus != "right":
-        return ()
-    right = judged["right_at_decision"].item()
-    if right == 1.0:
+    right = judged["right_at_decision"].item() if "right_at_decision" in judged.columns else None
+    if right in (None, 1.0) or found.consensus != "right":
         return ()
     return (
-        f"That is right at the end; when they were given, {percent(round(right, 3))} of the answers were right.",
+        f"That is right at the end; when they were given, {stated_percent(round(right, 3))} of the answers were right.",
     )
 
 
@@ -370,15 +359,8 @@ def _map(result: Result, run: int) -> list[Part]:
     # made from the samples of all robots, the column `robot` is null.
     pooled = floor_maps(result).filter(pl.col("robot").is_null() & (pl.col("run") == run))
     right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
-    lines = [
-        " ".join(
-            f"{100 * belief:3.0f}{'!' if (belief > 0.5) != (vibrates == 1) else ' '}"
-            for belief, vibrates in row.select("vibrating", "vibrates").iter_rows()
-        )
-        for _, row in pooled.group_by("row", maintain_order=True)
-    ]
     words = (
         f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
         "%; ! marks a tile that is believed to be what it is not:"
     )
-    return [Text(words), Text("\n".join(lines), "code"), Table(pooled, name="map", folded=True)]
+    return [Text(words), Text(tile_lines(pooled), "code"), Table(pooled, name="map", folded=True)]

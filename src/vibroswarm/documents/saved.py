@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -52,15 +52,6 @@ def save(
     if page is not None:
         write_page(folder / page, document)
     write_printed(folder, Printed(command, document), files or {})
-
-
-def save_pictures(
-    document: Document, folder: Path, style: str, progress: Callable[[float], None] = lambda share: None
-) -> None:
-    """Write the pictures of a document as files into a folder in the folder of results."""
-    from vibroswarm.show.figures import write_figures
-
-    write_figures(folder / PICTURES, document, style, progress)
 
 
 def begin(folder: Path, command: str, work: str = "") -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import polars as pl
 
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.search_tables import frame_of, parts_of
@@ -14,20 +13,12 @@ from vibroswarm.optimize.scenario_comparison import Checked
 from vibroswarm.show.document import Column, Document, Table
 from vibroswarm.show.numbers import count, with_limits
 
-TITLES: Final = {
-    "decision_time_s": "decision time, s",
-    "right_share": "robots right, %",
-    "wrong_share": "robots wrong, %",
-    "undecided_share": "robots undecided, %",
-}
-"""Names of the figures that are compared as well; shares are in percent."""
-
 
 def checked_document(found: Checked) -> Document:
     """Return the document of a comparison."""
     unit, scenarios = found.objective.unit, (found.first, found.second)
     failed = [
-        f"{one.failed:,} runs of {one.name} FAILED and are in no figure." for one in scenarios if one.failed
+        f"{count(one.failed, 'run')} of {one.name} FAILED (in no figure)." for one in scenarios if one.failed
     ]
     difference, again = (with_limits(each, sign=True) for each in (found.difference, found.replicate))
     words = (
@@ -73,8 +64,10 @@ def _differences(found: Checked) -> pl.DataFrame:
 def _figures(figures: pl.DataFrame, found: Checked) -> Table:
     """Tabulate the differences of other figures."""
     numbers = ["first", "second", "difference", "difference_low", "difference_high"]
-    factor = pl.when(pl.col("figure").str.ends_with("_share")).then(100.0).otherwise(1.0)
-    shown = figures.select(pl.col("figure").replace(TITLES), pl.col(numbers) * factor)
+    declared = [BY_COLUMN[name] for name in figures["figure"]]
+    titles = [f"{one.title}, {'%' if one.is_share else one.unit}".rstrip(", ") for one in declared]
+    factors = pl.Series([100.0 if one.is_share else 1.0 for one in declared])
+    shown = figures.select(pl.Series("figure", titles), pl.col(numbers) * factors)
     columns = {
         "first": Column(found.first.name, decimals=1),
         "second": Column(found.second.name, decimals=1),

@@ -14,6 +14,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.objects import values_table
 from vibroswarm.documents.search_tables import (
     BEST,
     account,
@@ -47,9 +48,9 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.document import Document, Figure, Part, Section, Text
 from vibroswarm.show.made_by import versions_in_words
-from vibroswarm.show.numbers import count, listed, number, with_limits
+from vibroswarm.show.numbers import count, count_of, listed, number, whole, with_limits
 from vibroswarm.simulation import versions
 
 QUOTE: Final = (
@@ -99,7 +100,8 @@ def plan_sentences(search: Search) -> Iterator[str]:
     runs = search.search_runs + search.final_runs
     yield (
         f"{search.settings.method_name}: {count(search.space.size, 'field')}, for the lowest {aims(search)}; "
-        f"{runs:,} runs, and {search.settings.fresh * (1 + len(search.starts)):,} fresh runs to validate the best; "
+        f"{count(runs, 'run')}, and {count(search.settings.fresh * (1 + len(search.starts)), 'fresh run')} to validate "
+        "the best; "
         f"seed {search.seed}"
     )
     yield from map(score_sentence, search.objectives)
@@ -113,11 +115,8 @@ def truth_document(truth: Truth) -> Document:
 
 def scored_document(scored: Scored) -> Document:
     """Return the document of one set of values and its score."""
-    frame = pl.DataFrame(
-        {"field": list(scored.values), "value": [str(value) for value in scored.values.values()]}
-    )
     words = f"Score on {count(scored.score.n, 'run')}: {with_limits(scored.score)}."
-    return Document(scored.name, (words,), parts=(Table(frame, name="values"),) if scored.values else ())
+    return Document(scored.name, (words,), parts=(values_table(scored.values),) if scored.values else ())
 
 
 def front_document(front: Front) -> Document:
@@ -207,7 +206,7 @@ def _front_section(found: Found, front: Front) -> Section:
     )
     parts: list[Part] = [front_table(front, found.search.space.names), Text(words, "aside")]
     if len(front.names) == 2:
-        more = f" From {front.runs:,} fresh runs of each candidate."
+        more = f" From {count(front.runs, 'fresh run')} of each candidate."
         draw = captioned(lambda style: _draw_front(front, style), more)
         parts.append(Figure("true-front", draw, "The front on fresh runs"))
     return Section("The front", tuple(parts))
@@ -222,8 +221,8 @@ def _history_section(found: Found, truth: Truth | None) -> Section:
     parts: list[Part] = []
     if found.history and found.search.space.size <= SERIES_UP_TO:
         race = " before the race" if found.race else ""
-        more = f" From the {found.history[-1].runs:,} runs of the search{race}."
-        line = f" The line across: {truth.winner.score.n:,} fresh runs." if truth else ""
+        more = f" From the {count(found.history[-1].runs, 'run')} of the search{race}."
+        line = f" The line across: {count(truth.winner.score.n, 'fresh run')}." if truth else ""
         scores = captioned(lambda style: _draw_scores(found, truth, style), more + line)
         parameters = captioned(lambda style: _draw_parameters(found, style), more)
         parts = [
@@ -343,8 +342,8 @@ def search_sentences(about: dict[str, Any], *, is_validated: bool) -> list[str]:
     done, requested = about["runs_there"], about["runs_wanted"]
     lines = [
         f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
-        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in "
-        f"{count(about['steps'], 'step')}; {about['runs_failed']:,} failed.",
+        f"Done: {count_of(done, requested, 'run')}, in {count(about['steps'], 'step')}; "
+        f"{whole(about['runs_failed'])} failed.",
         f"Fields: {', '.join(about['fields'])}.",
     ]
     if not is_validated:

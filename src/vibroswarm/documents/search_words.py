@@ -17,7 +17,7 @@ from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
 from vibroswarm.plots.labels import label_of
-from vibroswarm.show.numbers import listed, number, percent, with_limits
+from vibroswarm.show.numbers import count, listed, number, percent, whole, with_limits
 
 ENOUGH: Final = 0.9
 """Share of the budget from which a search counts as finished."""
@@ -137,10 +137,8 @@ def failed_runs(failed: int, *, dropped: bool = False) -> str:
     if not failed:
         return "none failed"
     if dropped:
-        return (
-            f"{failed:,} runs FAILED and are dropped: scores are of the other runs, as in the paper's program"
-        )
-    return f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
+        return f"{count(failed, 'run')} FAILED and dropped: scores are of the other runs, as in the paper's program"
+    return f"{count(failed, 'run')} FAILED; a candidate with a failed run cannot win"
 
 
 def failures_in(archive: Archive) -> str:
@@ -157,7 +155,7 @@ def best_sentence(values: Mapping[str, Any], truth: Truth, unit: str) -> str:
     score = truth.winner.score
     believed = f"{number(truth.believed)} {unit}".rstrip()
     return (
-        f"Best: {values_text(values)}. True score, on {score.n:,} fresh runs: {with_limits(score, unit)}; "
+        f"Best: {values_text(values)}. True score, on {count(score.n, 'fresh run')}: {with_limits(score, unit)}; "
         f"believed score: {believed}."
     )
 
@@ -196,7 +194,7 @@ def _unfinished(found: Found) -> str:
     step = search.pso.runs_an_iteration if search.settings.method == "pso" else search.settings.evaluations
     if found.runs > min(budget - step, ENOUGH * budget):
         return ""
-    return f"The search is not finished: {found.runs:,} of {budget:,} runs."
+    return f"The search is not finished: {whole(found.runs)} of {count(budget, 'run')}."
 
 
 def _failures(found: Found, truth: Truth | None, front: Front | None) -> Iterator[str]:
@@ -206,9 +204,9 @@ def _failures(found: Found, truth: Truth | None, front: Front | None) -> Iterato
         yield f"{failures_in(found.archive)}." + (f" Why: {causes}" if causes else "")
     for scored in () if truth is None else (truth.winner, *truth.others):
         if scored.failed:
-            yield f"{scored.failed:,} fresh runs of the {scored.name} FAILED and are in no figure."
+            yield f"{count(scored.failed, 'fresh run')} of the {scored.name} FAILED (in no figure)."
     if failed := 0 if front is None else sum(member.failed for member in front.members):
-        yield f"{failed:,} fresh runs of the front's candidates FAILED and are in no figure."
+        yield f"{count(failed, 'fresh run')} of the front's candidates FAILED (in no figure)."
 
 
 def luck_warning(truth: Truth) -> str:

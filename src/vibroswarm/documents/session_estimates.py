@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.show.document import Column
 from vibroswarm.show.numbers import Estimate
 
 
@@ -21,8 +19,3 @@ def estimate_of(interval: Interval | None, scale: float = 1.0) -> Estimate:
 def columns_of(name: str, interval: Interval | None) -> dict[str, float]:
     """Return an estimate and its limits as the columns NAME, NAME_low and NAME_high."""
     return dict(zip((name, f"{name}_low", f"{name}_high"), estimate_of(interval), strict=True))
-
-
-def limited(name: str, title: str, **form: Any) -> dict[str, Column]:
-    """Return the format of the columns that ``columns_of`` makes."""
-    return {name: Column(title, **form)}

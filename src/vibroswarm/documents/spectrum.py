@@ -11,7 +11,7 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.spectrum import draw_spectrum
 from vibroswarm.recordings.spectrum import Spectra, Spectrum
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
-from vibroswarm.show.numbers import count, number
+from vibroswarm.show.numbers import Estimate, count, number, with_limits
 
 WORDS = {"robot": "By robot", "tile": "By tile", "place": "By place", "time": "Over time"}
 MOST_DRAWN = 4
@@ -57,7 +57,7 @@ def _answer(found: Spectra) -> str:
     first = lines[0]
     more = f", and {count(len(lines) - 1, 'weaker line')}" if len(lines) > 1 else ""
     return (
-        f"The strongest line is at {number(first.hz, 2)} Hz [{number(first.low, 2)}, {number(first.high, 2)}]{more}. "
+        f"The strongest line is at {with_limits(Estimate(first.hz, first.low, first.high), 'Hz', 2)}{more}. "
         f"At this rate it may also be {' or '.join(f'{number(hz, 1)} Hz' for hz in first.folds_from)}."
     )
 

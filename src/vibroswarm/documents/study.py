@@ -20,6 +20,7 @@ from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
+from vibroswarm.analysis.reports_over_time import report_heading
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told
@@ -42,7 +43,7 @@ from vibroswarm.documents.study_words import (
 )
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
 from vibroswarm.show.made_by import versions_in_words
-from vibroswarm.show.numbers import count, counts, listed, number, percent
+from vibroswarm.show.numbers import count, counts, listed, number, percent, stated, stated_percent
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table
@@ -167,8 +168,8 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     }
     caption = (
         "Differences run by run, first - second, with 95 % sign-flip intervals; points: percentage points of robots. "
-        f"Better and worse: p < {SIGNIFICANT:g}, corrected over all comparisons (Holm). No significant difference is "
-        "not evidence of no difference."
+        f"Better and worse: p < {stated(SIGNIFICANT)}, corrected over all comparisons (Holm). No significant "
+        "difference is not evidence of no difference."
     )
     frame = pl.DataFrame(
         rows, infer_schema_length=None, schema_overrides={"better": pl.String, "worse": pl.String}
@@ -296,15 +297,11 @@ def _reported_parts(outcome: Outcome) -> list[Part]:
     table = outcome.reported
     if table.is_empty():
         return []
-    heading = pl.concat_str(
-        pl.col("report").str.replace_all("_", " "),
-        pl.when(pl.col("index").max().over("cell", "report") > 0)
-        .then(pl.format(" {}", pl.col("index")))
-        .otherwise(pl.lit("")),
-        pl.when(pl.col("unit") != "").then(pl.format(", {}", pl.col("unit"))).otherwise(pl.lit("")),
-    )
-    rows = table.select(
-        "name", heading.alias("report"), "runs", *with_limits_of(("value", "error"), table.columns)
+    is_array = pl.col("index").max().over("cell", "report") > 0
+    place = pl.when(is_array).then(pl.col("index").cast(pl.String)).otherwise(pl.lit(""))
+    headings = [report_heading(*each) for each in table.select("report", place, "unit").iter_rows()]
+    rows = table.with_columns(report=pl.Series(headings)).select(
+        "name", "report", "runs", *with_limits_of(("value", "error"), table.columns)
     )
     if rows["error"].null_count() == rows.height:
         rows = rows.drop("error", *limits_of("error"))
@@ -334,7 +331,7 @@ def _levels(outcome: Outcome) -> str:
     shown = " to ".join(percent(level, 2) for level in sorted({min(levels), max(levels)}))
     return (
         f"Intervals of {until.figure} are at {shown}, corrected for repeated looks: they hold at "
-        f"{number(100 * until.level)} %."
+        f"{stated_percent(until.level)}."
     )
 
 

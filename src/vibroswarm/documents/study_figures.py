@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import FIGURES, FOLLOWED, RunFigure
+from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -26,8 +26,9 @@ from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture
-from vibroswarm.show.document import Figure
-from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.show.document import Figure, limits_of
+from vibroswarm.show.numbers import stated
+from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
@@ -52,17 +53,18 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     field are always yielded: ``_bars`` limits their lines and rows.
     """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
+    table = _table(outcome, layout)
     if len(cells) <= MOST_ROWS:
         yield _figure("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
     for figure in FIGURES:
         is_there = figure.by_run not in FOLLOWED or any(row.summary.figures[figure.name].n for row in cells)
         if figure.picture and is_there and (layout.x is not None or len(cells) <= MOST_ROWS):
-            yield _figure(figure.name, figure.picture, partial(_bars, cells, layout, figure))
-    yield from _planes(cells)
+            yield _figure(figure.name, figure.picture, partial(_bars, table, layout, figure))
+    yield from _planes(cells, table)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
     if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
         yield _figure(
-            "detection", "Which fill ratios are judged correctly", partial(_detection, cells, layout)
+            "detection", "Which fill ratios are judged correctly", partial(_detection, outcome, table)
         )
 
 
@@ -97,28 +99,27 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
     return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
 
 
-def _bars(cells: Sequence[CellOutcome], layout: Layout, figure: RunFigure, style: str) -> Picture:
+def _table(outcome: Outcome, layout: Layout | None = None) -> pl.DataFrame:
+    """Return the figures of the cells, each with its name in figures (``label``), and its ``x`` and ``series``."""
+    labels = {one.cell.number: name_of(one.cell) for one in outcome.cells}
+    number = pl.col("cell")
+    table = outcome.table.with_columns(label=number.replace_strict(labels))
+    if layout is None or layout.x is None:
+        return table.with_columns(x="label")
+    return table.with_columns(x=number.replace_strict(layout.x), series=number.replace_strict(layout.series))
+
+
+def _bars(table: pl.DataFrame, layout: Layout, figure: RunFigure, style: str) -> Picture:
     """Draw a figure of the cells with its intervals.
 
     It is drawn along ``layout.x`` with a line for each series. If there is no x, or if there are more than
     ``MOST_SERIES`` lines, each cell has a row of its own instead, up to ``MOST_ROWS`` cells.
-
     """
-    rows: list[dict[str, object]] = []
-    for cell_outcome in cells:
-        estimated, number = cell_outcome.summary.figures[figure.name], cell_outcome.cell.number
-        x = name_of(cell_outcome.cell) if layout.x is None else layout.x[number]
-        series = {} if layout.x is None else {"series": layout.series[number]}
-        interval = {"estimate": estimated.estimate, "low": estimated.low, "high": estimated.high}
-        rows.append({"x": x, **series, **interval, "runs": cell_outcome.summary.runs})
-    frame = _frame(rows)
+    low, high = limits_of(figure.name)
+    frame = table.select("x", pl.col("^series$"), "runs", estimate=figure.name, low=low, high=high)
     too_many_lines = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
     if too_many_lines:  # each cell gets a row under its own name
-        frame = frame.select(
-            pl.Series("x", [name_of(cell_outcome.cell) for cell_outcome in cells]),
-            pl.all().exclude("x", "series"),
-        )
-        frame = frame.head(MOST_ROWS)
+        frame = frame.drop("series").with_columns(x=table["label"]).head(MOST_ROWS)
     return draw_error_bars(
         frame,
         x_label="" if too_many_lines else layout.label,
@@ -129,7 +130,7 @@ def _bars(cells: Sequence[CellOutcome], layout: Layout, figure: RunFigure, style
     )
 
 
-def _planes(cells: Sequence[CellOutcome]) -> Iterator[Figure]:
+def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figure]:
     """Yield heat maps of decision time and of swarms right over two numeric fields.
 
     There are two maps for each combination of the values of the other varied fields, up to ``MOST_PANELS``
@@ -153,28 +154,30 @@ def _planes(cells: Sequence[CellOutcome]) -> Iterator[Figure]:
             title = f"{label} over {label_of(plane[0])} and {label_of(plane[1])}" + (
                 f": {rest}" if rest else ""
             )
-            yield _figure(name, title, partial(_heat, part, plane, figure, label, best))
+            yield _figure(name, title, partial(_heat, part, table, plane, figure, label, best))
 
 
 def _heat(
-    cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str, style: str
+    cells: Sequence[CellOutcome],
+    table: pl.DataFrame,
+    plane: tuple[str, str],
+    figure: str,
+    label: str,
+    best: str,
+    style: str,
 ) -> Picture:
     """Draw a figure of the cells as a map over the two fields of ``plane``.
 
     Args:
-        figure: name in ``CellSummary``. label: of its colours. best: whether ``low`` or ``high`` values are better.
+        figure: column of ``table``. label: of its colours. best: whether ``low`` or ``high`` values are better.
     """
-    rows = [
-        {
-            "x": number_of(cell_outcome.cell, plane[0]),
-            "y": number_of(cell_outcome.cell, plane[1]),
-            "value": getattr(cell_outcome.summary, figure).estimate,
-            "runs": cell_outcome.summary.runs,
-        }
-        for cell_outcome in cells
-    ]
+    x, y = ({one.cell.number: number_of(one.cell, field) for one in cells} for field in plane)
+    number = pl.col("cell")
+    frame = table.filter(number.is_in(list(x))).select(
+        x=number.replace_strict(x), y=number.replace_strict(y), value=figure, runs="runs"
+    )
     x_label, y_label = label_of(plane[0]), label_of(plane[1])
-    return draw_heat(_frame(rows), x_label=x_label, y_label=y_label, label=label, best=best, style=style)
+    return draw_heat(frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style)
 
 
 def _incidences(outcome: Outcome) -> Iterator[Figure]:
@@ -194,7 +197,7 @@ def _incidences(outcome: Outcome) -> Iterator[Figure]:
     elif layout.x is not None:
         panels = {}
         for cell_outcome in cells:
-            panels.setdefault(f"{layout.label} {layout.x[cell_outcome.cell.number]:g}", []).append(
+            panels.setdefault(f"{layout.label} {stated(layout.x[cell_outcome.cell.number])}", []).append(
                 cell_outcome
             )
     else:
@@ -272,90 +275,57 @@ def front_figures(outcome: Outcome) -> Iterator[Figure]:
         if len(part) > 1:
             name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
             title = "Time against error" + (f": {floor}" if floor else "")
-            yield _figure(name, title, partial(_front, part))
+            yield _figure(name, title, partial(_front, _table(outcome), [one.cell.number for one in part]))
 
 
-def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
+def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
     """Draw decision time against forced error, one point for each cell.
 
     The forced error is the share of robots that are wrong, or undecided and leaning to the wrong side.
     """
-    rows = []
-    for cell_outcome in cells:
-        time, error = cell_outcome.summary.decision_time_s, cell_outcome.summary.forced_error
-        rows.append(
-            {
-                "name": name_of(cell_outcome.cell),
-                "time": time.estimate,
-                "time_low": time.low,
-                "time_high": time.high,
-                "error": error.estimate,
-                "error_low": error.low,
-                "error_high": error.high,
-                "runs": cell_outcome.summary.runs,
-            }
-        )
-    return draw_front(_frame(rows), error_label="forced error", percent=True, style=style)
+    ends = ("", "_low", "_high")
+    frame = table.filter(pl.col("cell").is_in(cells)).select(
+        "runs",
+        name="label",
+        **{f"time{end}": f"decision_time_s{end}" for end in ends},
+        **{f"error{end}": f"forced_error{end}" for end in ends},
+    )
+    return draw_front(frame, error_label="forced error", percent=True, style=style)
 
 
 def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
     """Yield one figure for each compared quantity, with its paired differences and their intervals."""
-    for figure, title, label, better in (
-        ("decision_time_s", "Decision time, run by run", "difference in decision time (s)", "low"),
-        ("right_share", "Robots right, run by run", "difference in robots right (percentage points)", "high"),
-        ("wrong_share", "Robots wrong, run by run", "difference in robots wrong (percentage points)", "low"),
-        (
-            "undecided_share",
-            "Robots undecided, run by run",
-            "difference in robots undecided (percentage points)",
-            "low",
-        ),
-    ):
-        scale = 1.0 if figure == "decision_time_s" else 100.0  # shares are shown in percentage points
-        # ``first``: the difference in the study's own runs, not in a second block from another seed.
-        rows = [
-            {
-                "comparison": comparison.name,
-                "difference": scale * comparison.first.difference.estimate,
-                "low": scale * comparison.first.difference.low,
-                "high": scale * comparison.first.difference.high,
-                "wins": comparison.first.wins,
-                "ties": comparison.first.ties,
-                "losses": comparison.first.losses,
-                "runs": comparison.first.pairs,
-            }
-            for comparison in compared
-            if comparison.first.figure == figure
-        ][:MOST_ROWS]
-        if rows:
-            draw = partial(draw_forest, _frame(rows), label=label, better=better)
-            yield _figure(f"compared-{figure.replace('_', '-')}", title, draw)
-
-
-def _detection(cells: Sequence[CellOutcome], layout: Layout, style: str) -> Picture:
-    """Draw the share of runs without a right consensus against the fill ratio.
-
-    Args:
-        layout: with the fill ratio along x.
-    """
-    assert layout.x is not None  # x is the fill ratio
-    rows = []
-    for cell_outcome in cells:
-        right = cell_outcome.summary.swarm_right
-        rows.append(
-            {
-                "fill_ratio": layout.x[cell_outcome.cell.number],
-                "series": layout.series[cell_outcome.cell.number],
-                "missed": 1 - right.estimate,
-                # The share of misses is 1 - the share of right consensus, so the two limits change places.
-                "low": 1 - right.high,
-                "high": 1 - right.low,
-                "runs": cell_outcome.summary.runs,
-            }
+    table = comparison_table(compared)
+    for name in table["figure"].unique(maintain_order=True):
+        figure = BY_COLUMN[name]
+        scale, unit = (100.0, "percentage points") if figure.is_share else (1.0, figure.unit)
+        # the differences in the study's own runs, not in a second block from another seed
+        frame = table.filter(pl.col("figure") == name).select(
+            "wins", "ties", "losses", comparison="name", runs="pairs", difference=scale * pl.col("difference"),
+            low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),
+        )  # fmt: skip
+        label = f"difference in {figure.title}{f' ({unit})' if unit else ''}"
+        draw = partial(
+            draw_forest, frame.head(MOST_ROWS), label=label, better="low" if figure.better < 0 else "high"
         )
+        title = f"{figure.title[0].upper()}{figure.title[1:]}, run by run"
+        yield _figure(f"compared-{name.replace('_', '-')}", title, draw)
+
+
+def _detection(outcome: Outcome, table: pl.DataFrame, style: str) -> Picture:
+    """Draw the share of runs without a right consensus against the fill ratio, the ``x`` of ``table``."""
+    frame = table.head(MOST_POINTS).select(
+        "series",
+        "runs",
+        fill_ratio="x",
+        missed=1 - pl.col("swarm_right"),
+        # The share of misses is 1 - the share of right consensus, so the two limits change places.
+        low=1 - pl.col("swarm_right_high"),
+        high=1 - pl.col("swarm_right_low"),
+    )
     # The figure has one boundary: that of the first cell.
-    boundary = cells[0].cell.scenario.decision.decision_boundary
-    return draw_detection(_frame(rows).head(MOST_POINTS), boundary=boundary, style=style)
+    boundary = outcome.cells[0].cell.scenario.decision.decision_boundary
+    return draw_detection(frame, boundary=boundary, style=style)
 
 
 def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
@@ -421,7 +391,7 @@ def _belief(outcome: Outcome, style: str) -> Picture:
     decision = outcome.cells[0].cell.scenario.decision  # boundary and threshold are those of the first cell
     return draw_belief(
         pl.concat(frames),
-        label=f"belief in a fill below {decision.decision_boundary:g}",
+        label=f"belief in a fill below {stated(decision.decision_boundary)}",
         thresholds=(decision.credible_threshold, 1 - decision.credible_threshold),
         boundary=None,  # the boundary is a fill ratio, not a belief
         runs=runs,

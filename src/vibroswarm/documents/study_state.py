@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from vibroswarm.show.numbers import count, number
+from vibroswarm.show.numbers import count, count_of, number, whole
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult
@@ -55,15 +55,15 @@ def state_sentences(about: dict[str, Any]) -> list[str]:
     """
     requested, done = about["runs_wanted"], about["runs_there"]
     each = (
-        f"{about['runs_each']:,} each"
+        f"{whole(about['runs_each'])} each"
         if about["runs_each"]
         else f"until {about['until']['figure']} is known to {about['until']['until']}"
     )
     name = f"{about['name'] or 'Study'} in {about['folder']}"
     lines = [
         f"{name}: {count(about['cells'], 'cell')}, runs {each}, seed {about['seed']}.",
-        f"Done: {done:,} of {count(requested, 'run')} ({number(100 * done / max(requested, 1), digits=4)} %), in "
-        f"{count(about['shards'], 'shard')}, {about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
+        f"Done: {count_of(done, requested, 'run')}, in {count(about['shards'], 'shard')}, "
+        f"{number(about['bytes'] / 1e6, 1)} MB; saved: {', '.join(about['keeps'])}.",
         f"Varied: {', '.join(about['varied']) or 'nothing'}.",
     ]
     lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]

@@ -15,7 +15,19 @@ from typing import Final
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
-from vibroswarm.show.numbers import Estimate, count, counts, listed, p_value, percent, with_limits
+from vibroswarm.documents.knowledge import setting as setting_of
+from vibroswarm.show.numbers import (
+    Estimate,
+    count,
+    counts,
+    listed,
+    p_value,
+    percent,
+    stated,
+    stated_percent,
+    whole,
+    with_limits,
+)
 from vibroswarm.study.answers import Answer, Effect, lacks_truth
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.equal_error import pairs_at_equal_error
@@ -58,14 +70,9 @@ def question(outcome: Outcome) -> str:
     Without comparisons, the text is no question: it names the cells, the setting and the runs.
     """
     cells = [one.cell for one in outcome.cells]
-    first, study = cells[0].scenario, outcome.result.study
+    study = outcome.result.study
     # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
-    settings = {
-        "swarm.robots": count(first.swarm.robots, "robot"),
-        "floor.source": f"floor {first.floor.source}",
-        "run.t_end_s": f"up to {first.run.t_end_s:g} s",
-    }
-    where = ", ".join(words for field, words in settings.items() if field not in study.varied)
+    where = setting_of(cells[0].scenario, study.varied)
     names = [cell.name for cell in cells]
     which = listed(names, "or") if 1 < len(names) <= MOST_NAMES else title_of(outcome.result)
     runs = counts((one.summary.runs for one in outcome.cells), "run")
@@ -303,7 +310,7 @@ def warnings_of(outcome: Outcome) -> list[str]:
 def _floor_words(one: CellOutcome) -> str:
     """Name the floor and the sensor threshold of a cell, on which its decidability depends."""
     scenario = one.cell.scenario
-    return f"floor {scenario.floor.source}, threshold {scenario.sensor.rms_threshold:g}"
+    return f"floor {scenario.floor.source}, threshold {stated(scenario.sensor.rms_threshold)}"
 
 
 def _missing_runs(outcome: Outcome) -> list[str]:
@@ -318,7 +325,7 @@ def _missing_runs(outcome: Outcome) -> list[str]:
     lost = int((cells["wanted"] - cells["there"]).sum())
     if lost and not outcome.result.store.failures:  # failed batches already have a warning
         words.append(
-            f"{lost:,} of {count(int(cells['wanted'].sum()), 'run')} are missing; run the same command again."
+            f"{whole(lost)} of {count(int(cells['wanted'].sum()), 'run')} are missing; run the same command again."
         )
     return words
 
@@ -354,5 +361,5 @@ def _imprecise(outcome: Outcome) -> list[str]:
         return []
     return [
         f"in {len(imprecise)} of {count(len(outcome.cells), 'cell')} {until.figure} is not known to "
-        f"{100 * until.half_width:g} % after {count(until.max_runs, 'run')}, the most that were allowed."
+        f"{stated_percent(until.half_width)} after {count(until.max_runs, 'run')}, the most that were allowed."
     ]

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
-from vibroswarm.show.numbers import count, number, percent
+from vibroswarm.show.numbers import count, number, percent, stated
 from vibroswarm.simulation import versions
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
 from vibroswarm.tracking.doubts import (
@@ -59,9 +59,9 @@ def tracking_document(
         ),
         made_by={
             "video": str(tracking.video),
-            "picture": f"{size[0]} x {size[1]} px, {time_s.size} frames, {time_s[-1]:.1f} s",
-            "markers": f"dictionary {markers.dictionary}, {1000 * markers.size_m:g} mm, "
-            f"{1000 * markers.height_m:g} mm above the floor",
+            "picture": f"{size[0]} x {size[1]} px, {time_s.size} frames, {number(time_s[-1], 1)} s",
+            "markers": f"dictionary {markers.dictionary}, {stated(1000 * markers.size_m)} mm, "
+            f"{stated(1000 * markers.height_m)} mm above the floor",
             **versions(),
         },
         data={"tracking": pl.DataFrame([_values(tracking, tracked)]), "doubts": _doubts(doubts)},
@@ -75,7 +75,7 @@ def _answer(tracking: Tracking, doubts: Sequence[Doubt]) -> tuple[str, str]:
     but = " (but the camera moves)" if tracking.jumps and tracking.camera_moves() else ""
     found = (
         f"{percent(tracking.share_found())} of positions found: {count(len(tracking.markers.robots), 'robot')} in "
-        f"{count(tracking.detections.time_s.size, 'frame')} ({last_s - first_s:.0f} s); "
+        f"{count(tracking.detections.time_s.size, 'frame')} ({number(last_s - first_s, 0)} s); "
         f"{count(tracking.gaps().height, 'gap')} of more than a second; {count(tracking.stops.height, 'stop')}; "
         f"{count(tracking.jumps, 'position')} dropped because a robot cannot move so fast{but}."
     )
@@ -263,10 +263,11 @@ def _camera(tracking: Tracking) -> Section:
     # Not empty: ``marker_detection.detect`` refuses a video that shows no robot's marker.
     sizes = [size for size in marker_sizes_m(tracking).values() if np.isfinite(size)]
     words = (
-        f"The camera is above ({camera.position_m[0]:.2f}, {camera.position_m[1]:.2f}) m; a pixel in the middle covers "
-        f"{mm_per_px(tracking):.2f} mm. Robots' markers measure {1000 * float(np.median(sizes)):.1f} mm (median; "
-        f"stated: {1000 * tracking.markers.size_m:g} mm). Edges are seen {camera.edge_px:+.2f} px outwards, "
-        "by blur, print and exposure, which is taken off."
+        f"The camera is above ({number(camera.position_m[0], 2)}, {number(camera.position_m[1], 2)}) m; a pixel in the "
+        f"middle covers {number(mm_per_px(tracking), 2)} mm. Robots' markers measure "
+        f"{number(1000 * float(np.median(sizes)), 1)} mm (median; stated: {stated(1000 * tracking.markers.size_m)} "
+        f"mm). Edges are seen {number(camera.edge_px, 2, sign=True)} px outwards, by blur, print and exposure, which "
+        "is taken off."
     )
     robots_px, robots_mm = square_residuals(tracking)
     size_px, floor_px = tracking.detections.size_px, tracking.detections.floor_px

@@ -13,22 +13,19 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.documents.cell_figures import figure_columns, with_limits_of
-from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.knowledge import setting, told
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, with_limits
+from vibroswarm.show.numbers import Estimate, count, stated, with_limits
 from vibroswarm.simulation import versions
+from vibroswarm.study.tradeoff import Tradeoff
 
 
-def tradeoff_document(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Document:
-    """Return what a trade-off says: the ends of the front, the front, and all settings.
-
-    Args:
-        curve: table of ``study.tradeoff.time_error_curve`` with ``undecided_counts=0``, so that its column ``error``
-            is the share of robots wrong. scenario, seed: of the replayed runs.
-    """
+def tradeoff_document(found: Tradeoff) -> Document:
+    """Return what a trade-off says: the ends of the front, the front, and all settings."""
+    curve, scenario = found.curve, found.scenario
     front = curve.filter("pareto").sort("decision_time_s").drop("pareto")
     figure = Figure("front", lambda style: _draw_front(curve, style))
     return Document(
@@ -40,7 +37,7 @@ def tradeoff_document(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Doc
             Section("The front", (Text(_FRONT), figure, _front_table(front))),
             Section("All settings", (_all_table(curve),), folded=True),
         ),
-        made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},
+        made_by={"scenario": scenario.hash, "seed": str(found.seed), **versions()},
     )
 
 
@@ -71,15 +68,14 @@ def _words(row: Mapping[str, Any]) -> str:
         Estimate.of(row, name) for name in ("decision_time_s", "error", "robots_undecided")
     )
     return (
-        f"p_c {row['credible_threshold']:g}, O_c {row['min_observations']}, {with_limits(time, 's', 0)}, "
+        f"p_c {stated(row['credible_threshold'])}, O_c {row['min_observations']}, {with_limits(time, 's', 0)}, "
         f"{with_limits(wrong, '%')} of the robots wrong, {with_limits(undecided, '%')} undecided"
     )
 
 
 def _setting_of(curve: pl.DataFrame, scenario: Scenario) -> str:
     return (
-        f"How much time do fewer wrong decisions cost? Strategy {scenario.strategy.name}, "
-        f"{count(scenario.swarm.robots, 'robot')}, floor {scenario.floor.source}, up to {scenario.run.t_end_s:g} s; "
+        f"How much time do fewer wrong decisions cost? Strategy {scenario.strategy.name}, {setting(scenario)}; "
         f"{count(curve.height, 'setting')} of p_c and O_c, replayed on the same {count(curve['runs'][0], 'run')}."
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibroswarm.optimize.verify import Verified
 from vibroswarm.show.document import Column, Document, Table
-from vibroswarm.show.numbers import count, percent
+from vibroswarm.show.numbers import count, percent, whole
 
 
 def verified_document(verified: Verified) -> Document:
@@ -12,7 +12,9 @@ def verified_document(verified: Verified) -> Document:
     again, differing = verified.runs.height, verified.runs.height - verified.same
     every = again == verified.saved
     runs = (
-        f"all {count(again, 'run')}" if every else f"{again:,} of {verified.saved:,} runs, drawn at random,"
+        f"all {count(again, 'run')}"
+        if every
+        else f"{whole(again)} of {count(verified.saved, 'run')}, drawn at random,"
     )
     if verified.damaged and not differing:
         answer = (
@@ -24,7 +26,7 @@ def verified_document(verified: Verified) -> Document:
         rest = "" if every else f" With 95 % confidence, less than {upper} of the saved runs differ."
         answer = (f"Verified: {runs} came out the same again, bit by bit.{rest}",)
     else:
-        answer = (f"NOT VERIFIED: {runs} were simulated again, and {differing:,} came out differently.",)
+        answer = (f"NOT VERIFIED: {runs} were simulated again, and {whole(differing)} came out differently.",)
     table = verified.runs.filter(~verified.runs["same"]).select("cell", "run", "tables")
     columns = {
         "cell": Column("cell"),

@@ -142,6 +142,11 @@ class Memory:
     """Flags of the compiler for which this was measured."""
 
 
+def has_compiler() -> bool:
+    """Return whether the compiler for the robot's processor is installed."""
+    return shutil.which(COMPILER) is not None
+
+
 def measured(sources: Path) -> Memory | None:
     """Return the memory of the library for those flags of ``TRIED`` that give the least flash.
 
@@ -152,7 +157,7 @@ def measured(sources: Path) -> Memory | None:
     Raises:
         RunError: the compiler failed.
     """
-    if shutil.which(COMPILER) is None:
+    if not has_compiler():
         return None
     with tempfile.TemporaryDirectory(prefix="vibroswarm-") as folder:
         tried = [_measured(sources, Path(folder) / "program.elf", flags) for flags in TRIED]

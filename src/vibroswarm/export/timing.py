@@ -14,7 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from vibroswarm.export.c_library import ASSETS, COMPILER, SECONDS, Memory, compile_with
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.export.c_library import (
+    ASSETS,
+    SECONDS,
+    Memory,
+    compile_with,
+    has_compiler,
+    measured,
+    write_library,
+)
 from vibroswarm.scenario.scenario import Scenario, preset
 
 EMULATOR: Final = "qemu-system-arm"
@@ -70,6 +79,32 @@ OTHER_ROBOTS: Final = {
 """Robots of presets on whose processor no program runs: what they are called, and why."""
 
 
+@dataclass(frozen=True)
+class Exported(NotebookView):
+    """A library that was written, and what its program takes of the robot's memory and time."""
+
+    scenario: Scenario
+    files: tuple[str, ...]
+    """Paths in the folder of the library."""
+    memory: Memory | None
+    """None if it was not measured: the compiler is not installed, or the tool that lists sizes is missing or fails."""
+    timing: Timing | None
+    """None if it was not measured: compiler or emulator are not installed, or the emulator fails."""
+    has_compiler: bool
+
+
+def export_library(scenario: Scenario, folder: Path) -> Exported:
+    """Write the library of a scenario's robots into a folder, and measure its program.
+
+    Raises:
+        InputError: the program cannot be exported. RunError: the compiler failed.
+    """
+    files, sources = write_library(scenario, folder), folder / "src"
+    memory = measured(sources)
+    timing = None if memory is None else timed(sources, scenario, memory.flags)
+    return Exported(scenario, tuple(files), memory, timing, has_compiler=has_compiler())
+
+
 def ms(instructions: float) -> float:
     """Return the time that instructions take, ms."""
     return 1000.0 * CYCLES * instructions / CLOCK_HZ
@@ -123,7 +158,7 @@ def timed(sources: Path, scenario: Scenario, flags: str) -> Timing | None:
     Raises:
         RunError: the compiler failed.
     """
-    if shutil.which(COMPILER) is None or shutil.which(EMULATOR) is None:
+    if not has_compiler() or shutil.which(EMULATOR) is None:
         return None
     robot = scenario.robot
     given = {

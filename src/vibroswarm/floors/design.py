@@ -29,6 +29,7 @@ from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
 from vibroswarm.floors.floor import check_size
 from vibroswarm.floors.source import check_fill_ratio, random_tiles
+from vibroswarm.show.numbers import number, stated
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:
@@ -299,8 +300,12 @@ def _anneal(
 
 def _reached(target: _Target, found: Difficulty) -> str:
     """Return the sentence that a floor was made, with its measures; the entropy is nan if a single tile vibrates."""
-    words = f"made: {_size(target)}, fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
-    return words + ("" if math.isnan(found.entropy) else f", entropy {found.entropy:.3f}")
+    return f"made: {_size(target)}, {_measures(found, has_entropy=not math.isnan(found.entropy))}"
+
+
+def _measures(found: Difficulty, *, has_entropy: bool) -> str:
+    entropy = f", entropy {number(found.entropy, 3)}" if has_entropy else ""
+    return f"fill ratio {number(found.fill_ratio, digits=4)}, Moran index {number(found.moran_index, 3)}{entropy}"
 
 
 def _nearest(target: _Target, found: Difficulty, favouring: list[_Found]) -> str:
@@ -310,21 +315,21 @@ def _nearest(target: _Target, found: Difficulty, favouring: list[_Found]) -> str
         found: measures of the nearest floor. favouring: the floor that favours the Moran index and the one that favours
             the entropy; empty if any entropy is accepted, or if only the fill ratio misses its target.
     """
-    target_text = f"Moran index {target.moran_index:g}"
-    has = f"fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
-    if target.entropy is not None:
-        target_text += f" with entropy {target.entropy:g}"
-        has += f", entropy {found.entropy:.3f}"
+    with_entropy = "" if target.entropy is None else f" with entropy {stated(target.entropy)}"
     words = (
-        f"not found: fill ratio {target.fill_ratio:g} and {target_text}, each to {TOLERANCE:g}, on {_size(target)}. "
-        f"The nearest found has {has}"
+        f"not found: fill ratio {stated(target.fill_ratio)} and Moran index "
+        f"{stated(target.moran_index)}{with_entropy}, each to {stated(TOLERANCE)}, on {_size(target)}. The nearest "
+        f"found has {_measures(found, has_entropy=target.entropy is not None)}"
     )
     if favouring:
         # Measures of the floor that favours the Moran index, and of the floor that favours the entropy.
-        with_moran, with_entropy = (floor.difficulty for floor in favouring)
+        (moran, its_entropy), (its_moran, entropy) = (
+            (number(floor.difficulty.moran_index, 3), number(floor.difficulty.entropy, 3))
+            for floor in favouring
+        )
         words += (
-            f". With Moran index {with_moran.moran_index:.3f} the nearest entropy found is {with_moran.entropy:.3f}; "
-            f"with entropy {with_entropy.entropy:.3f} the nearest Moran index found is {with_entropy.moran_index:.3f}"
+            f". With Moran index {moran} the nearest entropy found is {its_entropy}; with entropy {entropy} the "
+            f"nearest Moran index found is {its_moran}"
         )
     return words
 

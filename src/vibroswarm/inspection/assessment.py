@@ -34,7 +34,7 @@ from vibroswarm.inspection.scan import (
     scan,
 )
 from vibroswarm.inspection.stopping import Question, Stopping, stopping
-from vibroswarm.show.numbers import count, listed
+from vibroswarm.show.numbers import count, listed, p_value
 
 WHOLLY: Final = 0.95
 """Below this share of visited cells PoD may end below 1."""
@@ -153,7 +153,7 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
     words = []
     for check, p in checks.filter(pl.col("outcome") == "refused").select("check", "corrected").iter_rows():
         contradicted = "map of the other robots" if check == PLACES else "law of the sensor"
-        words.append(f"the samples contradict the {contradicted} ({check}, corrected p = {p:.3f})")
+        words.append(f"the samples contradict the {contradicted} ({check}, corrected p = {p_value(p)})")
     unmade = checks.filter(pl.col("outcome") == "not made")
     if unmade.height:
         words.append(

@@ -50,7 +50,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.numbers import count, percent
+from vibroswarm.show.numbers import count, p_value, percent, stated
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""
@@ -277,7 +277,7 @@ def _check_told_apart(words: str, draws: Sequence[Draw], vibrating: Floats, stil
     if p > TOLD_APART:
         raise InputError(
             "its values of vibrating and of still places cannot be told apart: a law fitted to some of them does not "
-            f"recognise the others (p = {p:.3f}, at most {TOLD_APART:g} asked); nothing can be said",
+            f"recognise the others (p = {p_value(p)}, at most {stated(TOLD_APART)} asked); nothing can be said",
             field=words,
         )
 

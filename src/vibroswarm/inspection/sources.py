@@ -26,7 +26,7 @@ from vibroswarm.inspection.samples import (
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.show.numbers import listed
+from vibroswarm.show.numbers import listed, stated
 
 KEY: Final = ("run", "robot", "sample")
 
@@ -176,8 +176,8 @@ def _samples(
     until_s = [time_s for time_s in changed_s if time_s <= last_s]
     if until_s:
         warnings.append(
-            f"The floor changed at {listed(f'{time_s:g} s' for time_s in until_s)}, but is presumed to stay as it is: "
-            "samples from before count as those of the floor at the end, by which they are judged."
+            f"The floor changed at {listed(f'{stated(time_s)} s' for time_s in until_s)}, but is presumed to stay as "
+            "it is: samples from before count as those of the floor at the end, by which they are judged."
         )
     return Samples(
         table, size_m, known, places, source, floor, truth_known, kinds, errors, warning=" ".join(warnings)
@@ -234,7 +234,9 @@ def samples_of_csv(
         spread_y_m=one,
         value="energy",
     ).sort("time_s", "robot")
-    exact = "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {1000 * spread_m:g} mm"
+    exact = (
+        "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {stated(1000 * spread_m)} mm"
+    )
     places = f"as the file has them, {exact}"
     own = session_hash(frame["value"].to_numpy())
     found = _samples(

@@ -32,7 +32,8 @@ from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, number_of
 from vibroswarm.floors.source import is_random, pattern
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.scenario import field_names
+from vibroswarm.scenario.scenario import field_names, parse_values
+from vibroswarm.show.numbers import percent, stated
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told
 
@@ -161,7 +162,7 @@ def _label(name: str, aim: float | None, number: int | None) -> str:
     """Return the label of an entry of a strategy; ``number``: its place among several tables, from 0."""
     if aim is None:
         return name if number is None else f"{name} {number + 1}"
-    return f"{name} {100 * aim:.1f} %"
+    return f"{name} {percent(aim)}"
 
 
 def main_entries(entries: Sequence[Entry]) -> tuple[Entry, ...]:
@@ -182,6 +183,19 @@ def _nearest_entries(entries: Sequence[Entry], error: float) -> tuple[Entry, ...
             found = nearest.get(entry.strategy, entry.aim)
             nearest[entry.strategy] = min(found, entry.aim, key=lambda aim: abs(aim - error))
     return tuple(entry for entry in entries if entry.aim is None or entry.aim == nearest[entry.strategy])
+
+
+def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
+    """Replace entries by several, as ``varied`` does.
+
+    Args:
+        text: ``FIELD=A,B`` varies all entries, ``STRATEGY:FIELD=A,B`` those of one strategy.
+    Raises:
+        InputError: the text is not of this form, its field is unknown, or no entry has its strategy.
+    """
+    name, values = parse_values(text, "[strategy:]section.field=value,value")
+    strategy, _, field = name.rpartition(":")
+    return varied(entries, strategy if ":" in name else None, field, values)
 
 
 def varied(
@@ -205,7 +219,7 @@ def varied(
             found.append(entry)
             continue
         for value in values:
-            word = f"{value:g}" if isinstance(value, float) else str(value)
+            word = stated(value) if isinstance(value, float) else str(value)
             setting = f"{field.rpartition('.')[2]} {word}"
             # "soft (eta 1500)", and with a second field "soft (eta 1500, kappa 2)".
             has_settings = entry.label.endswith(")")

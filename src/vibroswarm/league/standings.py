@@ -45,6 +45,7 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import count, stated
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
@@ -181,8 +182,8 @@ class Standings(NotebookView):
         """Return the size of the league, and the entry with the smallest forced error, in one line."""
         league = self.league
         return (
-            f"Standings({len(league.entries)} entries, {len(league.floors)} floors, {league.runs:,} runs of each; "
-            f"smallest forced error: {shown(self.table['name'][0])})"
+            f"Standings({len(league.entries)} entries, {len(league.floors)} floors, {count(league.runs, 'run')} of "
+            f"each; smallest forced error: {shown(self.table['name'][0])})"
         )
 
     @cached_property
@@ -274,7 +275,7 @@ class Standings(NotebookView):
                 row |= columns_of(figure, found)
             floor, found = self.worst_floor(k)
             row |= {
-                "worst_floor": f"{floor.pattern} {floor.fill_ratio:g}",
+                "worst_floor": f"{floor.pattern} {stated(floor.fill_ratio)}",
                 **columns_of("worst_floor_error", found),
             }
             rows.append(row)

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
 import polars as pl
 
+from vibroswarm.errors import InputError, check_choice
+from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
 from vibroswarm.league.best import best_table
+from vibroswarm.league.entries import main_entries
+from vibroswarm.league.fault_curves import FOLDER, KINDS, fault_curves
 from vibroswarm.league.fronts import front_table
-from vibroswarm.league.standings import Standings
+from vibroswarm.league.standings import League, Standings
+from vibroswarm.scenario.fault_fields import FAULTS
+from vibroswarm.study.runner import Progress
 
 
 def league_tables(standings: Standings, reference: str | None = None) -> dict[str, pl.DataFrame]:
@@ -28,3 +39,60 @@ def league_tables(standings: Standings, reference: str | None = None) -> dict[st
         "floor_differences": main.floor_differences(reference),
         "floors": standings.floor_table,
     } | ({"maps": maps} if maps.height else {})
+
+
+def further_tables(
+    basic: League,
+    folder: Path | None,
+    stage: Callable[[str], AbstractContextManager[Progress]],
+    *,
+    belief_runs: int = 100,
+    fault_runs: int = 100,
+    kinds: Sequence[str] = KINDS,
+    **how: Any,
+) -> dict[str, pl.DataFrame]:
+    """Simulate what is tested besides a league: "beliefs" and "faults", each missing if none of its runs are wanted.
+
+    Args:
+        basic: the league with one entry for each strategy. folder: of the league, which saves these runs too; None:
+            they are not saved. stage: returns the context of a stage by its name, whose value is called with progress.
+        belief_runs, fault_runs, kinds, how: as of ``belief_calibration`` and ``fault_curves``.
+    """
+    tables = {}
+    if belief_runs:
+        saved = None if folder is None else folder / BELIEFS
+        with stage("comparing beliefs") as progress:
+            tables["beliefs"] = belief_calibration(basic, saved, runs=belief_runs, progress=progress, **how)
+    if fault_runs:
+        saved = None if folder is None else folder / FOLDER
+        with stage("with faulty robots") as progress:
+            tables["faults"] = fault_curves(
+                basic, saved, kinds=kinds, runs=fault_runs, progress=progress, **how
+            )
+    return tables
+
+
+def check_tests(
+    league: League, reference: str | None, belief_runs: int, fault_runs: int, kinds: Sequence[str] | None
+) -> None:
+    """Refuse a reference that does not play, and tests that do not fit a league, before anything is simulated.
+
+    Args:
+        kinds: of faults that were asked for; None: the usual ones, of which a swarm of one robot has none.
+    """
+    main = main_entries(league.entries)
+    known = [*dict.fromkeys(name for one in main for name in (one.label, one.strategy))]
+    if reference is not None and reference not in known:
+        listed = ", ".join(f"'{name}'" for name in known)
+        raise InputError(f"'{reference}' is not an entry (entries: {listed})", field="--reference")
+    for kind in kinds or ():
+        check_choice(kind, "--faults", FAULTS)
+    if kinds and fault_runs and min(league.robots) == 1:
+        raise InputError(
+            "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
+        )
+    if (belief_runs or fault_runs) and league.boundaries != {0.5}:
+        raise InputError(
+            "must be 0.5 to compare beliefs and faults; add --belief-runs 0 --fault-runs 0",
+            field="decision.decision_boundary",
+        )

@@ -20,6 +20,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import count
 
 MOTION: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -84,8 +85,8 @@ class Motion(NotebookView):
         optional_tables = [name for name in ("segments", "moves") if getattr(self, name) is not None]
         runs, robots = self.ends["run"].n_unique(), self.ends["robot"].n_unique()
         parts = [
-            f"{runs} run{'s' * (runs != 1)}",
-            f"{robots} robot{'s' * (robots != 1)}",
+            count(runs, "run"),
+            count(robots, "robot"),
             f"{self.samples.height:,} samples",
             *([f"with {' and '.join(optional_tables)}"] if optional_tables else []),
             *([f"{self.failures.height} failed"] if self.failures is not None else []),

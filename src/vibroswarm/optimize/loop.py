@@ -29,6 +29,7 @@ from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import REQUEST, SearchFolder, results_in, step_table
+from vibroswarm.show.numbers import count, number
 from vibroswarm.study.executors import Workers, workers_for
 
 
@@ -78,8 +79,9 @@ class Found(NotebookView):
     def __repr__(self) -> str:
         objective = self.search.objectives[0]
         return (
-            f"Found({self.search.settings.method_name}, {len(self.archive):,} candidates in {self.runs:,} runs; "
-            f"believed score {f'{self.believed:.4g} {objective.unit}'.rstrip()}, {objective.words})"
+            f"Found({self.search.settings.method_name}, {count(len(self.archive), 'candidate')} in "
+            f"{count(self.runs, 'run')}; believed score "
+            f"{f'{number(self.believed, digits=4)} {objective.unit}'.rstrip()}, {objective.words})"
         )
 
     @property

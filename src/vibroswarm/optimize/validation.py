@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -32,6 +33,7 @@ from vibroswarm.optimize.objective import Objective, Rows, bootstrap
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import FreshFolder
+from vibroswarm.show.numbers import count, decimals_of, number, percent, stated_percent, with_limits
 from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
@@ -91,10 +93,11 @@ class Truth(NotebookView):
 
     def __repr__(self) -> str:
         score = self.winner.score
-        return (
-            f"Truth(believed score {self.believed:.4g}, true {score.estimate:.4g} "
-            f"[{score.low:.4g}, {score.high:.4g}], {score.n:,} fresh runs)"
+        believed, true = (
+            number(self.believed, digits=4),
+            with_limits(score, decimals=decimals_of(score[:3], 4)),
         )
+        return f"Truth(believed score {believed}, true {true}, {count(score.n, 'fresh run')})"
 
     @property
     def difference(self) -> float:
@@ -135,19 +138,19 @@ class Truth(NotebookView):
             ),
             "not defined": "The difference between the believed and the true score is not defined.",
             "inconclusive": (
-                f"The believed score is {abs(100 * share):.0f} % too {'low' if share > 0 else 'high'}, but the "
+                f"The believed score is {percent(abs(share), 0)} too {'low' if share > 0 else 'high'}, but the "
                 "interval of the true score is as wide: too few validation runs; raise --fresh."
             ),
             "not significant": (
-                f"The believed score lies inside the interval of the true score ({100 * share:+.1f} %): "
+                f"The believed score lies inside the interval of the true score ({percent(share, sign=True)}): "
                 "no sign of a lucky choice."
             ),
             "lucky": (
-                f"The believed score is {100 * share:.0f} % too low: the winner was chosen by its score on few runs, "
+                f"The believed score is {percent(share, 0)} too low: the winner was chosen by its score on few runs, "
                 "and was partly lucky."
             ),
             "unlucky": (
-                f"The believed score is {-100 * share:.0f} % too high: the winner was unlucky in the search."
+                f"The believed score is {percent(-share, 0)} too high: the winner was unlucky in the search."
             ),
         }[self.luck]
 
@@ -325,10 +328,11 @@ def _beyond(share: Interval, limit: float) -> str:
     if math.isnan(share.estimate):
         return "not defined, as no robot decided"
     if share.low > limit:
-        return f"beyond the limit of {100 * limit:g} % by {100 * (share.estimate - limit):.1f} points"
+        beyond = number(100 * (share.estimate - limit), 1)
+        return f"beyond the limit of {stated_percent(limit)} by {beyond} points"
     if share.high <= limit:
-        return f"within the limit of {100 * limit:g} %"
-    return f"not significantly different from the limit of {100 * limit:g} %"
+        return f"within the limit of {stated_percent(limit)}"
+    return f"not significantly different from the limit of {stated_percent(limit)}"
 
 
 def _parts(rows: Rows) -> dict[str, Interval]:
@@ -404,14 +408,15 @@ class Front(NotebookView):
     @property
     def words(self) -> str:
         """A summary of the front in words."""
-        stay, count = sum(m.stays for m in self.members), len(self.members)
+        stay = sum(m.stays for m in self.members)
         shares = ", ".join(
-            f"{abs(100 * share):.0f} % too {'low' if share >= 0 else 'high'} for {name}"
+            f"{percent(abs(share), 0)} too {'low' if share >= 0 else 'high'} for {name}"
             for name, share in zip(self.names, self.too_little, strict=True)
             if not math.isnan(share)
         )
         believed = f"; the believed scores were {shares} (medians)" if shares else ""
-        return f"On {self.runs:,} fresh runs each, {stay} of {count} are still on the front{believed}."
+        runs = count(self.runs, "fresh run")
+        return f"On {runs} each, {stay} of {len(self.members)} are still on the front{believed}."
 
     @property
     def table(self) -> pl.DataFrame:
@@ -424,6 +429,31 @@ class Front(NotebookView):
                 row |= {f"{name}, true low": plain(true.low), f"{name}, true high": plain(true.high)}
             rows.append(row | {"fresh runs": self.runs - member.failed, "failed": member.failed})
         return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def validated(
+    found: Found,
+    folder: Path | None,
+    stage: Callable[[str, int], AbstractContextManager[Callable[[int], None]]],
+    **where: Any,
+) -> tuple[Truth | None, Front | None]:
+    """Score the winner of a search, or its Pareto front, on fresh runs: those of the search favour what it chose.
+
+    With several objectives there is no winner; the front is empty if no candidate has finite scores.
+
+    Args:
+        folder: of the search, which saves the fresh runs; None: they are not saved. stage: returns the context of a
+            stage by its name and its number of runs, whose value is called with the number done. where: executor and
+            workers.
+    """
+    search, what = found.search, "scoring on fresh runs"
+    if found.front:
+        with stage(what, fresh_runs(found) * len(found.front)) as progress:
+            return None, front_of(found, folder=folder, progress=progress, **where)
+    if len(search.objectives) > 1:
+        return None, None
+    with stage(what, search.settings.fresh * (1 + len(search.starts))) as progress:
+        return truth_of(found, folder=folder, progress=progress, **where), None
 
 
 def fresh_runs(found: Found) -> int:

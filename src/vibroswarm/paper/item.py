@@ -41,6 +41,7 @@ from vibroswarm.paper.real_data import real_floor
 from vibroswarm.plots import Picture as DrawnPicture
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column
+from vibroswarm.show.numbers import number, percent
 from vibroswarm.simulation import versions
 
 Tables = dict[str, pl.DataFrame]
@@ -271,7 +272,7 @@ def _side(scenario: Scenario) -> str | None:
     return (
         None
         if verdict.verdict == "decidable"
-        else f"{verdict.verdict}: {verdict.share:.1%} of the readings are ones"
+        else f"{verdict.verdict}: {percent(verdict.share)} of the readings are ones"
     )
 
 
@@ -291,9 +292,11 @@ def _edges(scenario: Scenario) -> str | None:
     what = (
         "the physics of vibration was"
         if is_physics
-        else f"edges reach {1000 * (reach_m or 0.0):.0f} mm and were"
+        else f"edges reach {number(1000 * (reach_m or 0.0), 0)} mm and were"
     )
-    return f"{what} fitted on tiles of {1000 * fitted_m:.0f} mm; these have {1000 * side_m:.0f} mm"
+    return (
+        f"{what} fitted on tiles of {number(1000 * fitted_m, 0)} mm; these have {number(1000 * side_m, 0)} mm"
+    )
 
 
 @cache

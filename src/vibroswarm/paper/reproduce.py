@@ -35,6 +35,7 @@ from vibroswarm.paper.item import (
     save_tables,
 )
 from vibroswarm.paper.items import all_items
+from vibroswarm.show.numbers import count
 from vibroswarm.study.executors import processors
 
 SWITCH_S: Final = 5e-4
@@ -172,7 +173,8 @@ class Reproduction(NotebookView):
     def __repr__(self) -> str:
         counts = Counter(one.verdict for one in self.decided)
         words = ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())
-        return f"Reproduction({len(self.made)} items, {self.settings.runs:,} runs of each cell; {words or 'no claims'})"
+        runs = count(self.settings.runs, "run")
+        return f"Reproduction({len(self.made)} items, {runs} of each cell; {words or 'no claims'})"
 
     @property
     def decided(self) -> list[Decided]:

@@ -146,6 +146,31 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     return _replayed(scenario, tables, answers, unsent=unsent / draws, put_back=lost)
 
 
+@dataclass(frozen=True)
+class Replays(NotebookView):
+    """What several strategies would have decided on a recording's observations."""
+
+    recording: Recording
+    by_strategy: Mapping[str, Replayed]
+    """At least one."""
+    draws: int
+    """Draws of the lost packets, the same for all."""
+    seed: int
+    warnings: tuple[str, ...] = ()
+    """Reasons not to trust the law that robots go by."""
+
+
+def replay_strategies(
+    recording: Recording, scenario: Scenario, names: Sequence[str], draws: int = 200, seed: int = 1
+) -> Replays:
+    """Replay each of some strategies as ``replay_recording`` does; the scenario's own strategy does not matter."""
+    found = {
+        name: replay_recording(recording, scenario.with_values({"strategy.name": name}), draws, seed)
+        for name in names
+    }
+    return Replays(recording, found, draws, seed)
+
+
 def _replayed(
     scenario: Scenario,
     tables: Sequence[tuple[pl.DataFrame, pl.DataFrame]],

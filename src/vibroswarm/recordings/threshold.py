@@ -424,6 +424,55 @@ def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
     return pl.DataFrame(rows)
 
 
+@dataclass(frozen=True)
+class Recommendation(NotebookView):
+    """Thresholds of a recording by several rules, and which one to use."""
+
+    thresholds: tuple[Threshold, ...]
+    """By equal error, by least error, by costs if they differ, and the given one if there is one."""
+    chosen: Threshold
+    """The given one, else that of different costs, else that of equal error."""
+    in_use: Threshold
+    """At the threshold of the recording."""
+    profile: pl.DataFrame
+    """Errors by edge distance at equal error (``edge_profile``)."""
+    margin_m: float
+    """Edge distance up to which samples do not count as ``inner_samples``."""
+    unseen: pl.DataFrame | None = None
+    """How each session is judged by the threshold of the others (``unseen_errors``); None: not computed."""
+    law: pl.DataFrame | None = None
+    """Table of the law of the sensor (``laws.law_table``); None: it was not fitted."""
+
+
+def recommend(
+    recording: Recording,
+    costs: tuple[float, float] = (1.0, 1.0),
+    at: float | None = None,
+    margin_m: float = 0.02,
+) -> Recommendation:
+    """Recommend a threshold.
+
+    Args:
+        costs: of a false positive and of a false negative; only their ratio matters. at: a given threshold; None: none.
+        margin_m: edge distance up to which samples do not count as ``inner_samples``.
+    Raises:
+        InputError: a cost that is not above 0, or samples on one kind of tile only.
+    """
+    thresholds = find_thresholds(recording, *costs, margin_m)
+    if at is not None:
+        thresholds.append(at_threshold(recording, at, margin_m=margin_m))
+    is_special = at is not None or costs[0] != costs[1]
+    in_use = recording.scenario.sensor.rms_threshold
+    return Recommendation(
+        thresholds=tuple(thresholds),
+        chosen=thresholds[-1 if is_special else 0],
+        in_use=at_threshold(recording, in_use, name="in use", margin_m=margin_m),
+        profile=edge_profile(labelled(recording), thresholds[0].value),
+        margin_m=margin_m,
+        unseen=unseen_errors(recording, *costs),
+    )
+
+
 def _decidable(
     data: Labelled, bits: NDArray[np.bool_], threshold: float, recording: Recording
 ) -> Decidability:

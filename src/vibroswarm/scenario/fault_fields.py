@@ -143,7 +143,8 @@ class MotionFaults(FrozenModel):
 
 
 class Faults(MotionFaults):
-    """Robots that fail, by share of the swarm or by number, and how; nobody by default."""
+    """Robots that fail, by share of the swarm or by number, and how; nobody by default. How many can a
+    strategy bear?"""
 
     stuck_at_0: Affected = 0.0
     """Robots whose sensor always reads 0: a share of the swarm (0.2; rounded to whole robots, drawn again for each
@@ -155,7 +156,7 @@ class Faults(MotionFaults):
     stuck_class: Annotated[int, Field(ge=0, le=15)] = 0
     """Class that they read, such as 2 of a sensor that tells three kinds of tile apart."""
     biased: Affected = 0.0
-    """Robots whose error rates differ by the six fields below."""
+    """Robots whose error rates differ by the six fields below, as those of worn or badly mounted sensors."""
     misread_shift: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Share of its samples that a biased sensor of any kind reads as another class than it would, each other class
     equally often."""

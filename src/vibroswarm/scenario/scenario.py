@@ -33,6 +33,7 @@ from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.scenario.presets import preset_text
+from vibroswarm.show.numbers import count
 
 SCHEMA_VERSION = 3
 """Version of the fields of scenarios; it is part of their hashes."""
@@ -192,7 +193,7 @@ class Scenario(Sections, NotebookView):
         """Return a summary in one line; the task is named only if it is not ``fill_ratio``."""
         robots, task = self.swarm.robots, self.task.name
         parts = [
-            f"{robots} robot{'s' * (robots != 1)}",
+            count(robots, "robot"),
             self.strategy.name,
             f"floor {shown(self.floor.source)}",
             f"{self.arena.width_m:g} m x {self.arena.height_m:g} m",
@@ -387,6 +388,20 @@ def parse_setting(text: str) -> tuple[str, Any]:
     if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
         raise InputError(f"'{text}' sets more than one value", field="--set")
     return name.strip(), parsed["value"]
+
+
+def parse_values(text: str, form: str = "section.field=value,value") -> tuple[str, list[Any]]:
+    """Return name and values of a varied field such as ``"swarm.robots=3,5"``, each value as of ``parse_setting``.
+
+    Args:
+        form: what is right, for the message.
+    Raises:
+        InputError: the text is not of this form.
+    """
+    name, separator, values = text.partition("=")
+    if not separator or not values.strip():
+        raise InputError(f"'{text}' is not of the form {form}", field="--vary")
+    return name.strip(), [parse_setting(f"{name}={value}")[1] for value in values.split(",")]
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, Any]:

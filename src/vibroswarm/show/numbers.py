@@ -104,13 +104,32 @@ def number(
     return f"+{text}" if sign and value > 0 and text.strip("0.") else text
 
 
-def percent(share: float | None, decimals: int = 1, *, sign: bool = False) -> str:
-    """Write a share from 0 to 1 in percent, with its sign for percent."""
-    return MISSING if is_missing(share) else f"{number(_hundredfold(share), decimals, sign=sign)} %"
+def stated(value: float | None) -> str:
+    """Write a number as somebody stated it, such as a threshold: with up to six significant digits."""
+    return number(value, digits=6)
 
 
-def _hundredfold(value: float | None) -> float | None:
-    return None if value is None else 100 * value
+def whole(n: float) -> str:
+    """Write a number of things whose name follows later, as in ``1,000 of 2,000 runs``."""
+    return f"{n:,.0f}"
+
+
+def percent(
+    share: float | None, decimals: int | None = 1, *, digits: int = DIGITS, sign: bool = False
+) -> str:
+    """Write a share from 0 to 1 in percent, with its sign for percent.
+
+    Args:
+        decimals: None: as many as the number needs to have ``digits`` significant digits.
+    """
+    if share is None or is_missing(share):
+        return MISSING
+    return f"{number(100 * share, decimals, digits=digits, sign=sign)} %"
+
+
+def stated_percent(share: float | None) -> str:
+    """Write a share that somebody stated, such as a boundary, in percent: ``50 %``, ``2.5 %``."""
+    return percent(share, None, digits=4)
 
 
 def with_limits(
@@ -131,6 +150,11 @@ def with_limits(
     estimate, low, high = (number(value, decimals, sign=sign) for value in values)
     text = estimate if estimate == MISSING or not unit else f"{estimate} {unit}"
     return f"{text} [{low}, {high}]" if all(map(math.isfinite, values)) else text
+
+
+def plus_minus(estimate: float, error: float, decimals: int | None = None) -> str:
+    """Write an estimate and its standard error or deviation: ``1.32 ± 0.04``."""
+    return f"{number(estimate, decimals)} ± {number(error, decimals)}"
 
 
 def p_value(p: float | None) -> str:
@@ -157,9 +181,19 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
+def size(width: float, height: float, unit: str = "m") -> str:
+    """Write width and height: ``1.2 m x 0.8 m``."""
+    return f"{number(width, digits=4)} {unit} x {number(height, digits=4)} {unit}"
+
+
 def count(n: int, thing: str, things: str = "") -> str:
     """Write a number of things: ``1 robot``, ``5 robots``, ``1,000 runs``; ``things`` is a plural other than with s."""
-    return f"{n:,} {thing if n == 1 else things or f'{thing}s'}"
+    return f"{whole(n)} {thing if n == 1 else things or f'{thing}s'}"
+
+
+def count_of(done: int, wanted: int, thing: str) -> str:
+    """Write how many of some things are done: ``10 of 1,000 runs (1 %)``."""
+    return f"{whole(done)} of {count(wanted, thing)} ({stated_percent(done / max(wanted, 1))})"
 
 
 def counts(numbers: Iterable[int], thing: str) -> str:

@@ -82,7 +82,11 @@ class Params:
     ] = 2.5e-4
     drift_variance: Annotated[
         float,
-        Field(ge=0, le=1, description="Variance that is added from reading to reading (R): how unsteadily."),
+        Field(
+            ge=0,
+            le=1,
+            description="Variance that is added from reading to reading (R): more where sensors drift faster.",
+        ),
     ] = 5e-4
     window: Annotated[
         int, Field(ge=1, le=LARGEST_WINDOW, description="Number of last readings that count (t).")

@@ -58,7 +58,11 @@ class Params:
 
     hypotheses: Annotated[
         int,
-        Field(ge=2, le=1000, description="Number of hypotheses of the fill ratio: how finely it is told."),
+        Field(
+            ge=2,
+            le=1000,
+            description="Number of hypotheses of the fill ratio: more tell shares nearer to the boundary apart.",
+        ),
     ] = 10
     decay_own: Annotated[float, Field(ge=0, le=1, description="Power of the own social belief (lambda).")] = (
         0.8

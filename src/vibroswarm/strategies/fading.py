@@ -40,7 +40,12 @@ class Memory:
     """How long evidence counts."""
 
     memory_s: Annotated[
-        float, Field(gt=0, le=1e9, description="Time after which evidence on a tile counts 1/e, s.")
+        float,
+        Field(
+            gt=0,
+            le=1e9,
+            description="Time after which evidence on a tile counts 1/e, s: shorter for floors that change more often.",
+        ),
     ] = 600.0
 
 

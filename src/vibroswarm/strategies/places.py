@@ -145,8 +145,8 @@ class MapParams:
         Field(
             ge=0,
             lt=1,
-            description="Median of the prior of the share of vibrating tiles; 0: the boundary. If it and the boundary "
-            "are 1/2, tiles are independent.",
+            description="Median of the prior of the share of vibrating tiles; 0: the boundary. Lower where damage is "
+            "rare. If it and the boundary are 1/2, tiles are independent.",
         ),
     ] = 0.0
     edge_reach_m: Annotated[
@@ -186,7 +186,11 @@ class Options:
     ] = False
     map_every: Annotated[
         int,
-        Field(ge=1, le=10**6, description="With share_map, a map is sent after each so many own samples."),
+        Field(
+            ge=1,
+            le=10**6,
+            description="With share_map, a map is sent after each so many own samples: more send less.",
+        ),
     ] = 1
 
 

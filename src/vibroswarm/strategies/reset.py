@@ -71,7 +71,10 @@ class Params:
         ),
     ] = 0.05
     follows: Annotated[
-        bool, Field(description="Whether a robot counts anew when another tells that it has.")
+        bool,
+        Field(
+            description="Whether a robot counts anew when another tells that it has; not where some tell wrongly."
+        ),
     ] = True
     tells_change: Annotated[
         bool,

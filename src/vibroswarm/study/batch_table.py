@@ -27,6 +27,7 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
 from vibroswarm.inference.reports import REPORTED
 from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import Result
+from vibroswarm.show.numbers import count, number, whole
 from vibroswarm.study.spec import Cell
 
 Columns = Mapping[str, NDArray[Any]]
@@ -257,6 +258,7 @@ def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
     """
     first = failed.sort("run").row(0, named=True)
     return (
-        f"{failed.height:,} of {runs:,} runs of {cell.name} failed in the source of motion; their robots stand since "
-        f"then and count as undecided (run {first['run']} at {first['time_s']:.4g} s: {first['reason']})."
+        f"{whole(failed.height)} of {count(runs, 'run')} of {cell.name} failed in the source of motion; their robots "
+        f"stand since then and count as undecided (run {first['run']} at {number(first['time_s'], digits=4)} s: "
+        f"{first['reason']})."
     )

@@ -22,6 +22,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import stated
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
@@ -262,7 +263,7 @@ def _warnings(study: Study) -> list[str]:
     return list(
         # Each sentence once: cells that differ only in the number of robots may give the same sentence.
         dict.fromkeys(
-            f"fill ratio {verdict.fill_ratio:g}: {verdict.says}"
+            f"fill ratio {stated(verdict.fill_ratio)}: {verdict.says}"
             for verdict in verdicts
             if verdict.verdict != "decidable"
         )

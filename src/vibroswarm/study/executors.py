@@ -33,6 +33,7 @@ from typing import Any, Final, TypeVar
 
 from vibroswarm.core.child_python import MOST_WORKERS, safe_start
 from vibroswarm.errors import CodeError, InputError, RunError, check_kind, nearest, whole_number_of
+from vibroswarm.show import numbers
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
 
@@ -227,7 +228,7 @@ def _threads(count: int) -> Iterator[Workers]:
     pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
     wait_for_threads = True
     try:
-        yield Workers(pool, count, name=f"{count} thread{'s' * (count > 1)}", cancel=cancel)
+        yield Workers(pool, count, name=numbers.count(count, "thread"), cancel=cancel)
     except KeyboardInterrupt:
         # A thread that compiles a kernel cannot be stopped, and may take a minute.
         wait_for_threads = False
@@ -387,7 +388,9 @@ def _processes(count: int) -> Iterator[Workers]:
     pool = SingleProcessPools(count)
     wait_for_processes = True
     try:
-        yield _ProcessWorkers(pool, count, name=f"{count} process{'es' * (count > 1)}", cancel=pool.cancel)
+        yield _ProcessWorkers(
+            pool, count, name=numbers.count(count, "process", "processes"), cancel=pool.cancel
+        )
     except KeyboardInterrupt:
         # A process that compiles a kernel cannot be stopped, and may take a minute.
         wait_for_processes = False

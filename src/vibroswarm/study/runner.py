@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import is_cached
 from vibroswarm.errors import CodeError, InputError, RunError
+from vibroswarm.show.numbers import count
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
 from vibroswarm.study.executors import Workers, check_worker, do_all, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of
@@ -260,8 +261,7 @@ def failures_in_words(store: Store, kept: bool = True, *, is_repetition: bool = 
     """
     failures = store.failures
     first, runs = failures[0], len(store.lost_runs)
-    batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"
-    words = f"{runs:,} run{'s' * (runs != 1)} failed, in {batches}"
+    words = f"{count(runs, 'run')} failed, in {count(len(failures), 'batch', 'batches')}"
     if not kept:
         return f"{words}; the first is run {first['first']} with seed {first['seed']} ({first['why']})."
     alone = "" if is_repetition else f"Run it alone with --batch {first['batch']}; run"

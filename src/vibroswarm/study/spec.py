@@ -51,6 +51,7 @@ from vibroswarm.scenario.scenario import (
     threshold_of,
     value_of,
 )
+from vibroswarm.show.numbers import count
 from vibroswarm.study.factors import (
     BLOCKS,
     LABEL,
@@ -211,16 +212,16 @@ class Study(NotebookView):
             readings_boundary(cell.scenario)
 
     def __repr__(self) -> str:
-        cells, varied = len(self.cells), ", ".join(self.varied)
+        cells, varied = count(len(self.cells), "cell"), ", ".join(self.varied)
         # Exactly one of ``runs`` and ``until`` is None; ``and self.until`` is for type checkers.
         runs = (
             f"until {self.until.figure} is known"
             if self.runs is None and self.until
-            else f"{self.runs:,} runs"
+            else count(self.runs or 0, "run")
         )
         name = f"{shown(self.name)}, " if self.name else ""
         vary = f", varied: {varied}" if varied else ""
-        return f"Study({name}{cells} cell{'s' * (cells != 1)}, {runs} each, seed {self.seed}{vary})"
+        return f"Study({name}{cells}, {runs} each, seed {self.seed}{vary})"
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:

@@ -28,6 +28,7 @@ from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown,
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
+from vibroswarm.show.numbers import count, whole
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
 from vibroswarm.study.batch_table import (
@@ -95,12 +96,12 @@ class StudyResult(NotebookView):
 
     def __repr__(self) -> str:
         cells, chosen, table = len(self.study.cells), len(self.selected), self.cells
-        count = f"{chosen}" if chosen == cells else f"{chosen} of {cells}"
+        some = "" if chosen == cells else f"{chosen} of "
         varied = f", varied: {', '.join(self.study.varied)}" if self.study.varied else ""
         done, wanted = int(table["there"].sum()), int(table["wanted"].sum())
-        runs = f"{done:,} runs" if done == wanted else f"{done:,} of {wanted:,} runs"
+        runs = ("" if done == wanted else f"{whole(done)} of ") + count(wanted, "run")
         where = f"in {shown(str(self.store.folder))}" if self.is_saved else "not saved"
-        return f"StudyResult({count} cell{'s' * (chosen != 1)}, {runs}, {where}{varied})"
+        return f"StudyResult({some}{count(cells, 'cell')}, {runs}, {where}{varied})"
 
     @property
     def is_saved(self) -> bool:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -26,11 +27,35 @@ from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, columns_of
 from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import refuse_steering
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
+
+
+@dataclass(frozen=True)
+class Tradeoff(NotebookView):
+    """Time against error over p_c and O_c, and what was simulated for it."""
+
+    curve: pl.DataFrame
+    """From ``time_error_curve`` with ``undecided_counts`` 0: its errors are shares of robots wrong."""
+    scenario: Scenario
+    seed: int
+
+
+def tradeoff(
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    credible_thresholds: Sequence[float],
+    min_observations: Sequence[int],
+    **how: Any,
+) -> Tradeoff:
+    """Compute time and share of robots wrong for each pair of p_c and O_c; arguments as of ``time_error_curve``."""
+    curve = time_error_curve(scenario, seed, runs, credible_thresholds, min_observations, **how)
+    return Tradeoff(curve, scenario, seed)
 
 
 def time_error_curve(

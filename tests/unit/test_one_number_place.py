@@ -1,0 +1,51 @@
+"""How numbers in results look is decided in ``show/numbers.py`` alone: no other text that results have formats one."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "src" / "vibroswarm"
+FOLDERS = ("analysis", "cli", "documents")
+ALLOWED = {"cli/terminal.py": "[  0.12 s] in front of what --verbose reports"}
+
+
+def formatted(program: str) -> Iterator[int]:
+    """Lines with a number that is formatted by hand, or a plural, but for those of errors, which quote the input."""
+    tree = ast.parse(program)
+    of_errors = {
+        id(part) for node in ast.walk(tree) if isinstance(node, ast.Raise) for part in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if id(node) in of_errors:
+            continue
+        spec = node.format_spec if isinstance(node, ast.FormattedValue) else None
+        if isinstance(spec, ast.JoinedStr) and any(
+            isinstance(part, ast.Constant) and str(part.value)[-1:] in tuple("fgGe%,") for part in spec.values
+        ):
+            yield node.lineno
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+            plural = isinstance(node.left, ast.Constant) and node.left.value in ("s", "es")
+            if plural and isinstance(node.right, ast.Compare):
+                yield node.lineno
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_numbers_are_written_in_one_place(folder: str) -> None:
+    found = [
+        f"{path.relative_to(PACKAGE)}:{line}"
+        for path in sorted((PACKAGE / folder).rglob("*.py"))
+        if str(path.relative_to(PACKAGE)) not in ALLOWED
+        for line in formatted(path.read_text(encoding="utf-8"))
+    ]
+    assert not found
+
+
+def test_one_that_is_formatted_by_hand_is_seen() -> None:
+    """Negative control."""
+    by_hand = "words = f\"{share:.1%} of {n:,} run{'s' * (n != 1)}\"\n"
+    assert len(list(formatted(by_hand))) == 3
+    assert not list(formatted('raise InputError(f"{speed:g} is not from 1 to 200")\n'))
