@@ -228,7 +228,7 @@ def threshold(
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import check_free, write_text
+    from vibroswarm.core.atomic_io import write_text
     from vibroswarm.documents.recording import threshold_document
     from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
     from vibroswarm.recordings.recording import Recording
@@ -240,18 +240,11 @@ def threshold(
         unseen_errors,
     )
 
-    if base is not None and out is None and law is None:
-        raise InputError("has no effect without --out FILE or --law FILE", field="--base")
-    for path in filter(None, (out, law)):
-        if not force:
-            check_free(path)  # now, since the fit takes long
-    if law is not None and law == out:
-        raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
-    false_positive, false_negative = costs
+    _check_scenario_files(out, law, base, force=force)
     margin_m = margin_mm / 1000.0
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
-    thresholds = find_thresholds(recording, false_positive, false_negative, margin_m)
+    thresholds = find_thresholds(recording, costs[0], costs[1], margin_m)
     in_use = at_threshold(
         recording, recording.scenario.sensor.rms_threshold, name="in use", margin_m=margin_m
     )
@@ -259,14 +252,13 @@ def threshold(
         thresholds.append(at_threshold(recording, at, margin_m=margin_m))
     profile = edge_profile(labelled(recording), thresholds[0].value)  # at the threshold of equal error
     # The last one is that of --at, else of different --costs; the first one that of equal error.
-    chosen = thresholds[-1] if at is not None or false_positive != false_negative else thresholds[0]
+    chosen = thresholds[-1] if at is not None or costs[0] != costs[1] else thresholds[0]
     written = round(chosen.value, 3)  # robots log energies with three decimals
     scenario = scenario.with_values({"sensor.rms_threshold": written})
     if out is not None:
         write_text(out, scenario.to_toml(), replace=force)
-    fitted = None
-    if law is not None:
-        fitted = law_of_recording(recording)
+    fitted = None if law is None else law_of_recording(recording)
+    if law is not None and fitted is not None:
         write_law(fitted, scenario, law, replace=force)
     document = threshold_document(
         thresholds,
@@ -274,7 +266,7 @@ def threshold(
         chosen,
         in_use,
         margin_m,
-        unseen_errors(recording, false_positive, false_negative),
+        unseen_errors(recording, costs[0], costs[1]),
         None if fitted is None else law_table(fitted.law),
     )
     print_document(document, as_json=json)
@@ -282,3 +274,19 @@ def threshold(
     print_saved_file(
         law, f"law of the sensor with its error; vibroswarm inspect ... --laws {law}", as_json=json
     )
+
+
+def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, *, force: bool) -> None:
+    """Check the files that ``threshold`` writes, before the fit, which takes long.
+
+    Raises:
+        InputError: ``--base`` without a file, both files are the same, or one exists already.
+    """
+    from vibroswarm.core.atomic_io import check_free
+
+    if base is not None and out is None and law is None:
+        raise InputError("has no effect without --out FILE or --law FILE", field="--base")
+    if law is not None and law == out:
+        raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
+    for path in filter(None, () if force else (out, law)):
+        check_free(path)
