@@ -32,7 +32,8 @@ from vibroswarm.testing.motion import (
     check_poses_at_samples,
     check_segments_join,
     check_time_accounts,
-    of_robot,
+    moves_of,
+    robots_of,
     tracks,
 )
 from vibroswarm.testing.motion_cases import CASES, Case, Check, motion_of, ticks_of
@@ -152,27 +153,19 @@ def changes(track: Track, moves: pl.DataFrame) -> tuple[Floats, Floats]:
 def check_moves_begin_where_segments_change(source: Source) -> None:
     """A move begins wherever a robot begins to do another thing, is blocked or is no longer; and nowhere else."""
     followed = 0
-    for case in CASES:
-        motion = motion_of(source, case)
-        for run in case.runs:
-            for robot, track in tracks(motion, run).items():
-                moves = of_robot(motion.moves, run, robot)
-                by_segments, by_moves = changes(track, moves)
-                where = f"{case.name}: robot {robot}"
-                assert by_segments.size == by_moves.size, (
-                    f"{where}: {by_moves.size} moves, not {by_segments.size}"
-                )
-                assert (by_segments == by_moves).all(), where
-                pose, kind = track.at(moves["start_s"].to_numpy())
-                gap = pose - moves.select("x_m", "y_m", "heading_rad").to_numpy()
-                gap[:, 2] = np.remainder(gap[:, 2] + math.pi, math.tau) - math.pi
-                assert np.abs(gap).max() < NEAR_M, f"{where} begins a move elsewhere"
-                assert (kind == np.array(moves["kind"].to_list())).all(), where
-                followers = kind[~np.isin(moves["start_s"].to_numpy(), by_moves)]
-                assert np.isin(followers, ["turn", "avoid"]).all(), (
-                    f"{where} begins a move that was under way"
-                )
-                followed += followers.size
+    for one in robots_of(source):
+        moves, where = moves_of(one), one.label
+        by_segments, by_moves = changes(one.track, moves)
+        assert by_segments.size == by_moves.size, f"{where}: {by_moves.size} moves, not {by_segments.size}"
+        assert (by_segments == by_moves).all(), where
+        pose, kind = one.track.at(moves["start_s"].to_numpy())
+        gap = pose - moves.select("x_m", "y_m", "heading_rad").to_numpy()
+        gap[:, 2] = np.remainder(gap[:, 2] + math.pi, math.tau) - math.pi
+        assert np.abs(gap).max() < NEAR_M, f"{where} begins a move elsewhere"
+        assert (kind == np.array(moves["kind"].to_list())).all(), where
+        followers = kind[~np.isin(moves["start_s"].to_numpy(), by_moves)]
+        assert np.isin(followers, ["turn", "avoid"]).all(), f"{where} begins a move that was under way"
+        followed += followers.size
     assert followed > 10, "no turn follows a turn at once"
 
 
@@ -189,7 +182,7 @@ def check_rays_of_avoidances(source: Source) -> None:
         for run in case.runs:
             shortest = shortest_rays_m(s, at_all_ticks(motion, s, run)[0])
             for robot in range(s.swarm.robots):
-                moves = of_robot(motion.moves, run, robot)
+                moves = motion.moves.filter((pl.col("run") == run) & (pl.col("robot") == robot))
                 before = moves.select(pl.col("kind").shift(1)).to_series()
                 begun = (moves["kind"] == "avoid") & before.is_in(["drive", "turn"])
                 assert moves.filter(begun)["ray_m"].null_count() == 0, f"{case.name}: an avoidance of nothing"

@@ -14,7 +14,7 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.tracking import video_file
+from vibroswarm.tracking import opencv, video_file
 
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
@@ -154,9 +154,11 @@ def test_what_is_there_of_a_truncated_video_is_used_if_asked(folder: Path, tmp_p
 
 def test_a_folder_and_a_missing_file_are_named(folder: Path, tmp_path: Path, capsys: Any) -> None:
     assert tracked(folder, folder, tmp_path / "out") == 2
-    assert "is a folder; give a video" in " ".join(capsys.readouterr().err.split())
+    assert "is a folder; give the name of a file" in " ".join(capsys.readouterr().err.split())
     assert tracked(folder, folder / "there is none.mp4", tmp_path / "out") == 2
-    assert "there is none.mp4: does not exist" in " ".join(capsys.readouterr().err.split())
+    assert "there is none.mp4: cannot be read: there is no such file" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 @pytest.mark.parametrize(
@@ -238,10 +240,13 @@ def test_an_upright_video_without_frames_is_closed(folder: Path, monkeypatch: py
         def read(self) -> tuple[bool, None]:
             return False, None
 
+        def isOpened(self) -> bool:  # noqa: N802 - named by OpenCV
+            return True
+
         def release(self) -> None:
             self.released = True
 
-    monkeypatch.setattr(video_file, "_opened", lambda _: captures.append(Empty()) or captures[-1])
+    monkeypatch.setattr(opencv(), "VideoCapture", lambda *_: captures.append(Empty()) or captures[-1])
     with pytest.raises(InputError, match="has no frames"):
         video_file.video_info(folder / "good.mp4")
     assert [capture.released for capture in captures] == [True]

@@ -88,6 +88,14 @@ def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found, strict=False)}
 
 
+def limits_of(found: Interval | None) -> dict[str, float] | None:
+    """Return estimate, low and high for JSON, without those that are not finite; None if there is no interval."""
+    if found is None:
+        return None
+    values = {"estimate": found.estimate, "low": found.low, "high": found.high}
+    return {name: value for name, value in values.items() if math.isfinite(value)}
+
+
 def undefined(level: float, n: int, how: str) -> Interval:
     """Make the interval of an undefined figure."""
     return Interval(math.nan, math.nan, math.nan, level, n, how)

@@ -26,8 +26,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, share_interval
-from vibroswarm.calibrate.features import wall_distance
+from vibroswarm.analysis.intervals import Interval, limits_of, share_interval
+from vibroswarm.calibrate.features import lag_one, wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.notebook_view import NotebookView
@@ -56,14 +56,8 @@ class ClassifierAccuracy(NotebookView):
     """Real sessions against each other, tested on other robots than trained on; None with one real session."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return each interval as a dictionary of estimate, low and high, for JSON; None where there is no interval."""
-
-        def as_limits(interval: Interval | None) -> dict[str, float] | None:
-            if interval is None:
-                return None
-            return {"estimate": interval.estimate, "low": interval.low, "high": interval.high}
-
-        return {name: as_limits(value) for name, value in self.__dict__.items()}
+        """Return estimate and finite limits of each interval, for JSON; None where there is no interval."""
+        return {name: limits_of(value) for name, value in self.__dict__.items()}
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
@@ -106,8 +100,8 @@ def columns_of(samples: pl.DataFrame) -> Floats:
                 *_mean_and_spread(turned[k]),
                 float(np.median(turned[k])),
                 float(np.median(np.abs(turned[k]))),
-                _lag_one_correlation(energy[k]),
-                _lag_one_correlation(distance[k]),
+                lag_one(energy[k]) or 0.0,
+                lag_one(distance[k]) or 0.0,
                 float(on_vibrating.mean()),
             ]
         )
@@ -117,13 +111,6 @@ def columns_of(samples: pl.DataFrame) -> Floats:
 def _mean_and_spread(values: Floats) -> tuple[float, float]:
     """Return the mean and standard deviation; zeros without values, as in a stretch without tiles of one kind."""
     return (float(values.mean()), float(values.std())) if values.size else (0.0, 0.0)
-
-
-def _lag_one_correlation(values: Floats) -> float:
-    """Return the correlation between each value and the next value, a lag of one; 0 if all values are equal."""
-    deviation = values - values.mean()
-    variance = float((deviation**2).mean())
-    return float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
 
 
 def stretch_classifier() -> Any:

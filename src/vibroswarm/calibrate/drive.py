@@ -73,6 +73,16 @@ LEAST_DRIVES: Final = 10
 """Robots with fewer drives are left out, and those with fewer measured veers have no veer."""
 
 
+def calm_intervals(samples: pl.DataFrame) -> pl.DataFrame:
+    """Return the samples before which the robot neither avoided nor turned: the interval is about as long as usual.
+
+    Args:
+        samples: table ``features.sample_table``.
+    """
+    unavoided = samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
+    return unavoided.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
+
+
 def drive_table(result: Result) -> pl.DataFrame:
     """Return one row per drive in an undisturbed interval: run, robot, time_s of the sample at its end, speed and veer.
 

@@ -254,14 +254,17 @@ def sessions_of(result: Result) -> Sessions:
     return Sessions(tuple(table.partition_by("run", maintain_order=True)))
 
 
-def lag_one(bits: Any, robot: Any) -> float | None:
-    """Return the correlation of successive bits of a robot, about the mean of all bits.
+def lag_one(values: Any, robot: Any = None) -> float | None:
+    """Return the correlation of successive values of a robot, about the mean of all values.
 
     Args:
-        bits: bit of each sample, (samples,). robot: its robot, (samples,), robot by robot in the order of time.
-    Returns: None if all bits are equal, or if no robot has two samples.
+        values: of each sample, (samples,). robot: its robot, (samples,), robot by robot in the order of time; None: all
+            are of one robot.
+    Returns: None if all values are equal, or if no robot has two samples.
     """
-    deviation = bits - bits.mean()
+    deviation = values - values.mean()
     variance = float((deviation**2).mean())
-    products = (deviation[1:] * deviation[:-1])[robot[1:] == robot[:-1]]
+    products = deviation[1:] * deviation[:-1]
+    if robot is not None:
+        products = products[robot[1:] == robot[:-1]]
     return float(products.mean()) / variance if variance > 0 and products.size else None

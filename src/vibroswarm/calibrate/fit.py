@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.calibrate.drive import calm_intervals
 from vibroswarm.calibrate.fit_avoidance import CANDIDATES, AvoidanceFit, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
@@ -318,12 +318,10 @@ def stop_of(found: Dataset, base: Scenario) -> float | None:
     a control period. At least 50 such times are needed. The result is also None unless the stop is between half and
     twice the stop of the base: otherwise the robots were programmed with another tau than the base.
     """
-    calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())["spacing_s"]
+    calm = calm_intervals(found.samples)["spacing_s"]
     if calm.len() < 50:
         return None
-    usual = float(calm.median())  # type: ignore[arg-type]
-    # The mean of the intervals near the median: intervals that contain a turn last at least 0.3 s longer.
-    usual = float(calm.filter((calm - usual).abs() < 0.3).mean())  # type: ignore[arg-type]
+    usual = float(calm.mean())  # type: ignore[arg-type]
     period = base.run.control_period_ms
     stop_ms = 1000.0 * usual - timed_drive_ms(base) - period
     rounded = period * round(stop_ms / period)

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.drive import CALM_S, course_of, undisturbed
+from vibroswarm.calibrate.drive import calm_intervals, course_of, undisturbed
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.recordings.threshold import resample
@@ -243,9 +243,7 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
     Args:
         table: from ``_table_of_robots``.
     """
-    calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
-    # Near the usual duration, so without turns: the undisturbed intervals.
-    calm = calm.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
+    calm = calm_intervals(found.samples)
     drive_s = timed_drive_ms(base) / 1000.0
     distances = calm.group_by("run", "robot").agg(pl.col("distance_m").mean())["distance_m"]
     # If the numbers of robots in sessions differ, the two means would be over different robots.

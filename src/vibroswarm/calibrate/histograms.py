@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.features import FEATURES, sessions_of
-from vibroswarm.plots.layout import legend_below, new_figure, plain_axes
+from vibroswarm.plots.layout import legend_below, new_figure, panels_of, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import look, style_named
 from vibroswarm.result import Result
@@ -35,6 +35,8 @@ SPANS: Final = {
 """Range of each column of a feature, as in the paper's figures."""
 BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "distances": 24, "steps": 39}
 """Number of bins along each axis, by feature."""
+ACROSS: Final = 2
+"""Maps side by side."""
 _SCHEMA: Final = {
     "source": pl.String,
     "feature": pl.String,
@@ -112,20 +114,14 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
     """
     sizes = style_named(style)
     panels = frame.partition_by("panel", maintain_order=True)
-    columns = 2
-    rows = math.ceil(len(panels) / columns)
     # A panel is about half as wide as the figure, so 0.48 of the width as height makes it nearly square.
-    figure = new_figure(sizes, height_in=rows * sizes.width_in * 0.48, title=title)
-    grid: Any = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    figure = new_figure(sizes, height_in=math.ceil(len(panels) / ACROSS) * sizes.width_in * 0.48, title=title)
     highest = highest_of(frame)
-    for place, axes in enumerate(grid.ravel()):
-        if place >= len(panels):
-            axes.set_visible(False)
-            continue
+    for place, axes in enumerate(panels_of(figure, len(panels), ACROSS, sharex=True, sharey=True)):
         draw_panel(axes, panels[place], feature, highest)
         axes.set_title(panels[place]["panel"][0], fontsize=sizes.small_pt)
         axes.locator_params(nbins=4)
-        axes.xaxis.set_tick_params(labelbottom=place + columns >= len(panels))  # if no panel is below
+        axes.xaxis.set_tick_params(labelbottom=place + ACROSS >= len(panels))  # if no panel is below
         axes.tick_params(labelsize=sizes.small_pt)
     figure.supxlabel(AXES[feature][0], fontsize=sizes.font_pt)
     figure.supylabel(AXES[feature][1], fontsize=sizes.font_pt)

@@ -45,10 +45,6 @@ class Told:
     other_robots: tuple[float, ...]
     """Tested on robots that were not trained on."""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the accuracies of all pairs by split, for JSON."""
-        return {"same_robots": list(self.same_robots), "other_robots": list(self.other_robots)}
-
 
 @dataclass(frozen=True)
 class IntervalAccuracy:
@@ -61,14 +57,6 @@ class IntervalAccuracy:
     by_feature: dict[str, float]
     """Accuracy between real and simulated sessions with one feature alone, by its name; split by minutes, mean over
     pairs."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return nested plain values for JSON."""
-        return {
-            "simulated": self.simulated.as_dict(),
-            "real": self.real.as_dict(),
-            "by_feature": self.by_feature,
-        }
 
 
 def interval_accuracy(

@@ -22,7 +22,7 @@ mean time in the bad state is c / (1 - b) messages, which the mean time between 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -206,7 +206,6 @@ def fit_bursts(windows: Sequence[Windows], start: Bursts | None = None) -> Burst
         start: model to start from; None: typical values.
     """
     spacing_s = second_s(windows)
-    table = _Table(windows)
     first = start or Bursts(
         bad_share=0.02, bad_s=15.0, lost_in_bad=0.8, lost_in_good=0.01, shift=0.5,
         log_likelihood=0.0, parameters=5,
@@ -225,14 +224,11 @@ def fit_bursts(windows: Sequence[Windows], start: Bursts | None = None) -> Burst
             shift=math.exp(at[4]), log_likelihood=0.0, parameters=5,
         )  # fmt: skip
 
-    best = _minimum(lambda at: -table.log_likelihood(model(at), spacing_s), x)
-    found = model(best)
-    return replace(found, log_likelihood=table.log_likelihood(found, spacing_s))
+    return _likeliest(windows, model, x)
 
 
 def fit_independent(windows: Sequence[Windows]) -> Bursts:
     """Fit the model without bursts: one probability of loss for all messages and receivers, by maximum likelihood."""
-    table, spacing_s = _Table(windows), second_s(windows)
 
     def model(at: Any) -> Bursts:
         """Return the model at a point of the optimiser, (logit of the loss, log shift), without a bad state.
@@ -244,20 +240,28 @@ def fit_independent(windows: Sequence[Windows]) -> Bursts:
             shift=math.exp(at[1]), log_likelihood=0.0, parameters=2,
         )  # fmt: skip
 
-    start = [_logit(0.02), math.log(0.5)]  # typical values: 2 % lost, s = 0.5 messages
-    found = model(_minimum(lambda at: -table.log_likelihood(model(at), spacing_s), start))
-    return replace(found, log_likelihood=table.log_likelihood(found, spacing_s))
+    # Typical values: 2 % lost, s = 0.5 messages.
+    return _likeliest(windows, model, [_logit(0.02), math.log(0.5)])
 
 
-def _minimum(cost: Any, start: list[float]) -> Any:
-    """Return the point, (parameters,), at which a function of such points has a local minimum, from a start."""
+def _likeliest(windows: Sequence[Windows], model: Callable[[Any], Bursts], start: list[float]) -> Bursts:
+    """Return the model of largest likelihood near a start, with its log likelihood.
+
+    Args:
+        model: the model at a point of the optimiser, (parameters,).
+    """
     from scipy.optimize import minimize  # here, because importing it takes long
 
+    table, spacing_s = _Table(windows), second_s(windows)
     # In logits and logarithms, 1e-3 is a relative error of about 0.1 %, far below the standard errors.
-    found = minimize(
-        cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-3, "maxiter": 1500}
-    )
-    return found.x
+    options: Any = {"xatol": 1e-3, "fatol": 1e-3, "maxiter": 1500}
+
+    def cost(at: Any) -> Any:
+        return -table.log_likelihood(model(at), spacing_s)
+
+    best: Any = minimize(cost, np.array(start), method="Nelder-Mead", options=options)
+    found = model(best.x)
+    return replace(found, log_likelihood=table.log_likelihood(found, spacing_s))
 
 
 def _logit(share: float) -> float:

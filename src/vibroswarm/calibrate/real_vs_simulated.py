@@ -65,7 +65,7 @@ class Comparison(NotebookView):
             "missing": list(self.missing),
             "camera": asdict(self.camera),
             "similarities_without_camera": [row.as_dict() for row in self.without_camera],
-            "intervals_told_apart": None if self.intervals is None else self.intervals.as_dict(),
+            "intervals_told_apart": None if self.intervals is None else asdict(self.intervals),
         }
 
 

@@ -39,7 +39,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import Interval, limits_of, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.distances import sum_of_distances
@@ -241,19 +241,8 @@ class EnergyDistance(NotebookView):
     """H of each real session against the other real ones; None with one session."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; limits that are not finite are left out."""
-
-        def finite_limits(interval: Interval | None) -> dict[str, float] | None:
-            if interval is None:
-                return None
-            values = {"estimate": interval.estimate, "low": interval.low, "high": interval.high}
-            return {name: value for name, value in values.items() if math.isfinite(value)}
-
-        return {
-            "feature": self.feature,
-            "effect": finite_limits(self.effect),
-            "real": finite_limits(self.real),
-        }
+        """Return feature and intervals for JSON; limits that are not finite are left out."""
+        return {"feature": self.feature, "effect": limits_of(self.effect), "real": limits_of(self.real)}
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:

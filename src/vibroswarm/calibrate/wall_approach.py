@@ -15,6 +15,7 @@ the standstill. A leg is a straight walk, which ends with a turn on the spot by 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -119,8 +120,8 @@ def _path(result: Result, run: int, robot: int) -> _Path | None:
 
 def _approaches(
     path: _Path, samples: Floats, others: list[_Path], size: tuple[float, float]
-) -> list[tuple[float, float, float]]:
-    """Return the turns away from walls: distance from the wall (m), incidence (rad), distance of the nearest robot (m).
+) -> Iterator[tuple[float, float, float]]:
+    """Yield the turns away from walls: distance from the wall (m), incidence (rad), distance of the nearest robot (m).
 
     The distance of the nearest robot is infinite without other robots.
 
@@ -129,7 +130,6 @@ def _approaches(
         samples: time of each sample, and time spent avoiding since the previous sample, s, (samples, 2).
         size: width and height of the arena, m.
     """
-    approaches = []
     # Each interval: the time of its previous sample; the time of its sample, and the time spent avoiding in between.
     for previous_s, (sample_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
         if not avoid_s > 1e-9:  # also if it is NaN
@@ -151,8 +151,7 @@ def _approaches(
             for other_path in others
         ]
         distance, incidence = _to_wall(x, y, course, size)
-        approaches.append((distance, incidence, min(distances_m, default=np.inf)))
-    return approaches
+        yield (distance, incidence, min(distances_m, default=np.inf))
 
 
 def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float, float] | None:
@@ -207,8 +206,8 @@ def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tu
     return float(distances[wall]), float(incidences[wall])
 
 
-def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[float]:
-    """Return the turns at the ends of legs, rad: turns between two drives, far from walls and without avoidance.
+def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> Iterator[float]:
+    """Yield the turns at the ends of legs, rad: turns between two drives, far from walls and without avoidance.
 
     Drives of fewer than ``COURSE_STEPS`` steps are ignored. Turns below ``LEAST_TURN`` are left out, because they
     cannot be distinguished from veer.
@@ -221,7 +220,6 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
     # Positions at which drives begin and end, alternately.
     limits = np.flatnonzero(np.diff(np.r_[0, path.driving.astype(np.int8), 0]))
     drives = [(a, b) for a, b in zip(limits[::2], limits[1::2], strict=True) if b - a >= COURSE_STEPS]
-    turns_rad = []
     for (before, stop), (start, after) in pairwise(drives):
         x, y = path.x_m[stop], path.y_m[stop]
         if (
@@ -239,8 +237,7 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
         turned = _course(path, start, after, 0) - _course(path, before, stop, -1)
         angle = float(wrapped(np.array([turned]))[0])
         if abs(angle) > LEAST_TURN:
-            turns_rad.append(angle)
-    return turns_rad
+            yield angle
 
 
 def _course(path: _Path, first: int, last: int, end: int) -> float:

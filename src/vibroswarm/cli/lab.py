@@ -225,19 +225,13 @@ def threshold(
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import check_free, write_text
+    from vibroswarm.core.atomic_io import write_text
     from vibroswarm.documents.recording import threshold_document
     from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.threshold import recommend
 
-    if base is not None and out is None and law is None:
-        raise InputError("has no effect without --out FILE or --law FILE", field="--base")
-    for path in filter(None, (out, law)):
-        if not force:
-            check_free(path)  # now, since the fit takes long
-    if law is not None and law == out:
-        raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
+    _check_scenario_files(out, law, base, force=force)
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
     found = recommend(recording, (costs[0], costs[1]), at, margin_mm / 1000.0)
@@ -254,3 +248,19 @@ def threshold(
     print_saved_file(
         law, f"law of the sensor with its error; vibroswarm inspect ... --laws {law}", as_json=json
     )
+
+
+def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, *, force: bool) -> None:
+    """Check the files that ``threshold`` writes, before the fit, which takes long.
+
+    Raises:
+        InputError: ``--base`` without a file, both files are the same, or one exists already.
+    """
+    from vibroswarm.core.atomic_io import check_free
+
+    if base is not None and out is None and law is None:
+        raise InputError("has no effect without --out FILE or --law FILE", field="--base")
+    if law is not None and law == out:
+        raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
+    for path in filter(None, () if force else (out, law)):
+        check_free(path)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import string
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -44,17 +44,45 @@ def code_hash() -> str:
     if folder is None:
         return syntax_hash(PACKAGE, simulation_sources())
     path = folder / HASH_FILE
+    digest = _saved(path)
+    if digest is None:
+        digest = syntax_hash(PACKAGE, simulation_sources())
+        # The folder is named by the hash of the sources as this process first saw them. If the sources have changed
+        # since, ``digest`` describes the new sources and must not be saved in this folder.
+        if hash_of_sources() == source_hash():
+            _save(path, digest)
+    return digest
+
+
+def saved_syntax_hash(package: Path, sources: Sequence[Path]) -> str:
+    """Return ``syntax_hash``; it is saved in the folder of cached kernels, under a hash of the files' bytes."""
+    folder = cache_folder() if compiles() else None
+    if folder is None:
+        return syntax_hash(package, sources)
+    of_bytes = hashlib.sha256()
+    for source in sources:
+        of_bytes.update(bytes(source.relative_to(package)) + hashlib.sha256(source.read_bytes()).digest())
+    path = folder / f"syntax-hash-{of_bytes.hexdigest()[:DIGITS]}.txt"
+    digest = _saved(path)
+    if digest is None:
+        digest = syntax_hash(package, sources)
+        _save(path, digest)
+    return digest
+
+
+def _saved(path: Path) -> str | None:
+    """Return the hash that a file holds; None if there is no such file, or it is damaged."""
     with suppress(OSError, UnicodeError):
         saved = path.read_text(encoding="ascii")
-        if len(saved) == DIGITS and not set(saved) - set(string.hexdigits):  # else the file is damaged
+        if len(saved) == DIGITS and not set(saved) - set(string.hexdigits):
             return saved
-    digest = syntax_hash(PACKAGE, simulation_sources())
-    # The folder is named by the hash of the sources as this process first saw them. If the sources have changed since,
-    # ``digest`` describes the new sources and must not be saved in this folder.
-    if hash_of_sources() == source_hash():
-        with suppress(InputError, RunError), whole_file(path, replace=True) as part:
-            part.write_text(digest, encoding="ascii")
-    return digest
+    return None
+
+
+def _save(path: Path, digest: str) -> None:
+    """Save a hash in a file; without effect if the file cannot be written."""
+    with suppress(InputError, RunError), whole_file(path, replace=True) as part:
+        part.write_text(digest, encoding="ascii")
 
 
 def syntax_hash(package: Path, sources: Iterable[Path]) -> str:

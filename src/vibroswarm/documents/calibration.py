@@ -307,7 +307,7 @@ def _pairs(found: IntervalAccuracy | None) -> pl.DataFrame:
     rows = [] if found is None else [
         {"recognised": name, "robots": split, "share": share}
         for name, told in (("simulated", found.simulated), ("real", found.real))
-        for split, shares in told.as_dict().items()
+        for split, shares in asdict(told).items()
         for share in shares
     ]  # fmt: skip
     return pl.DataFrame(rows)

@@ -52,7 +52,6 @@ class Calls(Expressions):
         # Methods, and variables of the function, cannot be called.
         if not isinstance(node.func, ast.Name) or node.func.id in self.types:
             self.refuse(node, f"the call '{ast.unparse(node)[:60]}'")
-        assert isinstance(node.func, ast.Name)
         called = self.source.space.get(node.func.id)
         if called is None and node.func.id in BUILT_IN:
             return self.call_of_built_in(node, node.func.id)
@@ -69,7 +68,6 @@ class Calls(Expressions):
         if is_function(called):
             return self.call_of_function(node, called)
         self.refuse(node, f"the call of '{node.func.id}'")
-        raise AssertionError
 
     def arguments(self, node: ast.Call, count: int) -> list[Value]:
         """Return the arguments of a call that takes ``count`` numbers; refuse any other arguments."""

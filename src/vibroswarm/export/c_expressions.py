@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from vibroswarm.export.c_types import (
     BOOL,
@@ -74,7 +74,7 @@ class Expressions:
     written: set[str]
     """Names of the parameters whose rows or arrays the function may change."""
 
-    def refuse(self, node: ast.AST, why: str) -> Any:
+    def refuse(self, node: ast.AST, why: str) -> NoReturn:
         """Raise the error that refuses a construct, with its line; ``why`` says what is refused."""
         raise self.source.refusal(node, why)
 
@@ -88,10 +88,7 @@ class Expressions:
 
     def number(self, node: ast.expr) -> Value:
         """Return the translation of an expression that must be a number or a truth value; refuse any other."""
-        value = self.expression(node)
-        if value.type not in (INT, LONG, REAL, BOOL):
-            self.refuse(node, f"'{ast.unparse(node)[:60]}' is not a number")
-        return value
+        return self.numbers(node, [node])[0]
 
     def in_any_order(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
         """Return the translations of expressions that C may compute in any order, such as arguments of a call.
@@ -162,7 +159,7 @@ class Expressions:
         number = number_of(node.value)
         if number is None:
             self.refuse(node, f"the constant {node.value!r}")
-        return literal(number)  # type: ignore[arg-type]
+        return literal(number)
 
     def on_name(self, node: ast.Name) -> Value:
         """Translate the name of a variable, a constant row or a global number.
@@ -190,7 +187,6 @@ class Expressions:
             if number is not None:
                 return literal(number)
         self.refuse(node, f"the name '{name}', which is no number, variable or row")
-        raise AssertionError
 
     @cached_property
     def parameters(self) -> set[str]:
@@ -216,7 +212,7 @@ class Expressions:
             number = number_of(getattr(math, name, None))
             if number is None:
                 self.refuse(node, f"math.{name}")
-            return literal(number)  # type: ignore[arg-type]
+            return literal(number)
         row = self.expression(node.value)
         if isinstance(row.type, CArray) and node.attr == "size":
             return literal(math.prod(row.type.shape))
@@ -242,7 +238,7 @@ class Expressions:
             array, axis = self.expression(node.value.value), self.expression(node.slice).constant
             if not isinstance(array.type, CArray) or axis is None:
                 self.refuse(node, f"'{ast.unparse(node)}'")
-            return literal(array.type.shape[int(axis)])  # type: ignore[arg-type]
+            return literal(array.type.shape[int(axis)])
         array = self.expression(node.value)
         if not isinstance(array.type, CArray):
             self.refuse(node, f"'{ast.unparse(node)}': not an array")
@@ -297,14 +293,13 @@ class Expressions:
         """
         if left.constant is not None and right.constant is not None:
             folded = ast.BinOp(ast.Constant(left.constant), operator, ast.Constant(right.constant))
-            text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
             try:
-                number = number_of(eval(text, {}))  # noqa: S307 - two numbers and an operator
+                number = number_of(computed(folded))
             except (ArithmeticError, TypeError, ValueError) as error:  # a division by zero, or an overflow
                 self.refuse(node, f"constants without a result ({error})")
             if number is None:  # such as (-8.0) ** 0.5, which is complex
                 self.refuse(node, "constants whose result is no number")
-            return literal(number)  # type: ignore[arg-type]
+            return literal(number)
         both = joined(joined(left.type, right.type), INT)  # truth values count as whole numbers
         kind = type(operator)
         if kind in OF_INTEGERS and both not in INTEGERS:
@@ -333,7 +328,6 @@ class Expressions:
         if kind is ast.FloorDiv and both in INTEGERS:
             return Value(f"vs_floordiv{SUFFIX[both]}({bare(left.text)}, {bare(right.text)})", both)
         self.refuse(node, f"the operator {kind.__name__} on such numbers")
-        raise AssertionError
 
     def on_boolop(self, node: ast.BoolOp) -> Value:
         """Translate ``and`` and ``or``; operands that are constant and do not decide the result are left out."""
@@ -375,8 +369,7 @@ class Expressions:
                 node.ops,
                 [ast.Constant(value.constant) for value in values[1:]],
             )
-            text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
-            return literal(bool(eval(text, {})))  # noqa: S307 - numbers and operators
+            return literal(bool(computed(folded)))
         pairs = zip(values, node.ops, values[1:], strict=False)
         parts = [compared(left, COMPARE[type(op)], right) for left, op, right in pairs]
         return Value(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
@@ -393,6 +386,12 @@ class Expressions:
             self.refuse(node, "a row that a function returns, in a choice")
         kind = joined(first.type, second.type)
         return Value(f"({test.text} ? {as_type(first, kind)} : {as_type(second, kind)})", kind)
+
+
+def computed(folded: ast.expr) -> Any:
+    """Return the value of an expression of numbers and operators."""
+    text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
+    return eval(text, {})  # noqa: S307 - numbers and operators only
 
 
 def compared(left: Value, operator: str, right: Value) -> str:

@@ -336,7 +336,6 @@ class Function(Calls):
         """
         if node.orelse or not isinstance(node.target, ast.Name):
             self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")
-        assert isinstance(node.target, ast.Name)
         name = identifier(node.target.id)
         if any(
             isinstance(other, ast.Name) and isinstance(other.ctx, ast.Store) and other.id == node.target.id
@@ -376,7 +375,6 @@ class Function(Calls):
         call = node.iter
         if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):
             self.refuse(node, f"a loop over '{ast.unparse(node.iter)[:60]}'")
-        assert isinstance(call, ast.Call)
         values = [self.number(argument) for argument in call.args]
         if call.keywords or not 1 <= len(values) <= 3 or REAL in [value.type for value in values]:
             self.refuse(node, f"'{ast.unparse(call)[:60]}'")
@@ -393,7 +391,6 @@ class Function(Calls):
         """Translate an assignment with an annotation, which is ignored: the value has a type of its own."""
         if node.value is None:
             self.refuse(node, "a variable without a value")
-        assert node.value is not None
         self.assign(node.target, self.expression(node.value), node)
 
     def do_augassign(self, node: ast.AugAssign) -> None:

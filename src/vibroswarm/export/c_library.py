@@ -173,19 +173,25 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory | None:
         RunError: the compiler failed.
     """
     compile_with(sources, "measured_program.c", flags.split(), program)
-    try:
-        size = subprocess.run(
-            [SIZE_TOOL, str(program)], check=True, capture_output=True, text=True, timeout=SECONDS
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None  # the library is complete without a statement of its size
     # The tool lists the sizes of code, of initialised data and of data that is zero at the start. Initialised data
     # takes flash, for the values, and RAM. Headings fill its first line, so the first line of numbers is the program's.
-    numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", size.stdout, re.MULTILINE)
+    numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", output_of([SIZE_TOOL, str(program)]), re.MULTILINE)
     if not numbers:
         return None
     text, data, zeros = (int(word) for word in numbers[0])
     return Memory(flash=text + data, ram=data + zeros, flags=flags)
+
+
+def output_of(command: Sequence[str]) -> str:
+    """Run a program, and return what it prints; empty if it is missing or fails.
+
+    The library is complete without a statement of its size or time.
+    """
+    try:
+        done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout + done.stderr
 
 
 def compile_with(sources: Path, around: str, flags: Sequence[str], program: Path) -> None:

@@ -272,18 +272,21 @@ def identifier(name: str) -> str:
     return f"{name}_" if name.rstrip("_") in KEYWORDS else name
 
 
+def _pointer(text: str) -> str | None:
+    """Return ``p`` if the text of a row is ``(*p)``; else None."""
+    inner = text.removeprefix("(*").removesuffix(")")
+    return inner if text == f"(*{inner})" and inner.isidentifier() else None
+
+
 def address(value: Value) -> str:
     """Return the text of the address of a row: ``p`` if its text is ``(*p)``, else ``&text``."""
-    inner = value.text.removeprefix("(*").removesuffix(")")
-    return inner if value.text == f"(*{inner})" and inner.isidentifier() else f"&{value.text}"
+    return _pointer(value.text) or f"&{value.text}"
 
 
 def field_of(text: str, name: str) -> str:
     """Return the text of a row's field: ``p->name`` if the row's text is ``(*p)``, else ``text.name``."""
-    inner = text.removeprefix("(*").removesuffix(")")
-    if text == f"(*{inner})" and inner.isidentifier():
-        return f"{inner}->{identifier(name)}"
-    return f"{text}.{identifier(name)}"
+    pointer = _pointer(text)
+    return f"{text}.{identifier(name)}" if pointer is None else f"{pointer}->{identifier(name)}"
 
 
 def bare(text: str) -> str:

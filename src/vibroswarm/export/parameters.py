@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -111,17 +111,15 @@ def toml_lines(scenario: Scenario) -> list[str]:
     """Return a scenario as lines ``section.field = value`` of TOML, one for each field of its TOML file."""
     import tomllib
 
-    def walk(table: Mapping[str, Any], prefix: str) -> list[str]:
+    def walk(table: Mapping[str, Any], prefix: str) -> Iterator[str]:
         """Return the lines of a table and of the tables in it, whose names begin with ``prefix``."""
-        lines = []
         for name, value in table.items():
             if isinstance(value, dict):
-                lines += walk(value, f"{prefix}{name}.")
+                yield from walk(value, f"{prefix}{name}.")
             else:
-                lines.append(f"{prefix}{name} = {toml_value(value)}")
-        return lines
+                yield f"{prefix}{name} = {toml_value(value)}"
 
-    return walk(tomllib.loads(scenario.to_toml()), "")
+    return list(walk(tomllib.loads(scenario.to_toml()), ""))
 
 
 def toml_value(value: Any) -> str:

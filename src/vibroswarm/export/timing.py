@@ -8,7 +8,6 @@ each is counted as ``CYCLES`` cycles of ``CLOCK_HZ``.
 from __future__ import annotations
 
 import shutil
-import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +16,11 @@ from typing import Final
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.export.c_library import (
     ASSETS,
-    SECONDS,
     Memory,
     compile_with,
     has_compiler,
     measured,
+    output_of,
     write_library,
 )
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -178,10 +177,5 @@ def timed(sources: Path, scenario: Scenario, flags: str) -> Timing | None:
             EMULATOR, "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel", str(program),
         ]  # fmt: skip
-        try:
-            done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
-        except (OSError, subprocess.SubprocessError):
-            return None  # the library is complete without a statement of its time
-    # QEMU writes what the program prints to its standard error.
-    passes, *instructions = map(int, (done.stdout + done.stderr).split())
-    return Timing(bool(passes), *instructions)
+        found = [int(word) for word in output_of(command).split()]
+    return Timing(bool(found[0]), *found[1:]) if found else None

@@ -160,26 +160,21 @@ def replay(
             the last sample. limit_s: do not replay samples after this time.
     """
     robots = swarm.params.size
-    # lossy: whether ``reach`` says which robots each message reaches.
-    lossy, words = reach.words.shape[1] > 0, unsigned(reach.words.shape[1])
+    lossy = reach.words.shape[1] > 0  # whether ``reach`` says which robots each message reaches
     # start: index of the first delivery that is not read yet. The deliveries are listed in the order in which they are
     # read here: by run and, in each run, sample by sample and then, at its end, robot by robot.
     start = 0
     counts.ones_sent[0] = 0  # before the first message of a run there are no ones
-    for w in range(words):
+    for w in range(unsigned(reach.words.shape[1])):
         counts.ones_reached[0, w] = 0
     for r in range(rows.runs.size):
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
         if from_start:
             replayed[r] = 0
-            for i in range(robots):
-                e = first + i
-                begin_agent(swarm.agents[e])
-                begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
-                      world_of_robot(world, i))  # fmt: skip
+            begin_robots(swarm, first, world, seed, run)
         # m: row of the sample, and number of its message, from the run's first; unsigned indices are faster.
         for m in range(unsigned(replayed[r]), unsigned(high - low)):
-            k, after = unsigned(low) + m, m + unsigned(1)
+            k = unsigned(low) + m
             if rows.time_s[k] > limit_s:
                 break
             i = signed(rows.robot[k])
@@ -195,31 +190,69 @@ def replay(
             status = take(swarm, e, i, k, rows, readings, messages, log, steering, world, seed, run)
             if status != DONE:
                 return status
-            bit = bit_of(messages[k])
-            counts.ones_sent[after] = counts.ones_sent[m] + bit
-            swarm.agents[e].own_ones += bit
-            counts.own_ones[m] = swarm.agents[e].own_ones
-            for w in range(words):  # add 1 in the lane of each robot that a message of 1 reaches
-                more = reach.words[k, w] if bit == 1 else np.uint64(0)
-                counts.ones_reached[after, w] = counts.ones_reached[m, w] + more
+            count_bit(swarm, e, m, k, bit_of(messages[k]), counts, reach)
             replayed[r] += 1
         if to_end:
-            for i in range(robots):
-                e = first + i
-                row = swarm.agents[e]
-                # The final belief is that after the last sample, before later messages are read.
-                if row.samples > 0:
-                    row.belief = belief(
-                        swarm.states[e], views(swarm.arrays, e), swarm.params[i], world_of_robot(world, i)
-                    )
-                others = signed(reach.others_at_end[e]) if lossy else 0
-                end = deliveries.until_at_end[e] if deliveries.until_at_end.size > 0 else 0
-                read_before_sample(
-                    swarm, e, i, rows.heard_at_end[e], lossy, others, rows, low, messages, counts, deliveries,
-                    start, end, world, seed, run, loss,
-                )  # fmt: skip
-                start = end
+            start = read_to_end(
+                swarm, first, rows, low, messages, counts, reach, deliveries, start, world, seed, run, loss
+            )
     return DONE
+
+
+@inlined
+def begin_robots(swarm: Swarm, first: int, world: World, seed: int, run: int) -> None:
+    """Set the robots of a run, in rows from ``first`` on, to time 0."""
+    for i in range(swarm.params.size):
+        e = first + i
+        begin_agent(swarm.agents[e])
+        begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
+              world_of_robot(world, i))  # fmt: skip
+
+
+@inlined
+def count_bit(swarm: Swarm, e: int, m: Any, k: Any, bit: int, counts: Counts, reach: Reach) -> None:
+    """Count the bit of a message: among all that were sent, the robot's own, and those that reach each robot.
+
+    Args:
+        e: row of the robot. m, k: number of the message in its run, and row of its sample; both are unsigned.
+    """
+    after = m + unsigned(1)
+    counts.ones_sent[after] = counts.ones_sent[m] + bit
+    swarm.agents[e].own_ones += bit
+    counts.own_ones[m] = swarm.agents[e].own_ones
+    for w in range(
+        unsigned(reach.words.shape[1])
+    ):  # add 1 in the lane of each robot that a message of 1 reaches
+        more = reach.words[k, w] if bit == 1 else np.uint64(0)
+        counts.ones_reached[after, w] = counts.ones_reached[m, w] + more
+
+
+@inlined
+def read_to_end(
+    swarm: Swarm, first: int, rows: Rows, low: int, messages: NDArray[np.void], counts: Counts, reach: Reach,
+    deliveries: Deliveries, start: int, world: World, seed: int, run: int, loss: float,
+) -> int:  # fmt: skip
+    """Let the robots of a run read the messages that arrive after their last samples, and compute their beliefs.
+
+    Returns: index of the first delivery that is not read yet; ``start`` is that before the call.
+    """
+    lossy = reach.words.shape[1] > 0
+    for i in range(swarm.params.size):
+        e = first + i
+        row = swarm.agents[e]
+        # The final belief is that after the last sample, before later messages are read.
+        if row.samples > 0:
+            row.belief = belief(
+                swarm.states[e], views(swarm.arrays, e), swarm.params[i], world_of_robot(world, i)
+            )
+        others = signed(reach.others_at_end[e]) if lossy else 0
+        end = deliveries.until_at_end[e] if deliveries.until_at_end.size > 0 else 0
+        read_before_sample(
+            swarm, e, i, rows.heard_at_end[e], lossy, others, rows, low, messages, counts, deliveries,
+            start, end, world, seed, run, loss,
+        )  # fmt: skip
+        start = end
+    return start
 
 
 @inlined

@@ -301,6 +301,31 @@ def next_event(
 
 
 @inlined
+def take_timer(swarm: Swarm, e: int, i: int, t_s: float, out: Any, w: World, seed: int, run: int) -> bool:
+    """Let the strategy of robot ``i``, in row ``e``, handle its timer; return whether it sends the message ``out``."""
+    row = swarm.agents[e]
+    draws = timer_draws(seed, run, i, row.timers)
+    sends = on_timer(swarm.states[e], views(swarm.arrays, e), t_s, out, draws, swarm.params[i], w)
+    row.timers += 1
+    return sends
+
+
+@inlined
+def take_sample(
+    swarm: Swarm, e: int, i: int, k: int, rows: Rows, readings: Readings, out: Any, w: World, seed: int, run: int
+) -> bool:  # fmt: skip
+    """Let the strategy of robot ``i``, in row ``e``, handle the sample in row ``k``; return whether it sends."""
+    number = signed(rows.sample[k])
+    x = reading_of(readings, k, rows.time_s[k], number)
+    # The first random number of ``on_sample``, or below 0 if it is not computed yet.
+    known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
+    draws = sample_draws(seed, run, i, number, known_uniform)
+    sends = on_sample(swarm.states[e], views(swarm.arrays, e), x, out, draws, swarm.params[i], w)
+    swarm.agents[e].samples += 1
+    return sends
+
+
+@inlined
 def log_sample(
     swarm: Swarm, e: int, k: int, out: Any, sends: bool, messages: NDArray[np.void], log: Log
 ) -> None:
@@ -363,24 +388,18 @@ def replay(
                 return BUFFER_FULL
             settle_opinions(swarm, first, tick, buffer, world)
             e, m = first + i, buffer.filled[0]
-            row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
+            w, out = world_of_robot(world, i), buffer.messages[m]
             # The strategy writes its message to a zeroed row, which counts as sent only if ``send_message`` is called.
-            a, out = views(swarm.arrays, e), buffer.messages[m]
             buffer.messages[m] = buffer.zero_message[0]
             if is_timer:
                 t_s = time_of(tick, w)
                 read_arrived(swarm, e, i, tick, buffer, world, seed, run, network_params)
-                sends = on_timer(s, a, t_s, out, timer_draws(seed, run, i, row.timers), p, w)
-                row.timers += 1
+                sends = take_timer(swarm, e, i, t_s, out, w, seed, run)
             else:
-                t_s, number = rows.time_s[k], signed(rows.sample[k])
+                t_s = rows.time_s[k]
                 read_arrived(swarm, e, i, stops.stop_tick[k] - 1, buffer, world, seed, run, network_params)
-                x = reading_of(readings, k, t_s, number)
-                # The first random number of ``on_sample``, or below 0 if it is not computed yet.
-                known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
-                sends = on_sample(s, a, x, out, sample_draws(seed, run, i, number, known_uniform), p, w)
-                row.samples += 1
-                row.sample_tick, row.row = tick, k - low
+                sends = take_sample(swarm, e, i, k, rows, readings, out, w, seed, run)
+                swarm.agents[e].sample_tick, swarm.agents[e].row = tick, k - low
             wrong = update_decision(swarm, first, e, i, tick, t_s, buffer, world)
             if wrong != DONE:
                 return wrong
@@ -398,8 +417,11 @@ def replay(
             if not is_timer:
                 replayed[r] += 1
                 if HAS_STEER:
-                    d = steering_draws(seed, run, i, number)
-                    steering[k, 0], steering[k, 1] = steer(s, a, x, d, p, w)
+                    number = signed(rows.sample[k])
+                    x, d = reading_of(readings, k, t_s, number), steering_draws(seed, run, i, number)
+                    steering[k, 0], steering[k, 1] = steer(
+                        swarm.states[e], views(swarm.arrays, e), x, d, swarm.params[i], w
+                    )
                 if log.belief.size > 0:
                     log_sample(swarm, e, k, out, sends, messages, log)
         # Opinions may also settle between the last event and the end of what is known, or the limit.

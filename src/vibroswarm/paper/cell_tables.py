@@ -161,19 +161,19 @@ def both_forms(
                 continue
             # The name of the figure in the file's name, without its unit (s or m).
             short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
-            draw = partial(_draw, part, figure, label, form, x, x_label, series, constant)
+            draw = partial(draw_form, part, figure, label, form, x, series, x_label, constant)
             yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw, folded=not is_first)
 
 
-def _draw(
+def draw_form(
     part: pl.DataFrame,
     figure: str,
     label: str,
     form: str,
     x: str,
-    x_label: str,
-    series: str,
-    constant: Sequence[str],
+    series: str | pl.Expr,
+    x_label: str = "",
+    constant: Sequence[str] = (),
     *,
     style: str,
 ) -> Drawn:
@@ -182,19 +182,13 @@ def _draw(
     Args:
         part: table of cells of one column of the reproduction.
         figure: column of the table to draw. label: its label. form: "papers" or "proper", which decides the error bars.
-        x, x_label, series, constant: as for ``both_forms``.
+        x, x_label, constant: as for ``both_forms``. series: column, or an expression of each row's line.
     """
     intervals = bars(part, figure) if form == "papers" else limits(part, figure)
-    frame = intervals.select(
-        "estimate", "low", "high", "runs", x=pl.col(x), series=pl.col(series).cast(pl.String)
-    )
+    frame = intervals.select("estimate", "low", "high", "runs", x=x, series=series)
     interval = PAPERS_BAR if form == "papers" else "95 % interval"
     # The figures robots_right, robots_wrong and robots_undecided are shares.
     percent = figure.startswith("robots")
-    series_names = part[series].cast(pl.String).unique(maintain_order=True)
-    # ``draw_error_bars`` draws series in the order of their first rows, so rows are sorted by series, then by x.
-    order = {name: place for place, name in enumerate(series_names)}
-    frame = frame.sort(pl.col("series").replace_strict(order, return_dtype=pl.Int64), "x")
     return draw_error_bars(
         frame,
         x_label=x_label,

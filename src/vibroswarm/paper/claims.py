@@ -159,7 +159,7 @@ def share_limits(share: float, n: int, tail: float) -> Limits:
     return low, high
 
 
-TESTS: Final = ("within", "at_least", "at_most")
+TESTS: Final = {"within": "within ±", "at_least": "at least", "at_most": "at most"}
 """Tests of a claim: a value is within -``margin`` to ``margin``, at least ``effect``, or at most ``effect``."""
 VERDICTS: Final = ("reproduced", "in part", "not reproduced", "inconclusive", "cannot be asked")
 """Verdicts on claims, see the table in the module's docstring."""
@@ -253,24 +253,23 @@ class Claim(NotebookView):
             raise InputError("needs at least one cell, and columns that exist", field=self.id)
 
     @property
+    def bound(self) -> float:
+        """The margin, or the effect of the other tests."""
+        bound = self.margin if self.test == "within" else self.effect
+        assert bound is not None  # ``__post_init__`` has checked it
+        return bound
+
+    @property
     def bounds(self) -> tuple[float, float]:
         """Lower and upper bound between which a value must lie; one of them is infinite unless the test is "within"."""
         if self.test == "within":
-            assert self.margin is not None
-            return -self.margin, self.margin
-        assert self.effect is not None
-        return (self.effect, math.inf) if self.test == "at_least" else (-math.inf, self.effect)
+            return -self.bound, self.bound
+        return (self.bound, math.inf) if self.test == "at_least" else (-math.inf, self.bound)
 
     @property
     def words(self) -> str:
         """The test in words, with its unit."""
-        if self.test == "within":
-            assert self.margin is not None
-            return f"within ± {self.scale * self.margin:g} {self.unit}".rstrip()
-        assert self.effect is not None
-        return (
-            f"{'at least' if self.test == 'at_least' else 'at most'} {self.scale * self.effect:g} {self.unit}"
-        )
+        return f"{TESTS[self.test]} {self.scale * self.bound:g} {self.unit}".rstrip()
 
     @property
     def scale(self) -> float:

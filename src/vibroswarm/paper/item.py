@@ -25,7 +25,7 @@ import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import MANIFEST, whole_folder
-from vibroswarm.core.code_version import syntax_hash
+from vibroswarm.core.code_version import saved_syntax_hash
 from vibroswarm.core.folders import about_file, has_manifest, manifest_text, read_described
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import parquet_bytes, read_frame
@@ -321,7 +321,7 @@ def code_hash() -> str:
     top = Path(__file__).parent.parent
     packages = ("analysis", "calibrate", "recordings", "optimize", "paper", "study")
     paths = sorted(path for package in packages for path in (top / package).rglob("*"))
-    sources = syntax_hash(top, (path for path in paths if path.suffix == ".py"))
+    sources = saved_syntax_hash(top, [path for path in paths if path.suffix == ".py"])
     digest = hashlib.sha256(sources.encode())
     for path in paths:
         if path.suffix in (".json", ".toml"):

@@ -133,7 +133,7 @@ def _decimals(claim: Claim) -> int:
     The number is one more than the claim's margin or effect has, and at least the usual number for the claim's unit. A
     time with a margin or effect of 10 s or more has one decimal fewer than this.
     """
-    bound = claim.scale * (claim.margin if claim.margin is not None else claim.effect or 0.0)
+    bound = claim.scale * claim.bound
     # Decimals of the bound, without zeros at the end, plus one.
     of_bound = len(f"{abs(bound):.6f}".rstrip("0").partition(".")[2]) + 1 if bound else 0
     # Usual decimals of each unit; 3 for all other units, such as beliefs.

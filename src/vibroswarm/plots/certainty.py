@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import few_ticks, new_figure, to_scale
+from vibroswarm.plots.layout import few_ticks, new_figure, panels_of, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
 
@@ -104,24 +104,20 @@ def draw_rasters(
         Picture; its numbers are ``panel, row, column, probability``.
     """
     sizes = style_named(style)
-    across = min(len(panels), MOST_ACROSS)
-    down = -(-len(panels) // across)
     figure = new_figure(sizes, title=title)
-    grid: Any = figure.subplots(down, across, squeeze=False)
+    grid = panels_of(figure, len(panels), MOST_ACROSS)
     image: Any = None
-    for axes in grid.ravel()[len(panels) :]:
-        axes.set_visible(False)
-    for axes, (words, values) in zip(grid.ravel(), panels.items(), strict=False):
+    for axes, (words, values) in zip(grid, panels.items(), strict=True):
         extent = (0.0, size_m[0], 0.0, size_m[1])
         image = axes.imshow(
             values, cmap=COLOUR_MAP, vmin=0.0, vmax=1.0, extent=extent, interpolation="nearest"
         )
         axes.set(xticks=[], yticks=[])
         axes.set_title(words, fontsize=sizes.small_pt)
-    bar = figure.colorbar(image, ax=list(grid.ravel()), location="bottom", shrink=0.6, pad=0.03)
+    bar = figure.colorbar(image, ax=figure.axes, location="bottom", shrink=0.6, pad=0.03)
     bar.ax.tick_params(labelsize=sizes.small_pt)
     bar.set_label("probability", fontsize=sizes.small_pt)
-    to_scale(figure, sizes, grid[:, 0], size_m[1] / size_m[0])
+    to_scale(figure, sizes, grid[::MOST_ACROSS], size_m[1] / size_m[0])
     numbers = pl.concat(
         pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "probability": values.ravel()}).select(
             pl.lit(words).alias("panel"), pl.all()

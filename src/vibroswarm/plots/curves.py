@@ -17,14 +17,13 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.error_bars import checked_estimates, draw_estimates, series_handle
+from vibroswarm.plots.error_bars import checked_estimates, draw_along, series_handle
 from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
 from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
     fitted,
     legend_below,
-    log_x,
     new_figure,
     number,
     of_runs,
@@ -419,18 +418,11 @@ def draw_detection(
     frame = tidy(frame, numbers=("fill_ratio", "missed", "low", "high"))
     if frame.select(((pl.col("missed") < 0) | (pl.col("missed") > 1)).any()).item():
         raise InputError("contains a number outside 0 to 1, which is not a probability", field="missed")
-    # the columns get the names that ``checked_estimates`` and ``draw_estimates`` read
+    # The columns get the names that error bars have.
     frame, series = checked_estimates(frame.rename({"fill_ratio": "x", "missed": "estimate"}))
-    named = series if len(series) > 1 else []
-    figure, axes = plain_axes(sizes, x_label, label, title=title)
-    few_ticks(axes.xaxis, sizes)
-    looks = looks_of(series)
-    for one, name in zip(looks, series, strict=True):
-        draw_estimates(axes, sizes, frame.filter(pl.col("series") == name).sort("x"), one, log=log)
+    figure = draw_along(sizes, frame, series, (x_label, label), log=log, percent=True, title=title)
+    (axes,) = figure.axes
     axes.set_ylim(-0.02, 1.02)  # a margin, so that marks at 0 and 1 are visible
-    percent_axis(axes.yaxis)
-    if log:
-        log_x(axes, frame["x"].to_list())
     lines = []
     if tolerated is not None:
         axes.axhline(tolerated, color=FAINT, linewidth=sizes.line_pt, linestyle=(0, (4, 2)), zorder=1)
@@ -438,7 +430,6 @@ def draw_detection(
     if boundary is not None:
         axes.axvline(boundary, color=FAINT, linewidth=sizes.line_pt, linestyle=(0, (1.5, 1.5)), zorder=1)
         lines.append(f"vertical line: decision boundary {number(boundary)}")
-    legend_below(figure, sizes, [series_handle(sizes, one) for one in looks[: len(named)]], named)
     runs = run_counts(frame)
     caption = f"{label} over {x_label}: estimate and {interval}" + (f" over {of_runs(runs)}" if runs else "")
     caption = "; ".join([caption, *lines]) + "."

@@ -76,7 +76,7 @@ def draw_error_bars(
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
     if frame.schema["x"].is_numeric():
-        figure = _along(
+        figure = draw_along(
             sizes,
             frame,
             series,
@@ -222,16 +222,17 @@ def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
     return min(0.6 * gap / series, 0.012 * span)
 
 
-def _along(
+def draw_along(
     style: Style,
     frame: pl.DataFrame,
     series: Sequence[str],
     labels: tuple[str, str],
+    *,
     log: bool,
     percent: bool,
-    spans: bool,
-    constant: Sequence[str],
     title: str,
+    spans: bool = False,
+    constant: Sequence[str] = (),
 ) -> Any:
     """Draw the figure along a numeric axis.
 
@@ -262,23 +263,22 @@ def _along(
             continue
         shift = (varying.index(index) - (len(varying) - 1) / 2) * nudge
         draw_estimates(axes, style, part, looks[index], shift=shift, log=log, spans=spans)
-    if log:
-        log_x(axes, frame["x"].to_list())
-    else:
-        ticks_at(figure, axes.xaxis, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
     with_name = [k for k in range(len(named)) if k in varying or k in merged]  # a single series has no name
     names = [_name_of(named[k], [named[j] for j in merged.get(k, ())]) for k in with_name]
     estimates = [parts[k]["estimate"].drop_nulls() for k in with_name]
     # Names stand at the ends of the curves only if every curve has an end: a series may have no values.
-    if all(values.len() for values in estimates) and label_ends(
-        figure, axes, style, names, [looks[k] for k in with_name], [float(values[-1]) for values in estimates]
-    ):
-        return figure
-    # The names do not fit at the ends of the curves.
-    handles = [series_handle(style, looks[k], mark=k in varying) for k in with_name]
-    legend_below(figure, style, handles, names)
+    ends = [float(values[-1]) for values in estimates if values.len()]
+    of_named = [looks[k] for k in with_name]
+    if len(ends) < len(names) or not label_ends(figure, axes, style, names, of_named, ends):
+        handles = [series_handle(style, looks[k], mark=k in varying) for k in with_name]
+        legend_below(figure, style, handles, names)
+    # After the names, which take width from the axis.
+    if log:
+        log_x(axes, frame["x"].to_list())
+    else:
+        ticks_at(figure, axes.xaxis, frame["x"].to_list())
     return figure
 
 

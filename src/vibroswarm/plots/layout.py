@@ -173,6 +173,21 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
     return figure
 
 
+def panels_of(figure: Figure, count: int, across: int, **how: Any) -> Any:
+    """Add panels to a figure, row by row, and leave the rest of the last row empty.
+
+    Args:
+        across: most panels in a row. how: for ``Figure.subplots``.
+    Returns:
+        The axes of the panels, (count,).
+    """
+    across = min(across, count)
+    grid = figure.subplots(math.ceil(count / across), across, squeeze=False, **how).ravel()
+    for axes in grid[count:]:
+        axes.set_visible(False)
+    return grid[:count]
+
+
 def plain_axes(style: Style, x_label: str, y_label: str, *, title: str = "") -> tuple[Figure, Axes]:
     """Make a figure with numeric axes and their labels."""
     figure = new_figure(style, title=title)

@@ -14,7 +14,7 @@ import polars as pl
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy
-from vibroswarm.plots.layout import few_ticks, new_figure
+from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
 from vibroswarm.result import Result
@@ -76,11 +76,9 @@ def draw_reports(
     if not names:
         raise InputError("there are no reports to draw", field="value")
     sizes = style_named(style)
-    across = min(ACROSS, len(names))
-    down = math.ceil(len(names) / across)
+    down = math.ceil(len(names) / ACROSS)
     figure = new_figure(sizes, height_in=0.62 * sizes.height_in * down + 0.4, title=title)
-    panels: Any = np.ravel(figure.subplots(down, across, squeeze=False, sharex=True))
-    for axes, name in zip(panels, names, strict=False):
+    for axes, name in zip(panels_of(figure, len(names), ACROSS, sharex=True), names, strict=True):
         _draw_panel(axes, frame.filter(pl.col("name") == name), sizes.line_pt)
         if name in estimates and truth is not None:
             axes.axhline(truth, color=INK, lw=sizes.line_pt * 0.8, ls=(0, (4, 2)))
@@ -88,8 +86,6 @@ def draw_reports(
         axes.tick_params(labelsize=sizes.small_pt)
         few_ticks(axes.xaxis, sizes)
         axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
-    for axes in panels[len(names) :]:
-        axes.set_axis_off()
     robots = frame["robot"].n_unique()
     lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
     caption = f"what {robots} robots reported after their samples; {lines}"

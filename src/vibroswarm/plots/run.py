@@ -21,6 +21,7 @@ from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
+from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, kind_colours
 from vibroswarm.result import Result
@@ -392,10 +393,10 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     down = math.ceil(count / across)
     # about 2 in per map, and room for the scale of colours at the right and the words below
     figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
-    axes = figure.subplots(down, across, squeeze=False).ravel()
+    axes = panels_of(figure, count, ACROSS)
     colours: Any = LinearSegmentedColormap.from_list("floor", [STILL, VIBRATING])
     mesh: Any = None
-    for ax, robot in zip(axes, [None, *robots], strict=False):  # None: all robots; some axes may be left over
+    for ax, robot in zip(axes, [None, *robots], strict=True):  # None: all robots
         own = of_run.filter(pl.col("robot").is_null() if robot is None else pl.col("robot") == robot)
         shape = (own["row"].n_unique(), own["column"].n_unique())
         belief = own["vibrating"].to_numpy().reshape(shape)
@@ -405,9 +406,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
         ax.set(aspect="equal", xlim=(0, shape[1]), ylim=(shape[0], 0), xticks=[], yticks=[])
         ax.spines[:].set_visible(True)
         ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)
-    for ax in axes[count:]:
-        ax.set_visible(False)
-    bar = figure.colorbar(mesh, ax=list(axes), shrink=0.8)
+    bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
     bar.set_label("belief that a tile vibrates", fontsize=9)
     figure.supxlabel("x: believed to be what it is not", fontsize=8)
     return figure

@@ -152,13 +152,7 @@ def look(index: int) -> Look:
 
     Each index has a marker and a hatch of its own. Colours and lines are repeated from 6 on.
     """
-    return Look(
-        colour=SERIES[index % len(SERIES)],
-        marker=MARKERS[index],
-        line=LINES[index % len(LINES)],
-        hatch=HATCHES[index],
-        hollow=index >= len(SERIES),
-    )
+    return _look(index % len(SERIES), index)
 
 
 @dataclass(frozen=True)
@@ -415,7 +409,7 @@ def _colour_and_marker(strategy: str) -> tuple[int, int]:
     return free[zlib.crc32(strategy.encode()) % len(free)]
 
 
-def _look(colour: int, marker: int, again: int) -> Look:
+def _look(colour: int, marker: int, again: int = 0) -> Look:
     """Return the look with these indices of colour and marker; the hatch has the index of the marker.
 
     ``again`` is the number of earlier series of the same strategy; the line differs from theirs. A marker is filled if

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -12,7 +12,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
-from vibroswarm.inference.outcomes import fills_and_truth, robot_table, run_table
+from vibroswarm.inference.outcomes import outcome_tables
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.source import ENDS, MOTION
@@ -59,11 +59,8 @@ def recording_of(
     """
     if not logs:
         raise InputError("give at least one log", field="LOG")
-    ordered = [in_order(log, robots) for log in logs]
+    ordered = [_with_samples(in_order(log, robots)) for log in logs]
     names = _robots_of(ordered, robots)
-    for log in ordered:
-        if log.samples.is_empty():
-            raise InputError("has no sample (a row with an energy)", field=log.name)
     inferred = infer_settings(
         ordered,
         prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
@@ -71,23 +68,23 @@ def recording_of(
         kappa=scenario.strategy.table("soft").kappa,
     )
     described, stated = _described(scenario, list(stated), ordered, inferred, floor, robots=len(names))
-    tables = [_tables(run, log, names, described, floor) for run, log in enumerate(ordered)]
-    # The tables of all sessions, one below the other. "told" is left out: it is not a table but the counts of problems.
-    together = {name: pl.concat([parts[name] for parts in tables]) for name in tables[0] if name != "told"}
+    sessions = [_session(run, log, names, described, floor) for run, log in enumerate(ordered)]
+    # The tables of all sessions, one below the other.
+    tables = {name: pl.concat([one.tables[name] for one in sessions]) for name in sessions[0].tables}
     # Both tables have a row per sample, in the same order.
-    samples = together["motion"].with_columns(energy=together["rows"]["energy"])
+    samples = tables["motion"].with_columns(energy=tables["rows"]["energy"])
     floor_words = (
         check_floor(floor, samples) if not any_floor else "The fit of the floor was not tested (--any-floor)."
     )
-    if together["places"].is_empty():
-        del together["places"]
+    if tables["places"].is_empty():
+        del tables["places"]
     floors = dict.fromkeys(range(len(ordered)), floor)
-    # The final states of robots are no table of a recording, so they are removed from ``together``.
-    robot_frame, runs = _outcomes(described, floors, finals=together.pop("finals"), ends=together["ends"])
+    finals = pl.concat([one.finals for one in sessions])
+    robot_frame, runs = _outcomes(described, floors, finals, tables["ends"])
     return Recording(
         scenario=described,
         seed=None,
-        **together,
+        **tables,
         robots=robot_frame,
         runs=runs,
         floors=floor_frame(floors),
@@ -95,19 +92,22 @@ def recording_of(
         source=f"{RECORDED} ({', '.join(sorted({log.reader for log in ordered}))})",
         versions=versions(),
         names=names,
-        sessions=tuple(
-            {
-                "log": log.name,
-                "reader": log.reader,
-                "wraps_at": dict(log.wraps_at),
-                "told": dict(log.counts) | parts["told"],
-            }
-            for log, parts in zip(ordered, tables, strict=True)
-        ),
+        sessions=tuple(one.about for one in sessions),
         stated=tuple(stated),
         inferred=tuple(asdict(setting) for setting in inferred),
         floor_words=floor_words,
     )
+
+
+def _with_samples(log: Log) -> Log:
+    """Return a log that has samples.
+
+    Raises:
+        InputError: it has none.
+    """
+    if log.samples.is_empty():
+        raise InputError("has no sample (a row with an energy)", field=log.name)
+    return log
 
 
 def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:
@@ -174,85 +174,95 @@ def _end_of(log: Log) -> float:
     return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]
 
 
-def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> dict[str, Any]:
+class _Session(NamedTuple):
+    """What a log tells about one session."""
+
+    tables: dict[str, pl.DataFrame]
+    """motion, ends, segments, observations, inference, rows, tracks and places of a recording."""
+    finals: pl.DataFrame
+    """Final states of robots, ``inference.agents.FINALS``."""
+    about: dict[str, Any]
+    """Entry of ``Recording.sessions``: log and reader, and what was counted."""
+
+
+def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> _Session:
     """Convert the log of one session to the tables of a recording.
 
     Args:
         run: number of the session. log: after ``in_order``. names: for robots 0, 1, ... their numbers in the log.
         scenario: describes the sessions. floor: the floor of the session.
-    Returns: by name the tables motion, ends, segments, observations, inference, rows, tracks, places and finals (final
-        states of robots); and as ``told`` the counts of problems.
     """
-    number = {name: robot for robot, name in enumerate(names)}
-    frame = log.samples.with_columns(
-        run=pl.lit(run, dtype=pl.UInt32),
-        robot=pl.col("robot").replace_strict(number, return_dtype=pl.UInt16),
-    ).sort("time_s", "robot")
+    robot = pl.col("robot").replace_strict({name: k for k, name in enumerate(names)}, return_dtype=pl.UInt16)
+    of_run = pl.lit(run, dtype=pl.UInt32).alias("run")
+    frame = log.samples.with_columns(of_run, robot=robot).sort("time_s", "robot")
+    frame = _with_intervals(frame, scenario.sample.stop_ms / 1000.0)
+    tracks = log.tracks.with_columns(of_run, robot=robot)
+    paths = [
+        _path(run, k, name, frame.filter(pl.col("robot") == k), tracks.filter(pl.col("robot") == k), log)
+        for k, name in enumerate(names)
+    ]
+    segments = pl.concat([path.segments for path in paths]).sort("start_s", "robot", maintain_order=True)
+    # The latest tracked position of the robot at the time of each sample; null: there is none.
+    latest = tracks.select("robot", "time_s", tracked_s="time_s").sort("time_s")
+    rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
+    rows = rows.with_columns(position_age_s=pl.col("time_s") - pl.col("tracked_s"))
+    observations = _observations(frame, scenario, floor)
+    tables = {
+        "motion": _in_schema(frame, MOTION),
+        "ends": pl.concat([path.end for path in paths]),
+        "segments": segments,
+        "observations": observations,
+        "inference": _in_schema(frame, INFERENCE),
+        "rows": _in_schema(rows, ROWS),
+        "tracks": _in_schema(tracks, TRACKED),
+        "places": _own_places(frame),
+    }
+    counts = _problem_counts(paths, rows, observations, scenario)
+    about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
+    return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
+
+
+def _in_schema(frame: pl.DataFrame, schema: Mapping[str, Any]) -> pl.DataFrame:
+    """Return the columns of a schema, in its types."""
+    return frame.select(pl.col(name).cast(kind) for name, kind in schema.items())
+
+
+def _with_intervals(frame: pl.DataFrame, usual_stop_s: float) -> pl.DataFrame:
+    """Add the number of each sample, its stop, the avoidance since the sample before, and the samples lost before it.
+
+    Args:
+        frame: samples of a session, by time. usual_stop_s: duration of a stop that is not logged.
+    """
     # The number of a sample is that of the messages sent before it, or if that is not logged, of the rows before it.
     # ``in_order`` has checked that a robot's rows all have the number of messages or none, and that it grows.
     rows_before = pl.int_range(pl.len(), dtype=pl.Int64).over("robot")
     frame = frame.with_columns(sample=pl.coalesce("sent", rows_before).cast(pl.UInt32))
 
-    def before(column: pl.Expr) -> pl.Expr:
-        """Return the value at the robot's previous sample; null at its first."""
-        return column.shift(1).over("robot", order_by="time_s")
+    def since_before(column: pl.Expr, at_first: Any = None) -> pl.Expr:
+        """Return the growth since the robot's previous sample; before its first sample the value is ``at_first``."""
+        return column - pl.coalesce(column.shift(1).over("robot", order_by="time_s"), pl.lit(at_first))
 
-    stop_total_s, avoid_total_s, number_sent = (
-        pl.col("stop_total_s"), pl.col("avoid_total_s"), pl.col("sample").cast(pl.Int64),
-    )  # fmt: skip
+    number = pl.col("sample").cast(pl.Int64)
+    is_first = pl.col("sample") == 0
     # Duration of a stop: growth of the counter of standing time since the previous row. If rows were lost between, it
-    # is the mean duration of the stops since then.
-    stop_s = (stop_total_s - before(stop_total_s)) / (number_sent - before(number_sent))
-    # The counter begins at 0 with sample 0. Without a counter a stop has the scenario's duration.
-    is_first = pl.col("stop_total_s").is_not_null() & (pl.col("sample") == 0)
-    usual_s = scenario.sample.stop_ms / 1000.0
-    logged_stop_s = pl.coalesce(stop_s, pl.when(is_first).then(pl.col("stop_total_s")))
-    length_s = pl.coalesce(logged_stop_s, pl.lit(usual_s))
-    frame = frame.with_columns(
+    # is the mean duration of the stops since then. The counter begins at 0 with sample 0.
+    stop_s = since_before(pl.col("stop_total_s")) / since_before(number)
+    logged_stop_s = pl.coalesce(stop_s, pl.when(is_first).then("stop_total_s"))
+    before_s = pl.col("time_s").shift(1).over("robot", order_by="time_s")
+    began_s = pl.col("time_s") - logged_stop_s.fill_null(usual_stop_s)
+    avoid_s = since_before(pl.col("avoid_total_s"))
+    return frame.with_columns(
         stop_s=logged_stop_s.cast(pl.Float32),
         # A stop does not begin before the robot's previous sample, or before the session.
-        stop_start_s=pl.max_horizontal(pl.col("time_s") - length_s, before(pl.col("time_s")).fill_null(0.0)),
+        stop_start_s=pl.max_horizontal(began_s, before_s.fill_null(0.0)),
         # Unlike stop_s this is not a mean: it is all avoidance since the previous row, also that before lost samples.
-        avoid_s=pl.coalesce(
-            avoid_total_s - before(avoid_total_s), pl.when(pl.col("sample") == 0).then("avoid_total_s")
-        ).cast(pl.Float32),
+        avoid_s=pl.coalesce(avoid_s, pl.when(is_first).then("avoid_total_s")).cast(pl.Float32),
         # Before a robot's first row the number is -1, so that samples lost from number 0 on are counted.
-        lost_before=(number_sent - before(number_sent).fill_null(-1) - 1).cast(pl.UInt32),
+        lost_before=(since_before(number, -1) - 1).cast(pl.UInt32),
         # A ``Log`` has no times of driving and turning.
         drive_s=pl.lit(None, dtype=pl.Float32),
         turn_s=pl.lit(None, dtype=pl.Float32),
     )
-    tracks = log.tracks.with_columns(robot=pl.col("robot").replace_strict(number, return_dtype=pl.UInt16))
-    paths = [
-        _path(
-            run,
-            robot,
-            name,
-            frame.filter(pl.col("robot") == robot),
-            tracks.filter(pl.col("robot") == robot),
-            log,
-        )
-        for robot, name in enumerate(names)
-    ]
-    segments = pl.concat([path["segments"] for path in paths]).sort("start_s", "robot", maintain_order=True)
-    age = pl.concat([path["age"] for path in paths])
-    rows = frame.join(age, on=["robot", "sample"], how="left", maintain_order="left")
-    observations = _observations(frame, scenario, floor)
-    counts = _problem_counts(paths, rows, observations, frame, scenario)
-    return {
-        "motion": frame.select(pl.col(name).cast(kind) for name, kind in MOTION.items()),
-        "ends": pl.concat([path["ends"] for path in paths]),
-        "segments": segments,
-        "observations": observations,
-        "inference": frame.select(pl.col(name).cast(kind) for name, kind in INFERENCE.items()),
-        "rows": rows.select(pl.col(name).cast(kind) for name, kind in ROWS.items()),
-        "tracks": tracks.select(
-            pl.lit(run, dtype=pl.UInt32).alias("run"), *(pl.col(name) for name in TRACKED if name != "run")
-        ),
-        "places": _own_places(frame),
-        "finals": _finals(run, frame, len(names)),
-        "told": counts,
-    }
 
 
 def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
@@ -263,35 +273,33 @@ def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
     known = frame.drop_nulls("place_spread_m").with_columns(
         **own, **later, heading_rad=pl.col("heading_rad").fill_null(0.0)
     )
-    return known.select(pl.col(name).cast(kind) for name, kind in PLACES.items())
+    return _in_schema(known, PLACES)
+
+
+class _RobotPath(NamedTuple):
+    """The path of one robot in a session."""
+
+    segments: pl.DataFrame
+    end: pl.DataFrame
+    """Its final pose, a row of the table of ends."""
+    gaps: tuple[int, float]
+    """Number and longest of the gaps in its tracking, from ``gaps_of``."""
 
 
 def _path(
     run: int, robot: int, name: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log
-) -> dict[str, Any]:
+) -> _RobotPath:
     """Compute the path of one robot in a session.
 
     Args:
         run: number of the session. robot, name: index of the robot, and its number in the log.
         samples: samples of the robot, by time. track: its tracked positions, by time. log: log of the session.
-    Returns: by name: ``segments``, the robot's table of segments; ``ends``, its final pose as a row of the table of
-        ends; ``gaps``, number and longest of the gaps in its tracking, from ``gaps_of``; ``age``, a table with robot,
-        sample and position_age_s, the time from the last tracked position to the sample (null if there is none).
     Raises:
         InputError: the robot has no rows.
     """
     knots = knots_of(track, samples)
     if knots.is_empty():
         raise InputError(f"robot {name} has no rows", field=log.name)
-    time_s = track["time_s"].to_numpy()
-    key = samples.select("robot", "sample")
-    if time_s.size:
-        sample_s = samples["time_s"].to_numpy()
-        latest = np.searchsorted(time_s, sample_s, side="right") - 1  # -1: no position before the sample
-        age = np.where(latest >= 0, sample_s - time_s[np.maximum(latest, 0)], np.nan)
-        ages = key.with_columns(position_age_s=pl.Series(age, nan_to_null=True))
-    else:
-        ages = key.with_columns(position_age_s=pl.lit(None, dtype=pl.Float64))
     segments = segments_of(run, robot, knots, samples)
     end = {
         "run": [run],
@@ -302,12 +310,7 @@ def _path(
         "heading_rad": [segments["heading_rad"][-1]],
         "stop_start_s": [None],  # whether the robot stands at the end is not known
     }
-    return {
-        "segments": segments,
-        "age": ages,
-        "ends": pl.DataFrame(end, schema=ENDS),
-        "gaps": gaps_of(time_s),
-    }
+    return _RobotPath(segments, pl.DataFrame(end, schema=ENDS), gaps_of(track["time_s"].to_numpy()))
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
@@ -317,9 +320,10 @@ def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.D
     """
     x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario)
     read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
-    return frame.with_columns(
-        tile=pl.Series(floor.tile_at(x, y)), observation=pl.coalesce("observation", read)
-    ).select(pl.col(name).cast(kind) for name, kind in OBSERVATIONS.items())
+    tile = pl.Series(floor.tile_at(x, y))
+    return _in_schema(
+        frame.with_columns(tile=tile, observation=pl.coalesce("observation", read)), OBSERVATIONS
+    )
 
 
 def inside(x_m: Any, y_m: Any, scenario: Scenario) -> tuple[Any, Any]:
@@ -339,28 +343,24 @@ def inside(x_m: Any, y_m: Any, scenario: Scenario) -> tuple[Any, Any]:
 
 
 def _problem_counts(
-    paths: Sequence[Mapping[str, Any]],
-    rows: pl.DataFrame,
-    observations: pl.DataFrame,
-    frame: pl.DataFrame,
-    scenario: Scenario,
+    paths: Sequence[_RobotPath], rows: pl.DataFrame, observations: pl.DataFrame, scenario: Scenario
 ) -> dict[str, float]:
     """Count the problems of a session: gaps, old positions, inconsistent posteriors, and samples off all tiles.
 
     Args:
-        paths: from ``_path``, of all robots. rows, observations: tables of the session.
-        frame: samples of the session, with the columns of the log. scenario: it has the prior.
+        paths: of all robots. rows: samples of the session, with the columns of the log and position_age_s.
+        observations: table of the session. scenario: it has the prior.
     Returns: counts by key of ``log.COUNTED``.
     """
     ages_s = rows["position_age_s"].drop_nulls()
     prior = scenario.decision.prior_alpha + scenario.decision.prior_beta
     # alpha + beta counts the prior, the own samples (one more than messages sent before) and the messages received.
-    odd = frame.filter(
+    odd = rows.filter(
         pl.col("alpha") + pl.col("beta") - prior != pl.col("sent") + pl.col("messages_received") + 1
     )
     return {
-        "tracking_gaps": sum(path["gaps"][0] for path in paths),
-        "tracking_gap_longest_s": round(max(path["gaps"][1] for path in paths), 6),
+        "tracking_gaps": sum(path.gaps[0] for path in paths),
+        "tracking_gap_longest_s": round(max(path.gaps[1] for path in paths), 6),
         "positions_old": int((ages_s > USUAL_AGE_S).sum()),
         "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
         "posteriors_odd": odd.height,
@@ -416,19 +416,15 @@ def _outcomes(
         finals: from ``_finals``, of all sessions. ends: the table of ends. Both have a row for each robot of each
             session, ordered by session and robot.
     """
-    robots = scenario.swarm.robots
-    runs = finals["run"].to_list()[::robots]  # there is a row for each run and robot
-    end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
-    fills, truth = fills_and_truth(scenario, floors, runs, end_s)
     # The tables are computed with -1 for a decision that is not logged. Below, the table of robots gets the null back.
     known = finals.with_columns(pl.col("decision").fill_null(-1))
-    # Sessions are ended by people, not by a decision.
-    run_frame = run_table(known, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)
-    robot_frame = robot_table(known, truth).with_columns(decision=finals["decision"])
+    robot_frame, run_frame = outcome_tables(scenario, floors, known, ends)
     unknown = finals.group_by("run", maintain_order=True).agg(pl.col("decision").is_null().any())["decision"]
     of_decisions = ("consensus", "consensus_time_s", "right", "wrong", "undecided")
     null_if_unknown = [pl.when(~unknown).then(pl.col(name)).alias(name) for name in of_decisions]
-    return robot_frame, run_frame.with_columns(null_if_unknown)
+    # Sessions are ended by people, not by a decision.
+    runs = run_frame.with_columns(null_if_unknown).with_columns(stopped_early=False)
+    return robot_frame.with_columns(decision=finals["decision"]), runs
 
 
 def count_lines(recording: Recording) -> list[str]:

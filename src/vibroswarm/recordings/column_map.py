@@ -26,7 +26,7 @@ is the number at which a counter starts again from 0. A map may also have the ke
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -167,12 +167,21 @@ def numbers_of(
     empty = stripped.is_in(list(missing))
     numbers = stripped.cast(pl.Float64, strict=False)
     wrong = ~empty & ~numbers.is_finite().fill_null(False)
+    words = f"in column '{column}' is not a number"
+    _refuse_first(wrong, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
+    return pl.select(pl.when(~empty).then(numbers)).to_series()
+
+
+def _refuse_first(wrong: pl.Series, lines: pl.Series, name: str, words: Callable[[int], str]) -> None:
+    """Raise an error about the first row that is wrong, if there is one.
+
+    Args:
+        wrong: whether each row is wrong. lines: number of each row's line. name: of the file. words: what is wrong with
+            row number k of ``lines``.
+    """
     if wrong.any():
         k = int(wrong.arg_true()[0])
-        raise InputError(
-            f"'{str(cells[k])[:40]}' in column '{column}' is not a number", field=f"{name}, row {lines[k]}"
-        )
-    return pl.select(pl.when(~empty).then(numbers)).to_series()
+        raise InputError(words(k), field=f"{name}, row {lines[k]}")
 
 
 def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, column: str) -> None:
@@ -190,18 +199,11 @@ def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, colum
     if use not in _ALLOWED:
         return
     low, high, words = _ALLOWED[use]
-    is_whole = isinstance(low, int)
-    numbers = values.to_numpy()
-    with np.errstate(invalid="ignore"):
-        wrong = (numbers < low) | (numbers > high)
-        if is_whole:
-            wrong |= numbers != np.rint(numbers)
-    wrong &= ~np.isnan(numbers)
-    if wrong.any():
-        k = int(np.flatnonzero(wrong)[0])
-        raise InputError(
-            f"{numbers[k]:g} in column '{column}' is not {words}", field=f"{name}, row {lines[k]}"
-        )
+    wrong = (values < low) | (values > high)
+    if isinstance(low, int):
+        wrong |= values != values.round()
+    said = f"in column '{column}' is not {words}"
+    _refuse_first(wrong.fill_null(False), lines, name, lambda k: f"{values[k]:g} {said}")
 
 
 def plain_number(value: Any, what: str, name: str) -> float:
@@ -355,11 +357,7 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
         _check_there(columns[use], lines, name, by.columns[use].name)
     if "alpha" in columns:
         half = columns["alpha"].is_null() != columns["beta"].is_null()
-        if half.any():
-            raise InputError(
-                "has one of alpha and beta; give both or neither",
-                field=f"{name}, row {lines[int(half.arg_true()[0])]}",
-            )
+        _refuse_first(half, lines, name, lambda k: "has one of alpha and beta; give both or neither")
     _check_tags(columns, name)
     is_sample = (
         columns["energy"].is_not_null() if "energy" in columns else pl.repeat(False, lines.len(), eager=True)
@@ -404,12 +402,8 @@ def _converted(
     else:
         keys = cells.str.strip_chars().str.replace(r"\.0$", "")  # a spreadsheet writes 1 as 1.0
         unknown = ~keys.is_in(list(column.values)) & ~keys.is_in(list(missing))
-        if unknown.any():
-            k = int(unknown.arg_true()[0])
-            raise InputError(
-                f"'{str(cells[k])[:40]}' in column '{column.name}' is not one of {', '.join(column.values)}",
-                field=f"{name}, row {lines[k]}",
-            )
+        words = f"in column '{column.name}' is not one of {', '.join(column.values)}"
+        _refuse_first(unknown, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
         numbers = keys.replace_strict(dict(column.values), default=None, return_dtype=pl.Float64)
     check_values(numbers, lines, name, use, column.name)
     return numbers
@@ -424,9 +418,7 @@ def _check_there(numbers: pl.Series, lines: pl.Series, name: str, column: str) -
     Raises:
         InputError: a cell is empty; the error names the row of the first.
     """
-    if numbers.null_count():
-        k = int(numbers.is_null().arg_true()[0])
-        raise InputError(f"empty cell in column '{column}'", field=f"{name}, row {lines[k]}")
+    _refuse_first(numbers.is_null(), lines, name, lambda k: f"empty cell in column '{column}'")
 
 
 def _check_tags(found: Mapping[str, pl.Series], name: str) -> None:

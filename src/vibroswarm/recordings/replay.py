@@ -13,7 +13,7 @@ if robots knew them. Lost rows are not restored: nobody heard of those samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -34,10 +34,7 @@ from vibroswarm.inference.generated_kernels import kernels
 from vibroswarm.inference.outcomes import (
     ROBOTS,
     RUNS,
-    fills_and_truth,
     outcome_tables,
-    robot_table,
-    run_table,
 )
 from vibroswarm.inference.replay import infer, inference_columns
 from vibroswarm.inference.replay_arrays import DONE, ERROR_TEXT, HeardMessages, Session, empty_log
@@ -346,7 +343,7 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
 
 def _restored(
     recording: Recording, run: int, before: Mapping[str, Any], after: Mapping[str, Any]
-) -> list[dict[str, Any]]:
+) -> Iterator[dict[str, Any]]:
     """Make rows for the samples of a robot that were lost between two of its rows.
 
     The new samples are evenly spaced in time and in the number of messages received. Their stops last as long as the
@@ -358,7 +355,6 @@ def _restored(
     Returns: one row for each lost sample, in the order of time.
     """
     lost = after["sample"] - before["sample"] - 1
-    restored = []
     for nth in range(1, lost + 1):
         share = nth / (lost + 1)
         time_s = before["time_s"] + share * (after["time_s"] - before["time_s"])
@@ -367,22 +363,19 @@ def _restored(
         if recording.segments is not None:
             x, y, _ = pose(recording.segments, run, after["robot"], time_s)
         tile = recording.floor(run).tile_at(*inside(np.array([x]), np.array([y]), recording.scenario))[0]
-        restored.append(
-            {
-                "run": run,
-                "robot": after["robot"],
-                "sample": before["sample"] + nth,
-                "time_s": time_s,
-                # A stop does not begin before the sample of the row ``before``.
-                "stop_start_s": max(time_s - stop_s, before["time_s"]),
-                # Cut to a whole number of messages.
-                "messages_received": before["messages_received"]
-                + int(share * (after["messages_received"] - before["messages_received"])),
-                "energy": None,
-                "tile": int(tile),
-            }
-        )
-    return restored
+        yield {
+            "run": run,
+            "robot": after["robot"],
+            "sample": before["sample"] + nth,
+            "time_s": time_s,
+            # A stop does not begin before the sample of the row ``before``.
+            "stop_start_s": max(time_s - stop_s, before["time_s"]),
+            # Cut to a whole number of messages.
+            "messages_received": before["messages_received"]
+            + int(share * (after["messages_received"] - before["messages_received"])),
+            "energy": None,
+            "tile": int(tile),
+        }
 
 
 def _outcome(
@@ -393,15 +386,11 @@ def _outcome(
     Args:
         scenario: the one that was replayed. finals: final states of the robots of all runs. draw: number of the draw.
     """
-    runs = recording.runs["run"].to_list()
-    floors = {run: recording.floor(run) for run in runs}
-    end_s = recording.runs["end_s"].to_numpy()
-    fills, truth = fills_and_truth(scenario, floors, runs, end_s)
-    robots = robot_table(finals.select(list(FINALS)), truth)
-    # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
-    of_runs = run_table(finals, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)
+    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
+    robots, runs = outcome_tables(scenario, floors, finals.select(list(FINALS)), recording.ends)
     number = pl.lit(draw, dtype=pl.UInt32).alias("draw")
-    return robots.select(number, *ROBOTS), of_runs.select(number, *RUNS)
+    # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
+    return robots.select(number, *ROBOTS), runs.with_columns(stopped_early=False).select(number, *RUNS)
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:

@@ -29,6 +29,7 @@ from vibroswarm.observation.decision_boundary import expected_ones_on, readings_
 from vibroswarm.result import Result
 from vibroswarm.run_page.payload import MapsOverTime, ReportOverTime, RunRecord, fault_rows, payload
 from vibroswarm.scenario.change_fields import change_words
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.static_analysis import fields_read
 
@@ -160,67 +161,88 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     why_not = why_no_page(result)
     if why_not is not None or result.segments is None:
         raise InputError(f"no page can be made: {why_not}")
-    floor = result.floor(run)
-    scenario = result.scenario
-    rays, decision, answers = scenario.rays, scenario.decision, answers_of(scenario)
-    size = (scenario.arena.width_m, scenario.arena.height_m)
-    boundary, tested = decision.decision_boundary, readings_boundary(scenario)
+    floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
-    version_names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
     return RunRecord(
         title=title or f"{scenario.swarm.robots} robots on {floor.name}",
-        arena_width_m=scenario.arena.width_m,
-        arena_height_m=scenario.arena.height_m,
         floor=floor,
         t_end_s=summary["end_s"],
-        strategy=scenario.strategy.name,
         seed=result.seed,
         run=run,
         fill_ratio=summary["fill_ratio"],
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
-        motion=result.motion.filter(of_run),
+        truth=summary["truth"],
         segments=result.segments.filter(of_run),
-        observations=result.observations.filter(of_run),
-        inference=result.inference.filter(of_run),
-        robots=result.robots.filter(of_run),
+        **{name: getattr(result, name).filter(of_run) for name in RECORDED_TABLES},
         faults=() if result.faults is None else fault_rows(result.faults.filter(of_run)),
         places=None if result.places is None else result.places.filter(of_run),
         maps=_maps_of(result, run, summary["end_s"]),
         radio=_radio_of(result, run),
         reports=_reports_of(result, run),
-        min_observations=decision.min_observations,
-        gate=decision.gate,
-        gate_counts_current=decision.gate_counts_current,
-        gated="min_observations" in fields_read(strategy_of(scenario.strategy.name)),
-        credible_threshold=decision.credible_threshold,
-        decision_boundary=boundary,
-        readings_boundary=tested,
-        expected_ones=expected_ones_on(scenario.sensor, floor.at(summary["end_s"]), size)
+        notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
+        details=_details_of(result),
+        **_rules_of(scenario, floor.at(summary["end_s"])),
+        **_bodies_of(scenario),
+    )
+
+
+RECORDED_TABLES: Final = ("motion", "observations", "inference", "robots")
+"""Tables of a result of which the page holds the rows of its run."""
+
+
+def _rules_of(scenario: Scenario, floor_at_end: Floor) -> dict[str, Any]:
+    """Return how robots read and decide, by name of the record's field."""
+    decision = scenario.decision
+    boundary, tested = decision.decision_boundary, readings_boundary(scenario)
+    size_m = (scenario.arena.width_m, scenario.arena.height_m)
+    return {
+        "strategy": scenario.strategy.name,
+        "min_observations": decision.min_observations,
+        "gate": decision.gate,
+        "gate_counts_current": decision.gate_counts_current,
+        "gated": "min_observations" in fields_read(strategy_of(scenario.strategy.name)),
+        "credible_threshold": decision.credible_threshold,
+        "decision_boundary": boundary,
+        "readings_boundary": tested,
+        "expected_ones": expected_ones_on(scenario.sensor, floor_at_end, size_m)
         if tested != boundary
         else None,
-        prior_alpha=decision.prior_alpha,
-        prior_beta=decision.prior_beta,
-        tick_s=scenario.tick_s,
-        body_radius_m=scenario.robot.body_radius_m,
-        ray_forward_m=rays.forward_m,
-        ray_sides_m=tuple(rays.side_m),
-        ray_angles_rad=tuple(math.radians(angle) for angle in rays.angle_deg),
-        ray_range_m=rays.range_m,
-        ray_disc_radius_m=rays.disc_radius_m,
-        avoidance_threshold_m=scenario.walk.avoidance_threshold_mm / 1000.0,
-        truth=summary["truth"],
-        notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
-        answers=None if scenario.task.name == "fill_ratio" else answers,
-        kinds=max(scenario.sensor.kinds, scenario.sensor.readings),
-        details={
-            "scenario": scenario.hash,
-            "motion": result.source,
-            **({"change": changes} if (changes := change_words(scenario.change)) else {}),
-            **{name: result.versions[name] for name in version_names if name in result.versions},
-        },
-    )
+        "prior_alpha": decision.prior_alpha,
+        "prior_beta": decision.prior_beta,
+        "answers": None if scenario.task.name == "fill_ratio" else answers_of(scenario),
+        "kinds": max(scenario.sensor.kinds, scenario.sensor.readings),
+    }
+
+
+def _bodies_of(scenario: Scenario) -> dict[str, Any]:
+    """Return the arena, the robots' bodies and their rays, by name of the record's field."""
+    rays = scenario.rays
+    return {
+        "arena_width_m": scenario.arena.width_m,
+        "arena_height_m": scenario.arena.height_m,
+        "tick_s": scenario.tick_s,
+        "body_radius_m": scenario.robot.body_radius_m,
+        "ray_forward_m": rays.forward_m,
+        "ray_sides_m": tuple(rays.side_m),
+        "ray_angles_rad": tuple(math.radians(angle) for angle in rays.angle_deg),
+        "ray_range_m": rays.range_m,
+        "ray_disc_radius_m": rays.disc_radius_m,
+        "avoidance_threshold_m": scenario.walk.avoidance_threshold_mm / 1000.0,
+    }
+
+
+def _details_of(result: Result) -> dict[str, Any]:
+    """Return what made the result, by name."""
+    scenario = result.scenario
+    version_names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
+    return {
+        "scenario": scenario.hash,
+        "motion": result.source,
+        **({"change": changes} if (changes := change_words(scenario.change)) else {}),
+        **{name: result.versions[name] for name in version_names if name in result.versions},
+    }
 
 
 def _surface_notes(floor: Floor) -> tuple[str, ...]:

@@ -284,7 +284,8 @@ def _names_place(function: Callable[..., Any], seen: set[Any]) -> bool:
     return any(_names_place(one, seen) for one in used if isinstance(_plain(one), FunctionType))
 
 
-def fields_read(strategy: Strategy) -> set[str]:
+@cache
+def fields_read(strategy: Strategy) -> frozenset[str]:
     """Return the fields of ``World`` and ``Reading`` that the strategy's hooks, and functions called by them, read.
 
     A hook may give its arguments any names, so the names under which it gets the world and the reading are found first.
@@ -300,7 +301,7 @@ def fields_read(strategy: Strategy) -> set[str]:
         # rows: the names that this hook gives to the world and to the reading, such as {"w", "x"}.
         rows = {mine for mine, ours in zip(given, parameters, strict=True) if ours in (WORLD, READING)}
         read |= set(_read(function, frozenset(rows), seen))
-    return read
+    return frozenset(read)
 
 
 def _plain(function: Any) -> Any:

@@ -14,7 +14,8 @@ import inspect
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from itertools import combinations
+from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -131,30 +132,59 @@ def gap_of(poses: Floats, others: Floats) -> Floats:
     return gap
 
 
+class RobotOfRun(NamedTuple):
+    """What a motion source made of one robot in one run of a case."""
+
+    case: Case
+    label: str
+    """Names case, run and robot in messages."""
+    motion: Motion
+    own: pl.Expr
+    """Chooses the rows of the robot in the run, in any table."""
+    samples: pl.DataFrame
+    track: Track
+
+
+def robots_of(source: Source) -> Iterator[RobotOfRun]:
+    """Yield each robot of each run of all cases.
+
+    Raises:
+        AssertionError: there are no segments.
+    """
+    for case in fitted(CASES, source):
+        motion = motion_of(source, case)
+        for run in case.runs:
+            for robot, track in tracks(motion, run).items():
+                label = f"{case.name}: run {run}, robot {robot}"
+                own = (pl.col("run") == run) & (pl.col("robot") == robot)
+                yield RobotOfRun(case, label, motion, own, motion.samples.filter(own), track)
+
+
+def _check_spent(one: RobotOfRun, kinds: NDArray[np.str_], words: str) -> None:
+    """Require that drive_s, turn_s, avoid_s and stop_s of all samples are the times spent in these kinds of movement.
+
+    Args:
+        kinds: what the robot does in the control period that begins at each tick, (ticks,). words: for messages, what
+            states the kinds.
+    """
+    ends = ticks_of(one.samples["time_s"], one.case.scenario)
+    for kind in KINDS:
+        # Ticks that the robot has spent in movement of this kind from the start up to each sample.
+        total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
+        spent = ticks_of(one.samples[f"{kind}_s"], one.case.scenario)
+        is_equal = (np.diff(total, prepend=0) == spent).all()
+        require(is_equal, f"{one.label}: {kind}_s differs from the time in such {words}")
+
+
 def check_time_accounts(source: Source) -> None:
     """drive_s, turn_s, avoid_s and stop_s are the times spent in segments of these kinds.
 
     These columns of a sample are the times that the robot has spent in each kind of segment since its last sample.
     """
-    for case in fitted(CASES, source):
-        s, motion = case.scenario, motion_of(source, case)
-        for run in case.runs:
-            for robot, track in tracks(motion, run).items():
-                label = f"{case.name}: run {run}, robot {robot}"
-                rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-                ends = ticks_of(rows["time_s"], s)  # tick of each sample
-                spent = {kind: ticks_of(rows[f"{kind}_s"], s) for kind in KINDS}
-                require(
-                    np.array_equal(sum(spent.values()), np.diff(ends, prepend=0)),
-                    f"{label}: the times do not add up to that since the last sample",
-                )
-                times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
-                kinds = track.at(times)[1]  # in the control period that begins at each tick
-                for kind, ticks in spent.items():
-                    # Ticks that the robot has spent in this kind of segment from the start up to each sample.
-                    total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
-                    is_equal = (np.diff(total, prepend=0) == ticks).all()
-                    require(is_equal, f"{label}: {kind}_s differs from the time in such segments")
+    for one in robots_of(source):
+        s = one.case.scenario
+        times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
+        _check_spent(one, one.track.at(times)[1], "segments")
 
 
 def check_segments_join(source: Source) -> None:
@@ -162,18 +192,13 @@ def check_segments_join(source: Source) -> None:
 
     The first segment begins at time 0.
     """
-    for case in fitted(CASES, source):
-        motion = motion_of(source, case)
-        for run in case.runs:
-            for robot, track in tracks(motion, run).items():
-                label = f"{case.name}: run {run}, robot {robot}"
-                k = np.arange(track.start_s.size - 1)
-                gap = gap_of(track.after(k, np.diff(track.start_s)), track.pose[1:])
-                gap_m = np.abs(gap).max(initial=0.0)
-                require(gap_m < NEAR_M + source.tolerance.arc, f"{label} jumps, by {gap_m:.2g} m or rad")
-                require(
-                    track.start_s[0] == 0.0, f"{label}: its first segment begins at {track.start_s[0]:g} s"
-                )
+    for one in robots_of(source):
+        track = one.track
+        k = np.arange(track.start_s.size - 1)
+        gap = gap_of(track.after(k, np.diff(track.start_s)), track.pose[1:])
+        gap_m = np.abs(gap).max(initial=0.0)
+        require(gap_m < NEAR_M + source.tolerance.arc, f"{one.label} jumps, by {gap_m:.2g} m or rad")
+        require(track.start_s[0] == 0.0, f"{one.label}: its first segment begins at {track.start_s[0]:g} s")
 
 
 def check_poses_at_samples(source: Source) -> None:
@@ -182,31 +207,24 @@ def check_poses_at_samples(source: Source) -> None:
     One tick before the stop it does not stand: the sample timer must exceed the interval between samples, and does not
     run in stops, so that a robot moves before each of them. Headings of samples are from -pi to pi.
     """
-    for case in fitted(CASES, source):
-        motion = motion_of(source, case)
-        for run in case.runs:
-            for robot, track in tracks(motion, run).items():
-                label = f"{case.name}: run {run}, robot {robot}"
-                rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-                expected = rows.select("x_m", "y_m", "heading_rad").to_numpy()
-                is_wrapped = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
-                require(is_wrapped, f"{label}: a heading is not from -pi to pi")
-                allowed_m = NEAR_M + source.tolerance.arc
-                # Between the start of a stop and its sample the robot may roll or be pushed: x, y, heading.
-                rolled = np.array(
-                    [source.tolerance.stop_m, source.tolerance.stop_m, source.tolerance.stop_rad]
-                )
-                for column, extra in (("time_s", np.zeros(3)), ("stop_start_s", rolled)):
-                    pose, kind = track.at(rows[column].to_numpy())
-                    gap = np.abs(gap_of(pose, expected))
-                    require(
-                        (gap < allowed_m + extra).all(),
-                        f"{label}: a sample is {gap.max(initial=0.0):.2g} m or rad from its segment, at {column}",
-                    )
-                    # Also at ``time_s``: a robot walks on only one control period after it has sampled.
-                    require((kind == "stop").all(), f"{label} does not stand at {column}")
-                before = track.at(rows["stop_start_s"].to_numpy() - case.scenario.tick_s)[1]
-                require((before != "stop").all(), f"{label} stood before its stop")
+    allowed_m = NEAR_M + source.tolerance.arc
+    # Between the start of a stop and its sample the robot may roll or be pushed: x, y, heading.
+    rolled = np.array([source.tolerance.stop_m, source.tolerance.stop_m, source.tolerance.stop_rad])
+    for one in robots_of(source):
+        expected = one.samples.select("x_m", "y_m", "heading_rad").to_numpy()
+        is_wrapped = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
+        require(is_wrapped, f"{one.label}: a heading is not from -pi to pi")
+        for column, extra in (("time_s", np.zeros(3)), ("stop_start_s", rolled)):
+            pose, kind = one.track.at(one.samples[column].to_numpy())
+            gap = np.abs(gap_of(pose, expected))
+            require(
+                (gap < allowed_m + extra).all(),
+                f"{one.label}: a sample is {gap.max(initial=0.0):.2g} m or rad from its segment, at {column}",
+            )
+            # Also at ``time_s``: a robot walks on only one control period after it has sampled.
+            require((kind == "stop").all(), f"{one.label} does not stand at {column}")
+        before = one.track.at(one.samples["stop_start_s"].to_numpy() - one.case.scenario.tick_s)[1]
+        require((before != "stop").all(), f"{one.label} stood before its stop")
 
 
 def check_bodies(source: Source) -> None:
@@ -215,48 +233,23 @@ def check_bodies(source: Source) -> None:
     Bodies are discs of ``robot.body_radius_m``, or rectangles if the source gives its robots' footprint, within which
     all their parts are; ``Tolerance.overlap_m`` is allowed.
     """
-    if source.footprint_m is not None:
-        for case in fitted(CASES, source):
-            for run in case.runs:
-                _check_rectangles(
-                    case, motion_of(source, case), run, source.footprint_m, source.tolerance.overlap_m
-                )
-        return
+    allowed_m = NEAR_M + source.tolerance.overlap_m
     for case in fitted(CASES, source):
         s, motion = case.scenario, motion_of(source, case)
-        radius, allowed_m = s.robot.body_radius_m, NEAR_M + source.tolerance.overlap_m
+        arena, radius_m = np.array([s.arena.width_m, s.arena.height_m]), s.robot.body_radius_m
         for run in case.runs:
-            poses, _ = at_all_ticks(motion, s, run)
-            x, y = poses[..., 0], poses[..., 1]
-            for low, high, size in (
-                (x.min(), x.max(), s.arena.width_m),
-                (y.min(), y.max(), s.arena.height_m),
-            ):
-                # How far the body farthest out reaches beyond the wall at 0, or beyond the one opposite.
-                beyond = max(radius - low, high - (size - radius))
-                require(beyond < allowed_m, f"{case.name}: a body is {beyond:.2g} m beyond a wall")
-            for i in range(s.swarm.robots - 1):
-                over = 2 * radius - np.hypot(x[i + 1 :] - x[i], y[i + 1 :] - y[i]).min()
-                require(over < allowed_m, f"{case.name}: bodies overlap by {over:.2g} m")
-
-
-def _check_rectangles(
-    case: Case, motion: Motion, run: int, size_m: tuple[float, float], allowed_m: float
-) -> None:
-    """Require that robots of a run, rectangles of a size, overlap neither walls nor each other by more than allowed."""
-    s = case.scenario
-    poses, _ = at_all_ticks(motion, s, run)  # (robots, ticks, 3)
-    reach, arena = half_extents(poses[..., 2], size_m), np.array([s.arena.width_m, s.arena.height_m])
-    beyond = float(np.maximum(reach - poses[..., :2], poses[..., :2] + reach - arena).max())
-    require(beyond < NEAR_M + allowed_m, f"{case.name}: a body is {beyond:.2g} m beyond a wall")
-    for i in range(s.swarm.robots - 1):
-        for other in poses[i + 1 :]:
-            near = np.hypot(*(other - poses[i])[:, :2].T) < math.hypot(
-                *size_m
-            )  # farther apart they cannot touch
-            depth, _ = overlap(poses[i][near], other[near], size_m)
-            over = float(depth.max(initial=0.0))
-            require(over < NEAR_M + allowed_m, f"{case.name}: bodies overlap by {over:.2g} m")
+            poses, _ = at_all_ticks(motion, s, run)  # (robots, ticks, 3)
+            size_m = source.footprint_m
+            reach_m = radius_m if size_m is None else half_extents(poses[..., 2], size_m)
+            beyond_m = np.maximum(reach_m - poses[..., :2], poses[..., :2] + reach_m - arena).max()
+            require(beyond_m < allowed_m, f"{case.name}: a body is {beyond_m:.2g} m beyond a wall")
+            for one, other in combinations(poses, 2):
+                apart_m = np.hypot(*(other - one)[:, :2].T)
+                over_m = (2 * radius_m - apart_m).max()
+                if size_m is not None:
+                    near = apart_m < math.hypot(*size_m)  # farther apart they cannot touch
+                    over_m = overlap(one[near], other[near], size_m)[0].max(initial=0.0)
+                require(over_m < allowed_m, f"{case.name}: bodies overlap by {over_m:.2g} m")
 
 
 def check_ends(source: Source) -> None:
@@ -265,39 +258,29 @@ def check_ends(source: Source) -> None:
     ``stop_start_s`` of an end is when the robot's last stop began, or null if the robot does not stand at the end.
     """
     for case in fitted(CASES, source):
-        s, motion = case.scenario, motion_of(source, case)
-        expected = len(case.runs) * s.swarm.robots
+        ends, expected = motion_of(source, case).ends.height, len(case.runs) * case.scenario.swarm.robots
+        require(ends == expected, f"{case.name}: there are {ends} ends, not {expected}")
+    for one in robots_of(source):
+        track, s = one.track, one.case.scenario
+        (row,) = one.motion.ends.filter(one.own).to_dicts()
+        require(abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{one.label} ends at {row['end_s']:g} s")
+        last, end = np.array([track.start_s.size - 1]), np.array([row["end_s"]])
+        place = np.array([[row["x_m"], row["y_m"], row["heading_rad"]]])
+        gap_m = np.abs(gap_of(track.after(last, end - track.start_s[last]), place)).max()
         require(
-            motion.ends.height == expected,
-            f"{case.name}: there are {motion.ends.height} ends, not {expected}",
+            gap_m < NEAR_M + source.tolerance.arc,
+            f"{one.label} ends {gap_m:.2g} m or rad from its last segment",
         )
-        for run in case.runs:
-            by_robot = tracks(motion, run)
-            for row in motion.ends.filter(pl.col("run") == run).to_dicts():
-                label = f"{case.name}: run {run}, robot {row['robot']}"
-                require(abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{label} ends at {row['end_s']:g} s")
-                require(row["robot"] in by_robot, f"{label} has no segments")
-                track, end = by_robot[row["robot"]], np.array([row["end_s"]])
-                last = np.array([track.start_s.size - 1])
-                place = np.array([[row["x_m"], row["y_m"], row["heading_rad"]]])
-                gap_m = np.abs(gap_of(track.after(last, end - track.start_s[last]), place)).max()
-                require(
-                    gap_m < NEAR_M + source.tolerance.arc,
-                    f"{label} ends {gap_m:.2g} m or rad from its last segment",
-                )
-                if track.kind[-1] != "stop":
-                    require(
-                        row["stop_start_s"] is None, f"{label} walks at the end, and the ends say it stands"
-                    )
-                    continue
-                require(
-                    row["stop_start_s"] is not None, f"{label} stands at the end, but the ends do not say so"
-                )
-                # A stop may have several segments, because a robot may roll on: find the first after the last move.
-                walked = np.flatnonzero(track.kind != "stop")
-                first = int(walked[-1]) + 1 if walked.size else 0
-                began = abs(row["stop_start_s"] - track.start_s[first]) < 1e-9
-                require(began, f"{label}: its last stop began at another time than the ends say")
+        began_s = row["stop_start_s"]
+        if track.kind[-1] != "stop":
+            require(began_s is None, f"{one.label} walks at the end, and the ends say it stands")
+            continue
+        require(began_s is not None, f"{one.label} stands at the end, but the ends do not say so")
+        # A stop may have several segments, because a robot may roll on: find the first after the last move.
+        walked = np.flatnonzero(track.kind != "stop")
+        first = int(walked[-1]) + 1 if walked.size else 0
+        began = abs(began_s - track.start_s[first]) < 1e-9
+        require(began, f"{one.label}: its last stop began at another time than the ends say")
 
 
 SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
@@ -310,16 +293,16 @@ SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
 """Checks of sources that give segments."""
 
 
-def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
+def moves_of(one: RobotOfRun) -> pl.DataFrame:
     """Return the rows of a robot's moves in a run, in their order in the table, which should be that of time.
 
     Raises:
         AssertionError: there is no table of moves, or the robot has none in it.
     """
-    if moves is None:
-        raise AssertionError(f"there are no moves of run {run}")
-    own = moves.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-    require(own.height > 0, f"robot {robot} of run {run} has no moves")
+    if one.motion.moves is None:
+        raise AssertionError(f"{one.label}: there are no moves")
+    own = one.motion.moves.filter(one.own)
+    require(own.height > 0, f"{one.label} has no moves")
     return own
 
 
@@ -329,48 +312,40 @@ def check_moves_lead_to_the_next(source: Source) -> None:
     The last move ends where the table of ends puts the robot. ``turned_rad`` of a move is compared with the angle that
     the robot's segments turn during the move.
     """
-    for case in fitted(CASES, source):
-        motion = motion_of(source, case)
-        for run in case.runs:
-            for robot, track in tracks(motion, run).items():
-                moves = of_robot(motion.moves, run, robot)
-                own = pl.col("robot") == robot
-                (end,) = motion.ends.filter((pl.col("run") == run) & own).to_dicts()
-                # (moves + 1,): start of each move, s, then the end of the last move. Differences are the durations.
-                start = np.append(moves["start_s"].to_numpy(), end["end_s"])
-                pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
-                last = [end["x_m"], end["y_m"], end["heading_rad"]]
-                speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
-                # A move is an arc, as a segment is. So a ``Track`` whose rows are moves computes where each move ends.
-                # ``after`` only reads the rows of ``pose``, ``speed`` and ``rate``, so that the additional last element
-                # of ``start`` does not matter.
-                along = Track(start, pose, speed, rate, kind=np.array(moves["kind"].to_list()))
-                arrived = along.after(np.arange(moves.height), np.diff(start))
-                # Each move has to end at the start of the next move, and the last move at the robot's last pose.
-                gap_m = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
-                label = f"{case.name}: run {run}, robot {robot}"
-                require(
-                    gap_m < NEAR_M + source.tolerance.arc,
-                    f"{label}: a move ends {gap_m:.2g} m or rad from where the next begins",
-                )
-                turned = moves["turned_rad"].to_numpy()
-                # Angle (rad) that the robot has turned from time 0 to the start of each segment, (segments,).
-                turned_to_segment = np.concatenate(
-                    [[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))]
-                )
-                # k: the last segment that has started at the start of each move, and at the end of the last move.
-                k = np.searchsorted(track.start_s, start, side="right") - 1
-                # Angle turned from time 0 to each time in ``start``: up to the start of segment k, then within it.
-                # Differences of successive elements are what the segments turn during each move.
-                turned_before = turned_to_segment[k] + track.rate[k] * (start - track.start_s[k])
-                error = np.abs(np.diff(turned_before) - turned)
-                # In rad: 1e-8 for rounding, and the source's tolerance once for each segment that the move overlaps.
-                # There are 1 + diff(k) of them, from the segment at the start of the move to the one at its end.
-                allowed = 1e-8 + source.tolerance.arc * (1 + np.diff(k))
-                require(
-                    (error < allowed).all(),
-                    f"{label}: turned_rad is {error.max():.2g} rad from what the segments turn",
-                )
+    for one in robots_of(source):
+        moves, track = moves_of(one), one.track
+        (end,) = one.motion.ends.filter(one.own).to_dicts()
+        # (moves + 1,): start of each move, s, then the end of the last move. Differences are the durations.
+        start = np.append(moves["start_s"].to_numpy(), end["end_s"])
+        pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
+        last = [end["x_m"], end["y_m"], end["heading_rad"]]
+        speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
+        # A move is an arc, as a segment is. So a ``Track`` whose rows are moves computes where each move ends.
+        # ``after`` only reads the rows of ``pose``, ``speed`` and ``rate``, so that the additional last element
+        # of ``start`` does not matter.
+        along = Track(start, pose, speed, rate, kind=np.array(moves["kind"].to_list()))
+        arrived = along.after(np.arange(moves.height), np.diff(start))
+        # Each move has to end at the start of the next move, and the last move at the robot's last pose.
+        gap_m = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
+        require(
+            gap_m < NEAR_M + source.tolerance.arc,
+            f"{one.label}: a move ends {gap_m:.2g} m or rad from where the next begins",
+        )
+        # Angle (rad) that the robot has turned from time 0 to the start of each segment, (segments,).
+        turned_to_segment = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
+        # k: the last segment that has started at the start of each move, and at the end of the last move.
+        k = np.searchsorted(track.start_s, start, side="right") - 1
+        # Angle turned from time 0 to each time in ``start``: up to the start of segment k, then within it.
+        # Differences of successive elements are what the segments turn during each move.
+        turned_before = turned_to_segment[k] + track.rate[k] * (start - track.start_s[k])
+        error = np.abs(np.diff(turned_before) - moves["turned_rad"].to_numpy())
+        # In rad: 1e-8 for rounding, and the source's tolerance once for each segment that the move overlaps.
+        # There are 1 + diff(k) of them, from the segment at the start of the move to the one at its end.
+        allowed = 1e-8 + source.tolerance.arc * (1 + np.diff(k))
+        require(
+            (error < allowed).all(),
+            f"{one.label}: turned_rad is {error.max():.2g} rad from what the segments turn",
+        )
 
 
 def check_moves_account_for_time(source: Source) -> None:
@@ -378,24 +353,11 @@ def check_moves_account_for_time(source: Source) -> None:
 
     The first move begins at time 0, and the last move lasts until the end of the run.
     """
-    for case in fitted(CASES, source):
-        s, motion = case.scenario, motion_of(source, case)
-        for run in case.runs:
-            for robot in range(s.swarm.robots):
-                label = f"{case.name}: run {run}, robot {robot}"
-                moves = of_robot(motion.moves, run, robot)
-                rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-                start = np.append(ticks_of(moves["start_s"], s), s.ticks)
-                require(start[0] == 0, f"{label}: its first move does not begin at 0 s")
-                # What the robot does at each tick.
-                kinds = np.repeat(np.array(moves["kind"].to_list()), np.diff(start))
-                ends = ticks_of(rows["time_s"], s)
-                for kind in KINDS:
-                    # Ticks that the robot has spent in this kind of move from the start up to each sample.
-                    total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
-                    spent = ticks_of(rows[f"{kind}_s"], s)
-                    is_equal = (np.diff(total, prepend=0) == spent).all()
-                    require(is_equal, f"{label}: {kind}_s differs from the time in such moves")
+    for one in robots_of(source):
+        moves, s = moves_of(one), one.case.scenario
+        start = np.append(ticks_of(moves["start_s"], s), s.ticks)
+        require(start[0] == 0, f"{one.label}: its first move does not begin at 0 s")
+        _check_spent(one, np.repeat(np.array(moves["kind"].to_list()), np.diff(start)), "moves")
 
 
 MOVE_CHECKS: Final[tuple[Check, ...]] = (

@@ -6,12 +6,14 @@ first thing that is wrong.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
+import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, RunError
@@ -129,19 +131,11 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
     """
     inference = result.inference
     for name in ("robot", "sample", "messages_received", "decision"):
-        compiled, expected = inference[name].to_numpy(), np.array([row[name] for row in plain.rows])
-        if compiled.size != expected.size or (compiled != expected).any():
+        if inference[name].to_list() != [row[name] for row in plain.rows]:
             yield f"column {name}"
-    belief = inference["belief_below"].fill_null(float("nan")).to_numpy()
-    if not np.array_equal(
-        belief, np.array([row["belief_below"] for row in plain.rows], dtype=float), equal_nan=True
-    ):
+    if not _equal_numbers(inference["belief_below"], [row["belief_below"] for row in plain.rows]):
         yield "column belief"
-    for name in ("alpha", "beta"):
-        # Null: the strategy has no such counts. Without rows there is nothing to compare.
-        is_given = inference[name].null_count() == 0 and bool(plain.rows)
-        if is_given and inference[name].to_list() != [int(row["state"][name]) for row in plain.rows]:
-            yield f"column {name}"
+    yield from _counts_differ(inference, [row["state"] for row in plain.rows], "column {}")
     # Only messages that have a bit are in the table.
     sent = [
         int(row["message"].bit) if row["sends"] else None
@@ -153,22 +147,28 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
     yield from _robots_differ(result, plain)
 
 
+def _counts_differ(frame: pl.DataFrame, states: Sequence[Any], words: str) -> Iterator[str]:
+    """Yield the counts of a strategy's state that differ; null columns: the strategy has no such counts."""
+    for name in ("alpha", "beta"):
+        is_given = bool(states) and frame[name].null_count() == 0
+        if is_given and frame[name].to_list() != [int(state[name]) for state in states]:
+            yield words.format(name)
+
+
+def _equal_numbers(compiled: pl.Series, expected: Sequence[float]) -> bool:
+    """Return whether numbers are equal; a null is a nan of the reference."""
+    return compiled.fill_null(math.nan).equals(pl.Series(compiled.name, expected, dtype=pl.Float64))
+
+
 def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
     """Yield the columns of ``result.robots``, the states of the robots at the end of the run, that differ."""
     robots = result.robots
     for name in ("decision", "sent", "samples", "messages_received"):
         if robots[name].to_list() != [getattr(robot, name) for robot in plain.robots]:
             yield f"{name} of the robots"
-    for name in ("alpha", "beta"):
-        if robots[name].null_count() == 0 and robots[name].to_list() != [
-            int(r.state[name]) for r in plain.robots
-        ]:
-            yield f"{name} of the robots at the end"
+    yield from _counts_differ(robots, [robot.state for robot in plain.robots], "{} of the robots at the end")
     for name, attribute in (("decision_time_s", "decided_s"), ("belief_at_decision", "belief_at_decision")):
-        compiled = robots[name].fill_null(float("nan")).to_numpy()
-        if not np.array_equal(
-            compiled, np.array([getattr(r, attribute) for r in plain.robots]), equal_nan=True
-        ):
+        if not _equal_numbers(robots[name], [getattr(robot, attribute) for robot in plain.robots]):
             yield f"{name} of the robots"
 
 

@@ -7,6 +7,7 @@ parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -34,13 +35,18 @@ def check_sensor(name: str) -> list[Finding]:
 
 def _model_and_params(name: str) -> tuple[SensorModel, Any]:
     """Return a sensor and its default parameters. Energies to draw from, which have no default, are made up."""
-    values = {"sensor.vibrating_energies": (1.0, 2.0, 3.0), "sensor.still_energies": (0.2, 0.8, 1.5)}
+    energies = {"vibrating_energies": (1.0, 2.0, 3.0), "still_energies": (0.2, 0.8, 1.5)}
     model = sensor(name)
-    section = Scenario().sensor.model_copy(
-        update={"model": name} | {field.partition(".")[2]: value for field, value in values.items()}
-    )
+    section = Scenario().sensor.model_copy(update={"model": name} | energies)
     # ``params`` also gives a table the threshold of the section, if the sensor has one.
     return model, section if model.in_section else Scenario.model_construct(sensor=section).sensor.params
+
+
+def _kinds(name: str) -> Iterator[tuple[SensorModel, Any, int]]:
+    """Yield a sensor, its parameters and a kind of tile, for each kind."""
+    model, p = _model_and_params(name)
+    for kind in range(model.number_of("kinds", p)):
+        yield model, p, kind
 
 
 def _values(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
@@ -64,8 +70,7 @@ def _readings(name: str) -> Iterator[str]:
 
     ``SensorModel.values`` and ``classes`` themselves raise an error at other values, and ``run_check`` reports it.
     """
-    model, p = _model_and_params(name)
-    for kind in range(model.number_of("kinds", p)):
+    for model, p, kind in _kinds(name):
         classes = model.classes(_values(model, kind, p), p)
         falls = np.flatnonzero(np.diff(classes) < 0) if model.sense is None else np.empty(0, dtype=np.int64)
         if falls.size:
@@ -74,8 +79,7 @@ def _readings(name: str) -> Iterator[str]:
 
 def _same_again(name: str) -> Iterator[str]:
     """Check that equal numbers give equal values, alone as in an array, and are left as they are."""
-    model, p = _model_and_params(name)
-    for kind in range(model.number_of("kinds", p)):
+    for model, p, kind in _kinds(name):
         numbers = U.copy()
         values = model.values(kind, numbers, p)
         if not np.array_equal(numbers, U):
@@ -87,8 +91,7 @@ def _same_again(name: str) -> Iterator[str]:
 
 def _shares(name: str) -> Iterator[str]:
     """Check that the shares of classes are those that are measured."""
-    model, p = _model_and_params(name)
-    for kind in range(model.number_of("kinds", p)):
+    for model, p, kind in _kinds(name):
         classes = model.classes(_values(model, kind, p), p)
         measured = [(classes <= j).mean() for j in range(model.number_of("readings", p) - 1)]
         shares = _shares_up_to(model, kind, p)
@@ -105,11 +108,8 @@ def _shares_up_to(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
 
 def _likelihoods(name: str) -> Iterator[str]:
     """Check that likelihoods are finite. ``SensorModel.densities`` itself raises an error at what is no density."""
-    model, p = _model_and_params(name)
-    if model.likelihood is None:
-        return
-    for kind in range(model.number_of("kinds", p)):
-        if np.isinf(model.densities(kind, _values(model, kind, p), p)).any():
+    for model, p, kind in _kinds(name):
+        if model.likelihood is not None and np.isinf(model.densities(kind, _values(model, kind, p), p)).any():
             yield f"on kind {kind} likelihood is infinite"
 
 
@@ -128,12 +128,10 @@ def _claims(name: str) -> Iterator[str]:
 
 def _tells_kinds_apart(name: str) -> Iterator[str]:
     """Check that no two kinds of tile read alike."""
-    model, p = _model_and_params(name)
-    shares = [_shares_up_to(model, kind, p) for kind in range(model.number_of("kinds", p))]
-    for one in range(len(shares)):
-        for other in range(one):
-            if np.array_equal(shares[one], shares[other]):
-                yield f"kinds {other} and {one} read alike"
+    shares = [_shares_up_to(model, kind, p) for model, p, kind in _kinds(name)]
+    for (other, first), (one, second) in combinations(enumerate(shares), 2):
+        if np.array_equal(first, second):
+            yield f"kinds {other} and {one} read alike"
 
 
 # Names of the checks, as ``vibroswarm check`` prints them.

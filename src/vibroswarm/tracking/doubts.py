@@ -22,6 +22,7 @@ it has in the log.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -126,10 +127,10 @@ def doubts_of(
     return sorted(found, key=lambda doubt: (order.index(doubt.kind), -doubt.weight))
 
 
-def _gaps(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt for each gap in which a robot was not seen."""
+def _gaps(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt for each gap in which a robot was not seen."""
     first_s, last_s = tracking.span_s
-    found, white = [], _white_around(tracking)
+    white = _white_around(tracking)
     for robot, start_s, end_s in tracking.gaps().iter_rows():
         # A gap at the beginning of the video has no frame with the robot before it; one at the end, none after it.
         # The gap of a robot that was never seen is the whole video, and has neither.
@@ -140,10 +141,7 @@ def _gaps(tracking: Tracking) -> list[Doubt]:
         ends = [place_px(tracking, robot, at_s) for at_s in (start_s, end_s)]
         if any(end is not None and is_in(white, end[0]) for end in ends):
             words += " It was lost or found again where the picture is white, as in a reflection."
-        found.append(
-            Doubt("gap", words, robot=robot, time_s=start_s, shots=tuple(shots), weight=end_s - start_s)
-        )
-    return found
+        yield Doubt("gap", words, robot=robot, time_s=start_s, shots=tuple(shots), weight=end_s - start_s)
 
 
 def is_in(area: NDArray[np.bool_], at_px: Floats) -> bool:
@@ -163,8 +161,8 @@ def _white_around(tracking: Tracking) -> NDArray[np.bool_]:
     return np.asarray(opencv().dilate(found, around) > 0)
 
 
-def _still(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt for each robot that stayed within half a marker, if another robot did not."""
+def _still(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt for each robot that stayed within half a marker, if another robot did not."""
     least_m = tracking.markers.size_m / 2
     rows = tracking.positions.group_by("robot", maintain_order=True).agg(
         span_s=pl.col("time_s").max() - pl.col("time_s").min(),
@@ -173,79 +171,62 @@ def _still(tracking: Tracking) -> list[Doubt]:
         height_m=pl.col("y_m").max() - pl.col("y_m").min(),
     )
     rows = rows.with_columns(moves=pl.max_horizontal("width_m", "height_m") > least_m)
-    if not rows["moves"].any():
-        return []
-    stood = rows.filter(~pl.col("moves") & (pl.col("span_s") > STILL_S))
-    return [
-        Doubt(
-            "still", f"Robot {robot} never moved in the {span_s:.0f} s in which it was seen.",
-            robot=robot, time_s=time_s, shots=((time_s, "it stands"),), weight=span_s,
-        )
-        for robot, span_s, time_s in stood.select("robot", "span_s", "time_s").iter_rows()
-    ]  # fmt: skip
+    stood = rows.filter(pl.col("moves").any(), ~pl.col("moves"), pl.col("span_s") > STILL_S)
+    for robot, span_s, time_s in stood.select("robot", "span_s", "time_s").iter_rows():
+        words = f"Robot {robot} never moved in the {span_s:.0f} s in which it was seen."
+        yield Doubt("still", words, robot=robot, time_s=time_s, shots=((time_s, "it stands"),), weight=span_s)
 
 
-def _moved(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt (kind ``carried``) for each step of a robot that is too fast to be driven.
+def _moved(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt (kind ``carried``) for each step of a robot that is too fast to be driven.
 
     Only steps between positions at most ``GAP_S`` apart are judged: in a longer gap the robot was not seen.
     """
-    found = []
     for (robot,), own in tracking.positions.group_by("robot", maintain_order=True):
         time_s, x_m, y_m = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
         step_s, step_m = np.diff(time_s), np.hypot(np.diff(x_m), np.diff(y_m))
         for k in np.flatnonzero((step_s <= GAP_S) & (step_m > FASTEST_M_S * step_s)).tolist():
             words = f"Robot {robot} moved {1000 * step_m[k]:.0f} mm in {1000 * step_s[k]:.0f} ms at {time_s[k]:.1f} s."
             shots = ((float(time_s[k]), "before"), (float(time_s[k + 1]), "after"))
-            found.append(
-                Doubt(
-                    "carried",
-                    words,
-                    robot=int(robot),
-                    time_s=float(time_s[k]),
-                    shots=shots,
-                    weight=float(step_m[k]),
-                )
+            yield Doubt(
+                "carried",
+                words,
+                robot=int(robot),
+                time_s=float(time_s[k]),
+                shots=shots,
+                weight=float(step_m[k]),
             )
-    return found
 
 
-def _dropped(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt (kind ``jump``) for each position that tracking dropped, since it was too far from the others."""
-    return [
-        Doubt(
-            "jump", f"Robot {robot} was read at ({x_m:.3f}, {y_m:.3f}) m at {time_s:.1f} s, far from its path.",
-            robot=robot, time_s=time_s, shots=((time_s, "dropped"),),
-        )
-        for robot, time_s, x_m, y_m in tracking.dropped.select("robot", "time_s", "x_m", "y_m").iter_rows()
-    ]  # fmt: skip
+def _dropped(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt (kind ``jump``) for each position that tracking dropped, since it was too far from the others."""
+    for robot, time_s, x_m, y_m in tracking.dropped.select("robot", "time_s", "x_m", "y_m").iter_rows():
+        words = f"Robot {robot} was read at ({x_m:.3f}, {y_m:.3f}) m at {time_s:.1f} s, far from its path."
+        yield Doubt("jump", words, robot=robot, time_s=time_s, shots=((time_s, "dropped"),))
 
 
-def _twice(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt for each marker that was seen at two places of a frame."""
+def _twice(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt for each marker that was seen at two places of a frame."""
     seen = tracking.detections
     frames_of: dict[int, list[int]] = {}  # by marker
     for frame, marker in seen.twice:
         frames_of.setdefault(marker, []).append(frame)
-    found = []
     for marker, frames in frames_of.items():
         robot = tracking.markers.robots.get(marker)  # None: a marker of the floor, or an unknown one
         name = f"robot {robot}'s marker {marker}" if robot is not None else f"marker {marker}"
         time_s = float(seen.time_s[frames[0]])
         words = f"Of {name} two were seen at once in {len(frames)} of the frames searched, first at {time_s:.1f} s."
-        found.append(
-            Doubt("twice", words, robot=robot, time_s=time_s, shots=((time_s, "first"),), weight=len(frames))
+        yield Doubt(
+            "twice", words, robot=robot, time_s=time_s, shots=((time_s, "first"),), weight=len(frames)
         )
-    return found
 
 
-def _unexpected(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt for each marker that is in no list and was seen in two whole frames or more.
+def _unexpected(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt for each marker that is in no list and was seen in two whole frames or more.
 
     It moves if the middles of its places are farther apart than its edge.
     """
     seen = tracking.detections
-    found = []
     for marker, places in seen.unexpected.items():
         if len(places) < 2:
             continue
@@ -259,13 +240,11 @@ def _unexpected(tracking: Tracking) -> list[Doubt]:
         )
         time_s, at = float(seen.time_s[frame]), first.mean(axis=0)
         shots, at_px = ((time_s, f"marker {marker}"),), (float(at[0]), float(at[1]))
-        found.append(Doubt("unexpected", words, time_s=time_s, shots=shots, at_px=at_px, weight=len(places)))
-    return found
+        yield Doubt("unexpected", words, time_s=time_s, shots=shots, at_px=at_px, weight=len(places))
 
 
-def _floor(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt for each marker of the floor that is more than ``FLOOR_PX`` from its place in the file."""
-    found = []
+def _floor(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt for each marker of the floor that is more than ``FLOOR_PX`` from its place in the file."""
     for marker, residual_px in floor_residuals(tracking).items():
         error = float(np.sqrt((residual_px**2).sum(axis=1).mean()))
         if error <= FLOOR_PX:
@@ -277,26 +256,23 @@ def _floor(tracking: Tracking) -> list[Doubt]:
         )
         first_frame = (0.0, f"marker {marker}")  # the marker does not move, so any frame shows it
         at_px = (float(at[0]), float(at[1]))
-        found.append(Doubt("floor", words, shots=(first_frame,), at_px=at_px, weight=error))
-    return found
+        yield Doubt("floor", words, shots=(first_frame,), at_px=at_px, weight=error)
 
 
-def _floor_never_seen(tracking: Tracking) -> list[Doubt]:
-    """Return one doubt about all markers of the floor that were never seen; empty if all were seen."""
+def _floor_never_seen(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield one doubt about all markers of the floor that were never seen; none if all were seen."""
     missing = [marker for marker in tracking.markers.floor if marker not in tracking.detections.floor_px]
-    if not missing:
-        return []
-    listed = ", ".join(map(str, missing))
-    return [Doubt("floor", f"Never seen: markers {listed} of the floor, which the file lists.")]
+    if missing:
+        listed = ", ".join(map(str, missing))
+        yield Doubt("floor", f"Never seen: markers {listed} of the floor, which the file lists.")
 
 
-def _sizes(tracking: Tracking) -> list[Doubt]:
-    """Return doubts about robots' markers: those of another size than stated, and those too small in the picture.
+def _sizes(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield doubts about robots' markers: those of another size than stated, and those too small in the picture.
 
     A marker that was never seen has no doubt: its size is NaN, for which no comparison is true.
     """
     seen = tracking.detections
-    found = []
     sizes_m = marker_sizes_m(tracking)
     for i, ((robot, measured_m), edge_px) in enumerate(zip(sizes_m.items(), seen.edge_px(), strict=True)):
         difference = measured_m / tracking.markers.size_m - 1.0  # as a share of the stated size
@@ -305,7 +281,7 @@ def _sizes(tracking: Tracking) -> list[Doubt]:
                 f"Robot {robot}'s marker measures {1000 * measured_m:.1f} mm at its stated height, "
                 f"{100 * difference:+.0f} % from the {1000 * tracking.markers.size_m:g} mm of the file."
             )
-            found.append(Doubt("size", words, robot=robot, weight=abs(difference)))
+            yield Doubt("size", words, robot=robot, weight=abs(difference))
         if edge_px < SMALL_PX:
             # The shot is the frame in which the marker's top edge is shortest.
             frames = np.flatnonzero(np.isfinite(seen.corners_px[:, i, 0, 0]))  # in which the marker was seen
@@ -314,15 +290,14 @@ def _sizes(tracking: Tracking) -> list[Doubt]:
             size = f"{edge_px:.1f} px wide (median)"
             words = f"Robot {robot}'s marker is {size}; from {SMALL_PX:g} px on it is read well."
             shots = ((time_s, f"{tops_px.min():.0f} px wide"),)
-            found.append(Doubt("small", words, robot=robot, shots=shots, weight=SMALL_PX - edge_px))
-    return found
+            yield Doubt("small", words, robot=robot, shots=shots, weight=SMALL_PX - edge_px)
 
 
-def _frames(tracking: Tracking) -> list[Doubt]:
-    """Return one doubt if the times between frames are uneven; else none."""
+def _frames(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield one doubt if the times between frames are uneven; else none."""
     time_s = tracking.detections.time_s
     if uneven_frames(time_s) is None:
-        return []
+        return
     steps = np.diff(time_s)
     usual = float(np.median(steps))
     odd = int((np.abs(steps - usual) > UNEVEN * usual).sum())
@@ -331,11 +306,11 @@ def _frames(tracking: Tracking) -> list[Doubt]:
         f"{odd} of {steps.size} steps between frames differ from the usual {1000 * usual:.0f} ms by more than a fifth; "
         f"the longest is {1000 * steps[longest]:.0f} ms, at {time_s[longest]:.1f} s."
     )
-    return [Doubt("frames", words, time_s=float(time_s[longest]), weight=float(steps[longest]))]
+    yield Doubt("frames", words, time_s=float(time_s[longest]), weight=float(steps[longest]))
 
 
-def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> list[Doubt]:
-    """Return doubts about samples and stops that do not match: the kinds sample, late and stop.
+def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> Iterator[Doubt]:
+    """Yield doubts about samples and stops that do not match: the kinds sample, late and stop.
 
     There is no doubt about a sample at a time at which the robot was not seen, about a stop whose end was not seen, and
     about a stop that ends before the first or after the last sample of the log, which may not cover these times.
@@ -344,7 +319,6 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
         samples: the log's samples with the stops that they match, ``stops.SAMPLES_MATCHED``.
         lone_stops: the stops that no sample matches, ``stops.STOPS``.
     """
-    found = []
     explained = set()  # robot and end of each stop during which a late sample was logged
     for robot, time_s in samples.filter(pl.col("stop_end_s").is_null()).select("robot", "time_s").iter_rows():
         seen_s = tracking.positions.filter(pl.col("robot") == robot)["time_s"]
@@ -359,10 +333,10 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
             explained.add((robot, end_s))
             words = f"Robot {robot} logged a sample at {time_s:.1f} s, in a stop that was seen to end at {end_s:.1f} s."
             shots_of_late = ((time_s, "the sample"), (end_s, "the end"))
-            found.append(Doubt("late", words, robot=robot, time_s=time_s, shots=shots_of_late))
+            yield Doubt("late", words, robot=robot, time_s=time_s, shots=shots_of_late)
             continue
         words = f"Robot {robot} logged a sample at {time_s:.1f} s, where no stop was seen."
-        found.append(Doubt("sample", words, robot=robot, time_s=time_s, shots=((time_s, "the sample"),)))
+        yield Doubt("sample", words, robot=robot, time_s=time_s, shots=((time_s, "the sample"),))
     # When the first and the last sample of the log were taken; an empty log has no times (None), for which 0 is taken.
     first_s, last_s = (samples["time_s"].min() or 0.0), (samples["time_s"].max() or 0.0)
     for robot, start_s, end_s in (
@@ -373,10 +347,7 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
                 f"Robot {robot} stood from {start_s:.1f} to {end_s:.1f} s, and the log has no sample of it."
             )
             shots = (((start_s + end_s) / 2, "it stands"),)
-            found.append(
-                Doubt("stop", words, robot=robot, time_s=start_s, shots=shots, weight=end_s - start_s)
-            )
-    return found
+            yield Doubt("stop", words, robot=robot, time_s=start_s, shots=shots, weight=end_s - start_s)
 
 
 def floor_residuals(tracking: Tracking) -> dict[int, Floats]:

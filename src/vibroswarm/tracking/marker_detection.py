@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -242,22 +243,13 @@ class _Finder:
     """
 
     def __init__(self, cv2: Any, markers: Markers) -> None:
-        self._cv2, self._markers = cv2, markers
-        listed = [*markers.robots, *markers.floor]
-        self._all, self._listed = (
-            _Detector(cv2, markers.dictionary),
-            _Detector(cv2, markers.dictionary, listed),
-        )
-        self._careful = _Detector(cv2, markers.dictionary, listed, least_round=LEAST_ROUND)
-        self._quick: dict[int, _Detector] = {}  # detectors with a single threshold width, by this width
-
-    def everywhere(self, image: Gray) -> Seen:
-        """Return where each marker of the dictionary is seen in the picture."""
-        return self._all.markers_in(image)
-
-    def listed_in(self, image: Gray) -> Seen:
-        """Return where each marker of robots and floor is seen in the picture."""
-        return self._listed.markers_in(image)
+        self._cv2 = cv2
+        of_listed = partial(_Detector, cv2, markers.dictionary, [*markers.robots, *markers.floor])
+        self.everywhere = _Detector(cv2, markers.dictionary).markers_in
+        self.listed_in = of_listed().markers_in
+        self._careful = of_listed(least_round=LEAST_ROUND)
+        # The detector with a single threshold width, by this width.
+        self._quick = cache(lambda width_px: of_listed(threshold_px=width_px, least_round=LEAST_ROUND))
 
     def in_window(self, picture: Picture, window: Window, marker: int) -> list[Floats]:
         """Look for a marker in a window of a picture.
@@ -270,7 +262,9 @@ class _Finder:
         # An estimate: a window is as wide as the marker's edge and two margins. It is wider if the marker is turned or
         # moves, and narrower if the picture's border cuts it.
         edge_px = min(right - left, bottom - top) / (1.0 + 2.0 * MARGIN)
-        places = self._quick_for(edge_px).markers_in(cut).get(marker, [])
+        # ``| 1``: OpenCV needs an odd width. The minimum is for edges below 10 px, whose share is only 1 or 3 px.
+        threshold_px = max(int(THRESHOLD_SHARE * edge_px) | 1, 5)
+        places = self._quick(threshold_px).markers_in(cut).get(marker, [])
         if len(places) != 1 and edge_px >= ENLARGED_PX:
             places = self._careful.markers_in(cut).get(marker, [])
         elif not places:
@@ -278,20 +272,6 @@ class _Finder:
             # The centre of a pixel has whole coordinates, so pixel 0 becomes the pixels 0 and 1, with centre 0.5.
             places = [(four - 0.5) / 2.0 for four in self._careful.markers_in(large).get(marker, [])]
         return [four + np.array([left, top]) for four in places]
-
-    def _quick_for(self, edge_px: float) -> _Detector:
-        """Return the detector with the single threshold width for markers with such an edge."""
-        # ``| 1``: OpenCV needs an odd width. The minimum is for edges below 10 px, whose share is only 1 or 3 px.
-        threshold_px = max(int(THRESHOLD_SHARE * edge_px) | 1, 5)
-        if threshold_px not in self._quick:
-            self._quick[threshold_px] = _Detector(
-                self._cv2,
-                self._markers.dictionary,
-                [*self._markers.robots, *self._markers.floor],
-                threshold_px=threshold_px,
-                least_round=LEAST_ROUND,
-            )
-        return self._quick[threshold_px]
 
 
 class _Detector:

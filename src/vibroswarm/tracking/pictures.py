@@ -141,23 +141,21 @@ def draw_time_line(
         away = gaps.filter(pl.col("robot") == robot).select("start_s", "end_s").rows()
         stood = stops.filter(pl.col("robot") == robot).select("start_s", "end_s").rows()
         height = (row - 0.3, 0.6)  # lower end and height of the bars of this row
-        # The robot was seen from the beginning to the first gap, between gaps, and from the last gap to the end. A bar
-        # is given by start and length.
+        # The robot was seen from the beginning to the first gap, between gaps, and from the last gap to the end.
         edges_s = [span_s[0], *(edge_s for gap in away for edge_s in gap), span_s[1]]
         seen = [
-            (start_s, end_s - start_s)
+            (start_s, end_s)
             for start_s, end_s in zip(edges_s[::2], edges_s[1::2], strict=True)
             if end_s > start_s
         ]
-        handles["seen"] = axes.broken_barh(seen, height, color=LINE)
-        if stood:
-            bars = [(start_s, end_s - start_s) for start_s, end_s in stood]
-            handles["stands"] = axes.broken_barh(bars, height, color=FAINT, lw=0)
-        if away:
-            bars = [(start_s, end_s - start_s) for start_s, end_s in away]
-            handles["not seen"] = axes.broken_barh(
-                bars, height, facecolor="none", edgecolor=INK, hatch="////", lw=0.8
-            )
+        for words, spans, looks in (
+            ("seen", seen, {"color": LINE}),
+            ("stands", stood, {"color": FAINT, "lw": 0}),
+            ("not seen", away, {"facecolor": "none", "edgecolor": INK, "hatch": "////", "lw": 0.8}),
+        ):
+            if spans:
+                bars = [(start_s, end_s - start_s) for start_s, end_s in spans]
+                handles[words] = axes.broken_barh(bars, height, **looks)
         times_s = [time_s for name, time_s in moments if name == robot]
         if times_s:
             (handles["doubtful"],) = axes.plot(

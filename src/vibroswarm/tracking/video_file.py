@@ -8,6 +8,7 @@ read is compared here with what the head states, to find out whether a file was 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 
@@ -25,6 +27,8 @@ Picture = NDArray[np.uint8]
 
 MISSING_FRAMES: Final = 2
 """The head of an intact file may state a frame or two too many; if more are missing, the video was cut off."""
+LARGEST_BYTES: Final = 2**40
+"""Size limit of a video."""
 UNEVEN: Final = 0.2
 """A step between frames that differs by this share from the usual one is uneven."""
 
@@ -46,21 +50,16 @@ class VideoInfo:
         return self.width_px, self.height_px
 
 
-def _opened(path: Path) -> Any:
-    """Open a video, and return OpenCV's ``VideoCapture``.
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a video, yield OpenCV's ``VideoCapture``, and release it.
 
     Raises:
         InputError: it does not exist, is a folder or no plain file, is empty, or cannot be read as a video.
     """
     cv2 = opencv()
     name = str(path)
-    if not path.exists():
-        raise InputError("does not exist", field=name)
-    if path.is_dir():
-        raise InputError("is a folder; give a video", field=name)
-    if not path.is_file():
-        raise InputError("is not a file", field=name)
-    if path.stat().st_size == 0:
+    if check_plain(path, LARGEST_BYTES, "a video") == 0:
         raise InputError("is empty: 0 bytes; copy it from the camera again", field=name)
     logging = cv2.utils.logging
     level = logging.getLogLevel()
@@ -78,7 +77,10 @@ def _opened(path: Path) -> Any:
             "copy it from the camera again, or convert it: ffmpeg -i IN -c:v mjpeg -q:v 3 OUT.avi",
             field=name,
         )
-    return capture
+    try:
+        yield capture
+    finally:
+        capture.release()
 
 
 def video_info(path: Path) -> VideoInfo:
@@ -89,8 +91,7 @@ def video_info(path: Path) -> VideoInfo:
             videos without frames are not refused here.
     """
     cv2 = opencv()
-    capture = _opened(path)
-    try:
+    with _opened(path) as capture:
         width, height = (int(capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         # The head of a video that was taken upright may state the size before the frames are turned. Then the size is
         # that of the first frame, which is turned when it is read.
@@ -98,8 +99,6 @@ def video_info(path: Path) -> VideoInfo:
         if capture.get(cv2.CAP_PROP_ORIENTATION_AUTO) and is_turned:
             width, height = _size_of_first(capture, path)
         frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
-    finally:
-        capture.release()
     if width < 16 or height < 16 or not 0.5 <= rate <= 2000:
         raise InputError(
             f"is not a usable video: {width} x {height} px at {rate:g} frames/s", field=str(path)
@@ -149,14 +148,10 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
             f"then a guess ({info.frames_per_s:g} frames/s); copy it again, or add --partial to use it as it is",
             field=str(path),
         )
-    capture = _opened(path)
     # ``last_s`` is the time of the frame before; it is below 0 before the first frame, whose time is 0.
     count, first_s, last_s = 0, 0.0, -1.0
-    try:
-        while True:
-            read, frame = capture.read()
-            if not read:
-                break
+    with _opened(path) as capture:
+        while (picture := capture.read())[0]:
             time_s = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
             if count == 0:
                 first_s = time_s
@@ -165,9 +160,7 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
                 time_s = last_s + 1.0 / info.frames_per_s
             last_s = time_s
             count += 1
-            yield time_s, frame
-    finally:
-        capture.release()
+            yield time_s, picture[1]
     if count == 0:
         raise InputError("has no frames that can be decoded: it is empty or damaged", field=str(path))
     if not partial and count < info.frames - MISSING_FRAMES:
@@ -187,12 +180,9 @@ def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
     Args:
         numbers: of the frames, from 0 as ``frames_of`` counts them, in any order.
     """
-    cv2 = opencv()
-    wanted = sorted(set(numbers))
-    capture = _opened(path)
     at = 0  # number of the next frame
-    try:
-        for number in wanted:
+    with _opened(path) as capture:
+        for number in sorted(set(numbers)):
             while at < number and capture.grab():  # skips a frame
                 at += 1
             if at < number:
@@ -201,9 +191,7 @@ def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
             if not read:
                 return
             at += 1
-            yield number, cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame
-    finally:
-        capture.release()
+            yield number, grey(frame)
 
 
 def uneven_frames(time_s: NDArray[np.float64]) -> tuple[float, float, float] | None:

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.intervals import columns_of, mean_interval, plain
 from vibroswarm.calibrate.camera import seen_through
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
 from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
@@ -329,20 +329,17 @@ def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.
                 "printed": printed(feature),
                 "as published": similarities.as_published,
             }
-            if source in of_sets:
-                # Mean over sets of three sessions, with its limits.
-                ends = mean_interval([pair[0] for pair in of_sets[source][feature]])[:3]
-                row |= dict(zip(("sets", "sets_low", "sets_high"), ends, strict=True))
-            else:
-                row |= dict.fromkeys(("sets", "sets_low", "sets_high"))
+            # Mean over sets of three sessions, with its limits.
+            sets = [similarity for similarity, _ in of_sets[source][feature]] if source in of_sets else []
+            row |= columns_of("sets", mean_interval(sets) if sets else [None] * 3)
+            real_by_session = similarities.real_by_session
             row |= {
                 "null": similarities.null,
                 "at equal counts": similarities.at_equal_counts,
                 "ceiling": similarities.ceiling,
+                "session": similarities.by_session.mean,
+                "real session": None if real_by_session is None else real_by_session.mean,
             }
-            row["session"] = similarities.by_session.mean
-            real_by_session = similarities.real_by_session
-            row["real session"] = None if real_by_session is None else real_by_session.mean
             rows.append(row)
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -369,13 +366,8 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
             )
         )
         for feature, effect, real in measures:
-            # The first three values of an interval are the estimate, the lower and the upper limit.
-            row: dict[str, Any] = {"source": source, "feature": feature}
-            row |= dict(zip(("effect", "low", "high"), effect[:3], strict=True))
-            row |= dict(
-                zip(("real", "real_low", "real_high"), real[:3] if real else (None,) * 3, strict=True)
-            )
-            rows.append(row)
+            row = {"source": source, "feature": feature}
+            rows.append(row | columns_of("effect", effect) | columns_of("real", real or [None] * 3))
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
@@ -399,7 +391,7 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
             ):
                 words, factor = FIGURES[figure.name]  # factor: from SI units to the unit in the label
                 # Mean, lower and upper limit.
-                ends = [factor * value if np.isfinite(value) else None for value in figure.interval[:3]]
+                ends = [plain(factor * value) for value in figure.interval[:3]]
                 rows.append((source, words, *ends, figure.interval.n))
     names = ["source", "figure", "mean", "low", "high", "sessions"]
     return pl.DataFrame(rows, schema=names, orient="row")
@@ -448,7 +440,7 @@ _SHOWN: Final = (
         "stretches of other robots (0.5: chance); the same for real against real. 95 % intervals over sessions.",
         {
             "source": Column("source"), "feature": Column("feature"),
-            "effect": Column("effect", limits=("low", "high")),
+            "effect": Column("effect", limits=("effect_low", "effect_high")),
             "real": Column("real by real", limits=("real_low", "real_high")),
         },
     ),

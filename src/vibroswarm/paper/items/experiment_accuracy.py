@@ -25,7 +25,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -52,9 +51,8 @@ from vibroswarm.paper.items.experiment_times import (
     FITTED,
     LOSSES,
     REAL_EXPERIMENTS,
+    beside_published,
     columns_of,
-    error_of_difference,
-    in_standard_errors,
     largest_sd,
     points,
     published_by_size,
@@ -71,6 +69,8 @@ POOL_RUNS: Final = 300
 """Runs with speeds drawn once per robot."""
 POOL_COLUMN: Final = "paper"
 """Preset in which the pool is simulated; `calibrated` has the speeds of five real robots, which are no pool of 16."""
+PUBLISHED: Final = "experiments.belief_in_truth"
+"""Published accuracy, by strategy."""
 BELIEF, DISTANCE = "belief_in_truth", "distance_m"
 """Figures of a run: mean belief in the truth, and mean distance between successive samples of a robot (m)."""
 GROUPS: Final = 20
@@ -97,15 +97,9 @@ def cells(settings: Settings) -> Cells:
     return cells_of
 
 
-def _key(
-    column: str, robots: int, strategy: str = "none", how: tuple[float, str] = AS_TEXT
-) -> tuple[str | float, ...]:
-    """Return the key of a cell with message loss, in the order of ``experiment_times.KEYS``.
-
-    Args:
-        how: threshold and gate; by default as the paper's text describes the robots.
-    """
-    return column, LOSSES[0], *how, robots, strategy
+def _key(column: str, robots: int, strategy: str = "none") -> tuple[str | float, ...]:
+    """Return the key of a cell with message loss and as the text has it, in the order of ``experiment_times.KEYS``."""
+    return column, LOSSES[0], *AS_TEXT, robots, strategy
 
 
 def _subset_sizes() -> list[int]:
@@ -138,21 +132,12 @@ def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
     of our accuracy. ``less`` is our accuracy minus the published accuracy, ``error`` its standard error, which includes
     that of the published accuracy, and "in errors" their ratio.
     """
-    rows = []
-    for column, setting, strategy, robots in product(columns, (AS_TEXT, FITTED), STRATEGIES, sizes()):
-        values = work.values(_key(column, robots, strategy, setting), BELIEF)
-        published_mean = published_by_size(f"experiments.belief_in_truth.{strategy}")[robots]
-        own_mean = float(values.mean())
-        error = error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF))
-        rows.append(
-            {
-                "column": column, "theta_E": setting[0], "gate": setting[1], "strategy": strategy, "robots": robots,
-                "published": published_mean, "ours": own_mean,
-                "ours_error": float(np.std(values, ddof=1)) / float(np.sqrt(values.size)),
-                "less": own_mean - published_mean, "error": error,
-                "in errors": in_standard_errors(own_mean - published_mean, error),
-            }
-        )  # fmt: skip
+    rows = [
+        row
+        for column in columns
+        for setting in (AS_TEXT, FITTED)
+        for row in beside_published(work, [column], setting, PUBLISHED, BELIEF, largest_sd)
+    ]
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
@@ -173,15 +158,11 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     They are, for each strategy: our accuracy minus the published accuracy with each swarm size, and the change of our
     accuracy from the smallest to the largest swarm; and the rise of our distance with each size of a subset.
     """
+    for found in beside_published(work, [column], AS_TEXT, PUBLISHED, BELIEF, largest_sd):
+        label = f"{found['robots']} robots, {found['strategy']}"
+        # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
+        yield row("belief-less-robots", column, label, found["less"], found["error"], REAL_EXPERIMENTS)
     for strategy in STRATEGIES:
-        for robots, published_mean in published_by_size(f"experiments.belief_in_truth.{strategy}").items():
-            values = work.values(_key(column, robots, strategy), BELIEF)
-            error = error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF))
-            difference, label = float(values.mean()) - published_mean, f"{robots} robots, {strategy}"
-            # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
-            yield row(
-                "belief-less-robots", column, label, estimate=difference, error=error, n=REAL_EXPERIMENTS
-            )
         first, second = (_key(column, n, strategy) for n in (max(sizes()), min(sizes())))
         # ``check=False``: with a check, presets that cannot answer the paper's question would have no estimate here,
         # while ``robots-belief`` above has one for all presets.

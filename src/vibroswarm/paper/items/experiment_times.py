@@ -17,6 +17,7 @@ The best settings (``FITTED``) were chosen by the published times: a fit, not a 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from typing import Any, Final
 
@@ -180,25 +181,46 @@ def in_standard_errors(less: float, error: float) -> float | None:
     return less / error if error > 0 else None
 
 
+def beside_published(
+    work: Work,
+    columns: Sequence[str],
+    setting: tuple[float, str],
+    path: str,
+    name: str,
+    spread: Callable[[Work, str, int, str, str], float] | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Yield our means with message loss beside the published ones, for each column, strategy and swarm size.
+
+    ``less`` is our mean minus the published one, ``error`` its standard error, which includes that of the published
+    mean, and "in errors" their ratio; ``ours_error`` is the standard error of our mean.
+
+    Args:
+        setting: threshold and gate. path: of the published means without the strategy. name: of the figure.
+        spread: standard deviation over the published experiments, ``largest_sd``; None: that over our runs.
+    """
+    for column, strategy, robots in product(columns, STRATEGIES, sizes()):
+        values = work.values((column, LOSSES[0], *setting, robots, strategy), name)
+        mean, printed = float(values.mean()), published_by_size(f"{path}.{strategy}")[robots]
+        sd = None if spread is None else spread(work, column, robots, strategy, name)
+        error = error_of_difference(values, sd)
+        yield {
+            "column": column, "theta_E": setting[0], "gate": setting[1], "strategy": strategy, "robots": robots,
+            "published": printed, "ours": mean,
+            "ours_error": float(np.std(values, ddof=1)) / float(np.sqrt(values.size)),
+            "less": mean - printed, "error": error, "in errors": in_standard_errors(mean - printed, error),
+        }  # fmt: skip
+
+
 def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
     """Return our decision times at ``FITTED`` next to the published means, one row per column, strategy and size.
 
     ``less_s`` is our mean minus the published mean, ``error_s`` its standard error, and "in errors" their ratio. The
     published experiments are taken to have the standard deviation of our runs at ``FITTED``, not ``largest_sd``.
     """
-    rows = []
-    for column, strategy, robots in product(columns, STRATEGIES, sizes()):
-        values = work.values((column, LOSSES[0], *FITTED, robots, strategy), TIME)
-        published_s = published_by_size(f"experiments.decision_time_s.{strategy}")[robots]
-        own_s, error = float(values.mean()), error_of_difference(values)
-        rows.append(
-            {
-                "column": column, "strategy": strategy, "robots": robots, "published_s": published_s, "ours_s": own_s,
-                "less_s": own_s - published_s, "error_s": error,
-                "in errors": in_standard_errors(own_s - published_s, error),
-            }
-        )  # fmt: skip
-    return pl.DataFrame(rows, infer_schema_length=None)
+    rows = beside_published(work, columns, FITTED, "experiments.decision_time_s", TIME)
+    seconds = (pl.col(name).alias(f"{name}_s") for name in ("published", "ours", "less", "error"))
+    table = pl.DataFrame(list(rows), infer_schema_length=None)
+    return table.select("column", "strategy", "robots", *seconds, "in errors")
 
 
 def draw_fit(part: pl.DataFrame, *, style: str) -> Drawn:

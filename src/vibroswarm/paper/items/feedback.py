@@ -176,9 +176,12 @@ def cells(settings: Settings) -> Cells:
     for column in settings.columns:
         for robots, floor in _where():
             for strategy in STRATEGIES[:2]:
-                values: dict[str, Any] = {"floor.source": floor, "strategy.name": strategy}
-                values["swarm.robots"] = robots
-                values["network.name"] = "ideal"  # preset `calibrated` has message loss
+                values: dict[str, Any] = {
+                    "floor.source": floor,
+                    "strategy.name": strategy,
+                    "swarm.robots": robots,
+                    "network.name": "ideal",  # preset `calibrated` has message loss
+                }
                 by_key[column, robots, floor, strategy] = settings.cell(column, values)
     if COLUMN in settings.columns:
         for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES):

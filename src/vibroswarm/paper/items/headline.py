@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.paper.cells import Figures
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
@@ -71,7 +71,7 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
     other = work.results.row(work.cells[(*key, "other seeds")])
     row |= {"other_s": other["decision_time_s"], "other_command": other["command"]}
     change = mean_interval(_against(work, key, "other seeds"))
-    row |= dict(zip(("change_s", "change_low", "change_high"), change[:3], strict=True))
+    row |= columns_of("change_s", change)
     row["holds_zero"] = not change.excludes(0.0)
     stepped = work.cells[(*key, "fixed-step")]
     first_figures, stepped_figures = (
@@ -134,8 +134,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         "runs",
         x=pl.format("{}, {}", "parameters", "strategy"),
         estimate="change_s",
-        low="change_low",
-        high="change_high",
+        low="change_s_low",
+        high="change_s_high",
     )
     draw = partial(draw_error_bars, points, label="difference in decision time, other seeds - first (s)")
     yield Picture("headline-seeds", "Difference in decision time (other seeds - first)", draw)
@@ -162,7 +162,7 @@ ITEM: Final = Item(
                 "parameters": Column("parameters"), "strategy": Column("strategy"),
                 "runs": Column("runs"), "decision_time_s": Column("time", "s"),
                 "other_s": Column("on other seeds", "s"),
-                "change_s": Column("difference", "s", limits=("change_low", "change_high")),
+                "change_s": Column("difference", "s", limits=("change_s_low", "change_s_high")),
                 "holds_zero": Column("contains 0"),
                 "stepped_runs": Column("runs by fixed-step"), "stepped_alike": Column("of them equal, event by event"),
             },

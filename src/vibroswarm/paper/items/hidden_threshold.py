@@ -32,7 +32,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import columns_of, mean_interval, plain
+from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.league.entries import entries_of, frozen_settings, main_entries
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import published
@@ -135,12 +135,7 @@ def compute(work: Work) -> Tables:
         }
         for name in FIGURES:
             gain = matched.figures[name] - soft[name]
-            limits = mean_interval(gain)
-            row |= {
-                name: limits.estimate,
-                f"{name} from": plain(limits.low),
-                f"{name} to": plain(limits.high),
-            }
+            row |= columns_of(name, mean_interval(gain))
             # The claim is about the share of wrong robots with the paper's settings.
             if variant == "soft" and threshold == PUBLISHED and name == "wrong_share":
                 keys = [(robots, floor, one, threshold) for floor in FLOORS for one in ("none", "soft")]
@@ -269,11 +264,13 @@ ITEM: Final = Item(
                 "strategy": Column("strategy"),
                 "p_c": Column("p_c of soft"),
                 "mean p_c": Column("p_c of none"),
-                "wrong_share": Column("wrong", share=True, limits=("wrong_share from", "wrong_share to")),
+                "wrong_share": Column("wrong", share=True, limits=("wrong_share_low", "wrong_share_high")),
                 "undecided_share": Column(
-                    "undecided", share=True, limits=("undecided_share from", "undecided_share to")
+                    "undecided", share=True, limits=("undecided_share_low", "undecided_share_high")
                 ),
-                "decision_time_s": Column("time", "s", limits=("decision_time_s from", "decision_time_s to")),
+                "decision_time_s": Column(
+                    "time", "s", limits=("decision_time_s_low", "decision_time_s_high")
+                ),
             },
         ),
         TableView(

@@ -15,13 +15,12 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.floors.difficulty import paper_table
-from vibroswarm.paper.cell_tables import FIGURES, PAPERS_BAR, bars, limits, two_forms
+from vibroswarm.paper.cell_tables import FIGURES, draw_form, two_forms
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES, published
 from vibroswarm.paper.item import (
     CLAIMS,
     Cells,
-    Drawn,
     Item,
     Picture,
     Settings,
@@ -30,7 +29,6 @@ from vibroswarm.paper.item import (
     Work,
     cells_and_claims,
 )
-from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
 PATTERNS: Final = {
@@ -213,24 +211,9 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             for figure, label, form, title in FIGURES[:2] + with_intervals:
                 short = figure.removesuffix("_s").replace("_", "-")
                 name = f"patterns-{column}-{fill}-{short}-{form}"
-                draw = partial(_draw, part, figure, label, form)
+                series = pl.format("{}, {}", "parameters", "strategy")
+                draw = partial(draw_form, part, figure, label, form, "pattern", series)
                 yield Picture(name, f"{column}, fill ratio {fill}: {title}", draw, folded=place > 0)
-
-
-def _draw(part: pl.DataFrame, figure: str, label: str, form: str, *, style: str) -> Drawn:
-    """Draw a figure by pattern, with the paper's error bars (form "papers") or with 95 % intervals over runs.
-
-    Args:
-        part: cells of one column and fill ratio.
-    """
-    intervals = bars(part, figure) if form == "papers" else limits(part, figure)
-    series = pl.format("{}, {}", "parameters", "strategy")
-    intervals = intervals.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)
-    interval = PAPERS_BAR if form == "papers" else "95 % interval"
-    # The figures robots_wrong and robots_undecided are shares.
-    return draw_error_bars(
-        intervals, label=label, interval=interval, percent=figure.startswith("robots"), style=style
-    )
 
 
 FIVE_PATTERNS: Final = Item(

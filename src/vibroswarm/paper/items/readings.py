@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.paper.cell_tables import TIME, limits, two_forms
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
@@ -55,11 +55,11 @@ LABELS: Final = "labels of the energies as printed"
 
 def cells(settings: Settings) -> Cells:
     """Return the cells by (reading, strategy); the base counts as a reading."""
-    by_key: Cells = {}
-    for reading in (BASE, *READINGS):
-        for strategy in STRATEGIES:
-            by_key[reading, strategy] = settings.cell(COLUMN, _values(settings, reading, strategy))
-    return by_key
+    return {
+        (reading, strategy): settings.cell(COLUMN, _values(settings, reading, strategy))
+        for reading in (BASE, *READINGS)
+        for strategy in STRATEGIES
+    }
 
 
 def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
@@ -81,9 +81,8 @@ def compute(work: Work) -> Tables:
     for reading, strategy in pairs:
         row: dict[str, Any] = {"reading": reading, "strategy": strategy}
         for name in ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share"):
-            difference = mean_interval(work.difference(name, (reading, strategy), (BASE, strategy)))
-            for end, value in zip(("", "_low", "_high"), difference[:3], strict=True):
-                row[f"{name}_change{end}"] = value
+            difference = work.difference(name, (reading, strategy), (BASE, strategy))
+            row |= columns_of(f"{name}_change", mean_interval(difference))
         rows.append(row)
     changes = pl.DataFrame(rows, infer_schema_length=None)
     return {"cells": table, "changes": changes, CLAIMS: frame(list(_measured(work)))}
@@ -164,12 +163,13 @@ TIMER_KEYS: Final = ("timer", "strategy")
 
 def cells_of_timers(settings: Settings) -> Cells:
     """Return the cells by (timer, strategy)."""
-    by_key: Cells = {}
-    for timer in TIMERS:
-        for strategy in STRATEGIES:
-            values: dict[str, Any] = {"floor.source": "random:0.48", "strategy.name": strategy}
-            by_key[timer, strategy] = settings.cell(COLUMN, values | {"sample.timer": timer})
-    return by_key
+    return {
+        (timer, strategy): settings.cell(
+            COLUMN, {"floor.source": "random:0.48", "strategy.name": strategy, "sample.timer": timer}
+        )
+        for timer in TIMERS
+        for strategy in STRATEGIES
+    }
 
 
 def compute_timers(work: Work) -> Tables:

@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval
 from vibroswarm.optimize import (
     Found,
     Objective,
@@ -118,17 +118,13 @@ def _truth_table(truth: Truth) -> pl.DataFrame:
     rows = []
     differences = (None, *truth.against)  # None: the winner, which is not compared with itself
     for scored, difference in zip((truth.winner, *truth.others), differences, strict=True):
-        is_winner = difference is None
         row: dict[str, Any] = {
             # The search names its first parameter set "start"; here it is P0.
             "parameters": {"start": "P0"}.get(scored.name, scored.name),
             **{field.rpartition(".")[2]: value for field, value in scored.values.items()},
         }
-        row |= {"believed": truth.believed if is_winner else None}
-        # The first three values of an interval are the estimate, the lower and the upper limit.
-        row |= dict(zip(("true", "true_low", "true_high"), scored.score[:3], strict=True))
-        limits = (None, None, None) if difference is None else difference[:3]
-        row |= dict(zip(("less", "less_low", "less_high"), limits, strict=True))
+        row |= {"believed": truth.believed if difference is None else None}
+        row |= columns_of("true", scored.score) | columns_of("less", difference or [None] * 3)
         rows.append(row | {"runs": scored.score.n})
     return pl.DataFrame(rows, infer_schema_length=None)
 

@@ -37,15 +37,14 @@ TIMERS: Final = ("as it ran", "always", "frozen_in_avoidance")
 
 def cells(settings: Settings) -> Cells:
     """Return the cells by (column, floor, strategy); the floors are random floors, and the floor of the recordings."""
-    by_key: Cells = {}
-    for column in settings.columns:
-        for strategy in STRATEGIES:
-            for fill in fills():
-                values: dict[str, Any] = {"floor.source": f"random:{fill}", "strategy.name": strategy}
-                by_key[column, f"random:{fill}", strategy] = settings.cell(column, values)
-            values = {**real_floor(), "strategy.name": strategy}
-            by_key[column, REAL_FLOOR, strategy] = settings.cell(column, values)
-    return by_key
+    floors = {f"random:{fill}": {"floor.source": f"random:{fill}"} for fill in fills()}
+    floors[REAL_FLOOR] = real_floor()
+    return {
+        (column, floor, strategy): settings.cell(column, {**values, "strategy.name": strategy})
+        for column in settings.columns
+        for strategy in STRATEGIES
+        for floor, values in floors.items()
+    }
 
 
 def compute(work: Work) -> Tables:

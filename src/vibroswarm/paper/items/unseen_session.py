@@ -28,7 +28,7 @@ from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.similarity import at_equal_counts
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
-from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work, needs_column
 from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
 from vibroswarm.show.document import Column
 
@@ -120,9 +120,7 @@ def compute(work: Work) -> Tables:
 
 def skipped(settings: Settings) -> str | None:
     """Return why the item cannot be computed, or None."""
-    if COLUMN not in settings.columns:
-        return f"It needs preset `{COLUMN}`: add it to `--columns`."
-    return missing(settings.recordings)
+    return needs_column(COLUMN)(settings) or missing(settings.recordings)
 
 
 ITEM: Final = Item(
