@@ -304,7 +304,6 @@ def fields_read(strategy: Strategy) -> set[str]:
 
 
 def _plain(function: Any) -> Any:
-    """Return the Python function behind a function compiled by Numba; any other function unchanged."""
     return getattr(function, "py_func", function)
 
 
