@@ -173,7 +173,7 @@ def told_table(rows: Values) -> str:
     """Shares of undisturbed intervals that are told, by held-out session."""
     kinds = [name for name in rows[0] if name != "session"]
     return table(
-        ["undisturbed intervals told from", *(f"session {row['session']}" for row in rows)],
+        ["undisturbed intervals distinguished from", *(f"session {row['session']}" for row in rows)],
         [[kind, *(f"{np.mean(row[kind]):.2f}" for row in rows)] for kind in kinds],
     )
 
