@@ -1,4 +1,4 @@
-"""What robots were told: a sentence for wherever strategies stand side by side."""
+"""What robots know: a sentence for wherever strategies stand side by side."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vibroswarm.strategies.static_analysis import told as told_by_strategy
 
 
 def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
-    """Return sentences on what robots were told that real ones cannot know, or that others were not told.
+    """Return sentences on what robots know that real ones cannot know, or that others do not know.
 
     Strategies whose code is not loaded are left out of the comparison.
     """
@@ -27,6 +27,6 @@ def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
     more = {name: sorted(of_one - common) for name, of_one in facts.items()}
     sentences = true_places_notes(scenarios) + claims_notes(scenarios)
     if any(more.values()):
-        beyond = [f"{name} knows {listed(words)}" for name, words in more.items() if words]
-        sentences.append(f"Robots were not told the same: beyond what all know, {'; '.join(beyond)}.")
+        beyond = [f"{name} also knows {listed(words)}" for name, words in more.items() if words]
+        sentences.append(f"Strategies know different facts of their task: {'; '.join(beyond)}.")
     return tuple(sentences)
