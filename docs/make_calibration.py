@@ -5,7 +5,7 @@
 DIR is the folder of the recordings. The parts (held-out sessions, classifiers; with --refit also the fit to all
 sessions and its comparison with them) take minutes and are kept in the work folder; a part that is there is not
 repeated. Tables are written between `<!-- made: NAME -->` and `<!-- end -->`: without --refit those of held-out
-sessions, which are of the fit of today; with it also the fitted values, into the preset, and the tables about it. With
+sessions, which are of the fit of today; with it also the preset and the table that compares it. With
 --item, the same item of `vibroswarm reproduce` is made too, into that folder. Fits take 30 s of CPU each, of which
 there are three or four.
 """
@@ -173,18 +173,9 @@ def told_table(rows: Values) -> str:
     """Shares of undisturbed intervals that are told, by held-out session."""
     kinds = [name for name in rows[0] if name != "session"]
     return table(
-        ["undisturbed intervals told from", *(f"session {row['session']}" for row in rows)],
+        ["undisturbed intervals distinguished from", *(f"session {row['session']}" for row in rows)],
         [[kind, *(f"{np.mean(row[kind]):.2f}" for row in rows)] for kind in kinds],
     )
-
-
-def fields_table(found: Values) -> str:
-    """The fitted fields that changed most often with the model of motion, with their intervals."""
-    rows = [
-        [f"`{figure['name']}`", f"{figure['value']:.4g} [{figure['low']:.3g}, {figure['high']:.3g}]"]
-        for figure in found["figures"]
-    ]
-    return table(["figure of the fit", "value"], rows)
 
 
 def fits_table() -> str:
@@ -203,7 +194,6 @@ def fits_table() -> str:
 TABLES: Final[dict[str, Callable[[Values], str]]] = {
     "folds": folds_table,
     "told": told_table,
-    "fit": fields_table,
     "compared": compared_table,
 }
 """The tables of the page, by the part that they show."""
@@ -238,7 +228,7 @@ def main() -> None:
         found["compared"] = kept(given.work, "compared", lambda: compared(folder, fields))
         write_preset(fields)
         print(f"wrote {PRESET}")
-    write_page(FIGURES, [(name, TABLES[name](part)) for name, part in found.items()])
+    write_page(FIGURES, [(name, made(found[name])) for name, made in TABLES.items() if name in found])
     write_page(PAGE, [("fits", fits_table())])
     print(f"wrote {PAGE} and {FIGURES}")
     if given.item is not None:

@@ -1,4 +1,4 @@
-"""Make the table of export.md again: flash, RAM and times of every strategy's program on a Cortex-M0+.
+"""Make the table of figures/export.md again: flash, RAM and times of every strategy's program on a Cortex-M0+.
 
     python docs/make_export.py
 
@@ -20,7 +20,7 @@ from vibroswarm.export.timing import Timing, ms, timed, unfit
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import names
 
-PAGE: Final = Path(__file__).with_name("export.md")
+PAGE: Final = Path(__file__).parent / "figures" / "export.md"
 HEAD: Final = (
     "| strategy | precision | flash, bytes | static RAM, bytes | wheels set within, ms | work, % of the time "
     "| longest work done within, ms | fit | why not float |\n|---|---|---|---|---|---|---|---|---|\n"

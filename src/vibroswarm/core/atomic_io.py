@@ -120,13 +120,7 @@ def remove_leftovers_once(folder: Path) -> None:
 
 
 def _remove_at_once(folder: Path) -> None:
-    """Rename a folder and then remove it, so that no process sees it half removed under its own name.
-
-    If this process is killed during the removal, ``remove_leftovers`` removes the rest.
-
-    Raises:
-        OSError: the folder could not be removed.
-    """
+    """Rename a folder, then remove it: no process sees it half removed under its own name."""
     # The new name has no ``OLD_MARK``, so ``remove_leftovers`` does not move the folder back.
     doomed = folder.with_name(f".removed.{tag()}")
     folder.replace(doomed)
@@ -241,7 +235,6 @@ def _is_still_there(stream: int, path: Path) -> bool:
 
 
 def _me() -> str:
-    """Return the content of this process's lock files: its number and its machine."""
     return f"{os.getpid()} {socket.gethostname()}\n"
 
 
@@ -255,7 +248,6 @@ def _named(path: Path) -> tuple[int, str]:
 
 
 def _holder(path: Path) -> str:
-    """Return in words which process holds a lock file, for error messages."""
     pid, host = _named(path)
     return f"process {pid} on {host}" if pid else "another process"
 
@@ -398,11 +390,7 @@ def make_folder(folder: Path) -> None:
 
 
 def _make_empty(part: Path) -> None:
-    """Create an empty file, with permissions by the umask; ``tempfile`` would let only this user read it.
-
-    Raises:
-        OSError: the file exists or cannot be created.
-    """
+    """Create a file with permissions by the umask; ``tempfile`` would let only this user read it."""
     os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
 
 

@@ -78,7 +78,6 @@ def _is_known(module: object) -> bool:
 
 
 def _codes_in(code: CodeType) -> Iterator[CodeType]:
-    """Yield a function's code and that of all functions inside it."""
     yield code
     for value in code.co_consts:
         if isinstance(value, CodeType):

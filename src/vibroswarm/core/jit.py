@@ -247,7 +247,6 @@ changed later may differ from what was hashed."""
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    """Return time of change, ns, and size, bytes, of a file."""
     status = path.stat()
     return status.st_mtime_ns, status.st_size
 
@@ -393,11 +392,7 @@ def _type_key(value: Any) -> Any:
 
 
 def _call_plain(compiled: Any) -> None:
-    """Make calls of a kernel from Python run its uncompiled function.
-
-    The kernel was compiled without an entry point for Python, which saves compile time. The object gets a subclass of
-    its class, since Python looks ``__call__`` up in the class and not in the object.
-    """
+    """Make calls from Python run the uncompiled function; Python looks ``__call__`` up in the class."""
     kind = type(compiled)
     called = {"__call__": lambda self, *arguments: self.py_func(*arguments)}
     compiled.__class__ = type(kind.__name__, (kind,), called)

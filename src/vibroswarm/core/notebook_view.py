@@ -91,5 +91,4 @@ class NotebookView:
         return short_text(self)
 
     def _repr_html_(self) -> str:
-        """Return the HTML that a notebook shows for this object."""
         return html_view(self)

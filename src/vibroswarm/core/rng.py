@@ -62,10 +62,7 @@ class Purpose(IntEnum):
 
 
 def _number(value: int) -> int:
-    """Return a constant as a NumPy integer.
-
-    To Numba, a global Python integer is a literal; a kernel that is called with it is compiled again for each value.
-    """
+    """Return a NumPy integer: for a global Python integer Numba compiles a kernel again for each value."""
     return np.int64(value)  # type: ignore[return-value]
 
 
@@ -197,7 +194,6 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
 
 @kernel
 def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int) -> None:
-    """Fill ``out`` with the numbers that ``uniforms`` returns."""
     for i in range(out.size):
         out[i] = uniform(seed, run, robot, purpose, first + i, ALONE)
 

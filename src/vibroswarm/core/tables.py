@@ -241,7 +241,6 @@ def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) ->
 
 
 def _kind(kind: Any) -> str:
-    """Return the name of a type of polars, which may be a class or an instance with parameters."""
     return str(kind) if isinstance(kind, pl.DataType) else str(kind.__name__)
 
 

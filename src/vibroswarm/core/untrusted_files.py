@@ -203,7 +203,6 @@ def sized(count: int) -> str:
 
 
 def _no_number(text: str) -> NoReturn:
-    """Refuse ``NaN``, ``Infinity`` or ``-Infinity``, with which ``json.loads`` calls this function."""
     raise ValueError(f"{text} is not a JSON number")
 
 

@@ -89,11 +89,7 @@ _under_way: list[Any] = []
 
 
 def _is_ours() -> bool:
-    """Return whether the function that is being compiled now is one of ours, and takes in parts.
-
-    Numba keeps a stack of the flags of all functions that are being compiled. If a function of a user is compiled for
-    one of ours, its flags are on top.
-    """
+    """Return whether the function that is being compiled is one of ours, by the flags on top of Numba's stack."""
     return bool(_under_way) and ConfigStack.top_or_none() is _under_way[-1]
 
 
@@ -159,7 +155,6 @@ class Whole(_Simplified):
 
 
 def _defined(module: Any) -> dict[str, Any]:
-    """Return the functions that a module defines, by name."""
     return {function.name: function for function in module.functions if not function.is_declaration}
 
 

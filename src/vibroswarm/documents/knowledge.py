@@ -1,4 +1,4 @@
-"""In which setting robots were, and what they were told: a sentence for wherever strategies stand side by side."""
+"""In which setting robots are, and what they know: a sentence for wherever strategies stand side by side."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def setting(scenario: Scenario, varied: Collection[str] = ()) -> str:
 
 
 def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
-    """Return sentences on what robots were told that real ones cannot know, or that others were not told.
+    """Return sentences on what robots know that real ones cannot know, or that others do not know.
 
     Strategies whose code is not loaded are left out of the comparison.
     """
@@ -37,6 +37,6 @@ def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
     more = {name: sorted(of_one - common) for name, of_one in facts.items()}
     sentences = true_places_notes(scenarios) + claims_notes(scenarios)
     if any(more.values()):
-        beyond = [f"{name} knows {listed(words)}" for name, words in more.items() if words]
-        sentences.append(f"Robots were not told the same: beyond what all know, {'; '.join(beyond)}.")
+        beyond = [f"{name} also knows {listed(words)}" for name, words in more.items() if words]
+        sentences.append(f"Strategies know different facts of their task: {'; '.join(beyond)}.")
     return tuple(sentences)

@@ -138,7 +138,6 @@ def remove_tile(state: Clusters, cell: int) -> float:
 
 @kernel
 def _new_label(state: Clusters) -> int:
-    """Take an unused label, whose size is 0, from the stack, and return it."""
     new = state.free[state.free[0]]
     state.free[0] -= 1
     return int(new)
@@ -146,7 +145,6 @@ def _new_label(state: Clusters) -> int:
 
 @kernel
 def _free_label(state: Clusters, label: int) -> None:
-    """Put a label whose cluster no longer exists back on the stack of unused labels; its size becomes 0."""
     state.free[0] += 1
     state.free[state.free[0]] = label
     state.size[label] = 0
@@ -223,7 +221,6 @@ class Schedule(NamedTuple):
 
 @kernel
 def _vibrating_around(tile: Cells, stride: int, cell: int) -> int:
-    """Return the number of the four neighbours of ``cell`` that vibrate."""
     return int(tile[cell - 1] + tile[cell + 1] + tile[cell - stride] + tile[cell + stride])
 
 

@@ -62,12 +62,7 @@ def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uin
 
 
 def _filled(ones: int, *keys: NDArray[np.int_]) -> NDArray[np.uint8]:
-    """Return the floor on which the first ``ones`` tiles vibrate after the tiles are sorted by ``keys``.
-
-    Args:
-        keys: arrays of shape (rows, columns); the first one is the most significant. Tiles that are equal in all keys
-            are sorted by row, then by column.
-    """
+    """Return the floor whose first ``ones`` tiles vibrate, by ``keys`` (the first counts most), row, column."""
     # Lexsort takes the most significant key last.
     order = np.lexsort([np.ravel(key) for key in reversed(keys)])
     tiles = np.zeros(keys[0].shape, dtype=np.uint8)
@@ -192,7 +187,6 @@ def make_floor(
 
 
 def _better(one: _Found | None, other: _Found) -> _Found:
-    """Return the floor with the smaller miss, ``one`` if both are equal."""
     return other if one is None or other.miss < one.miss else one
 
 
@@ -335,5 +329,4 @@ def _nearest(target: _Target, found: Difficulty, favouring: list[_Found]) -> str
 
 
 def _size(target: _Target) -> str:
-    """Return the size and the number of vibrating tiles in words."""
     return f"{target.rows} x {target.columns} tiles of which {target.ones} vibrate"

@@ -168,7 +168,6 @@ class Floor(NotebookView):
         return changed
 
     def _with_tiles(self, tiles: NDArray[np.uint8]) -> Floor:
-        """Return a floor of the same position and name with these tiles, which does not change."""
         return Floor(tiles, *self.geometry[2:], name=self.name)
 
     @property
@@ -259,7 +258,6 @@ class Floor(NotebookView):
 
     @property
     def _contrasts(self) -> NDArray[np.float64]:
-        """The contrast of each tile, (rows, columns)."""
         values = self.surface.values
         return (self.tiles == 1).astype(np.float64) if values is None else np.asarray(values / STEPS)
 
@@ -332,13 +330,6 @@ def _is_finite(value: object) -> bool:
 
 
 def _size_of(value: float, field: str) -> float:
-    """Return ``value``, a size in m, if it is valid.
-
-    Args:
-        field: name of the argument, for the message.
-    Raises:
-        InputError: ``value`` is not a finite number above 0.
-    """
     if not (_is_finite(value) and value > 0):
         raise InputError(f"{shown(value)} is not a size; give a finite number above 0", field=field)
     return value

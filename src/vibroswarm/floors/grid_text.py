@@ -151,7 +151,6 @@ def _split(number: int, line: str, name: str) -> _Line:
 
 
 def _check_length(number: int, cells: int, name: str) -> None:
-    """Refuse a line that has more cells than a floor may have tiles."""
     if cells > TILE_LIMIT:
         raise InputError(f"line {number} is too long; a floor has at most {TILE_LIMIT} tiles", field=name)
 
@@ -167,7 +166,6 @@ def _kind(cell: str) -> int | None:
 
 
 def _all_bits(lines: list[_Line]) -> bool:
-    """Return whether every cell is 0 or 1."""
     return all(_kind(cell) in (0, 1) for line in lines for cell in line.cells)
 
 

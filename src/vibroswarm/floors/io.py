@@ -382,15 +382,7 @@ def _grey(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
 
 
 def _means(levels: NDArray[Any], size: Size) -> NDArray[np.float64]:
-    """Return the mean level of each part of a picture that is divided into ``size`` (rows, columns).
-
-    Borders between parts are rounded down to whole pixels. Levels are added as integers, so that every machine gets the
-    same means.
-
-    Args:
-        levels: (height, width), at least one pixel per part.
-    Returns: shape ``size``.
-    """
+    """Return the mean level of each part, (rows, columns); borders are rounded down, sums are integers."""
     height, width = levels.shape
     tops = np.arange(size[0]) * height // size[0]
     lefts = np.arange(size[1]) * width // size[1]

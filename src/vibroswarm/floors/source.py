@@ -410,7 +410,6 @@ def _unknown(spec: str) -> str:
 
 
 def _is_there(spec: str) -> bool:
-    """Return whether a file or folder of this name exists."""
     # An empty name is none, but ``Path("")`` is the working folder.
     try:
         return bool(spec) and Path(spec).exists()

@@ -222,7 +222,6 @@ def _placed(
 
 
 def _ends(text: str) -> tuple[float, float]:
-    """Return both ends of a range of numbers, or a single number twice."""
     low, _, high = text.partition("..")
     return float(low), float(high or low)
 

@@ -124,5 +124,4 @@ def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None
 
 
 def _field(strategy: Strategy, network: Network) -> str:
-    """Return the field of an error: the strategy if it is a user's, else the network."""
     return f"strategy '{strategy.name}'" if files_of(strategy) else f"network '{network.name}'"

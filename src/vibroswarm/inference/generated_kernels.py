@@ -153,7 +153,6 @@ def _text_of(declared: Strategy | Network) -> str:
 
 
 def _functions_of(declared: Strategy | Network) -> list[Callable[..., Any]]:
-    """Return the plain Python functions among the fields of a strategy or network."""
     return [value for value in vars(declared).values() if isinstance(value, FunctionType)]
 
 
@@ -287,13 +286,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
 
 
 def _is_hook_code(function: FunctionType, module: str) -> bool:
-    """Return whether a function that a hook calls must be compiled with the hook.
-
-    That is so if it belongs to the hook's own module or to ``vibroswarm.strategies``.
-
-    Args:
-        module: name of the hook's module.
-    """
+    """Return whether it belongs to the hook's own module or to ``vibroswarm.strategies``."""
     return function.__module__ == module or function.__module__.startswith(STRATEGIES)
 
 

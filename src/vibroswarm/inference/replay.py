@@ -70,7 +70,6 @@ def infer_and_report(
 def _logged(
     scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame
 ) -> tuple[Swarm, Any, Log]:
-    """Return the state of all robots at the end, and their messages and states at each sample."""
     strategy = strategy_used(scenario)
     log = empty_log(timeline.robot.size, strategy.state_type)
     messages = zero_rows(timeline.robot.size, strategy.message_type)
@@ -80,7 +79,6 @@ def _logged(
 def _tables(
     scenario: Scenario, timeline: Timeline, swarm: Swarm, messages: Any, log: Log
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the inference table and the final state of each robot."""
     key = [timeline.samples[name] for name in ("run", "robot", "sample")]
     columns = inference_columns(messages, log)
     return pl.DataFrame([*key, *columns]), final_frame(scenario, timeline.ends, swarm)
@@ -259,14 +257,12 @@ def _log_ratios(
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:
-    """Return whether two tables have the same runs, robots and samples in the same order."""
     if samples.height != observations.height:
         return False
     return all(_same(samples[name].to_numpy(), observations[name].to_numpy()) for name in samples.columns)
 
 
 def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Return whether two columns of the same length are equal."""
     # For speed: an observation table shares columns with its motion table. Columns at one address need not be compared.
     at_one_place = one.__array_interface__["data"][0] == other.__array_interface__["data"][0]
     return (at_one_place and one.dtype == other.dtype) or np.array_equal(one, other)

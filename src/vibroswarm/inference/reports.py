@@ -76,11 +76,7 @@ def _of_ends(name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[A
 
 
 def _by_index(rows: dict[str, NDArray[Any]], values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return rows with ``index`` and ``value``: one row for each place of an array.
-
-    Args:
-        values: (rows,), or (rows, size).
-    """
+    """Return a row for each place of an array; ``values`` is (rows,), or (rows, size)."""
     places = values.reshape(len(values), -1)
     repeated = {key: np.repeat(column, places.shape[1]) for key, column in rows.items()}
     index = np.tile(np.arange(places.shape[1]), len(places))

@@ -193,11 +193,7 @@ def checked_batch(
 
 
 def _rows_where(table: Any, of_run: pl.Expr) -> Any:
-    """Return the rows of an optional table that belong to one run, given the condition for them.
-
-    A value that is no table, or has no column ``run``, is returned as it is: None is valid, and ``_wrong`` reports the
-    others.
-    """
+    """Return the rows that fulfil a condition; a value that is no table, or has no column ``run``, as it is."""
     return table.filter(of_run) if isinstance(table, pl.DataFrame) and "run" in table.columns else table
 
 

@@ -228,13 +228,7 @@ class MoveColumns:
         self.count += rows.size
 
     def _grown(self, array: NDArray[Any], more: int) -> NDArray[Any]:
-        """Return a longer copy of an array, with room for ``more`` further moves.
-
-        The copy has room for at least 1.5 times the present number of moves, so that arrays are seldom copied.
-
-        Args:
-            array: columns of moves, shape (columns, room).
-        """
+        """Return a copy with room for ``more`` further moves, and for at least 1.5 times the present number."""
         room = max(self.count + more, self.count + self.count // 2)
         larger = np.empty((array.shape[0], room), dtype=array.dtype)
         larger[:, : self.count] = array[:, : self.count]

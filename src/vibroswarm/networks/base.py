@@ -134,7 +134,6 @@ class Network(Plugin):
 
     @property
     def _param_kinds(self) -> dict[str, Any]:
-        """Types of the parameters, by name."""
         params: Any = self.params  # a model, see ``Plugin``
         return {name: info.annotation for name, info in params.model_fields.items()}
 

@@ -15,7 +15,7 @@ singular at X = 1/2 and unreliable near it. Use this strategy far from 1/2. It a
 accuracies differ: if all robots assume the same wrong accuracy, their estimates agree, and no robot corrects it.
 
 - Message: as ``mcp``, 9 bytes.
-- What a robot is told about its task: the accuracy that it assumes at first, which is ``accuracy``, or
+- What a robot knows of its task: the accuracy that it assumes at first, which is ``accuracy``, or
   ``flawed_accuracy`` for the first ``flawed_robots`` robots. A robot is not told its error rates.
 - The authors use an accuracy of 0.95, or 0.75 for some robots, beta of 0.05 to 0.1, and a correction every 250 to
   1000 readings. A run here has some 200 readings, so the default is every 50.

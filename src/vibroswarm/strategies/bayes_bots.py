@@ -12,7 +12,7 @@ Ebert, Gauci, Mallmann-Trenn and Nagpal 2020, ICRA; rules as in the authors' pub
 - Message: sender, value, and the sender's number of readings so far: 2 + 1 + 2 = 5 bytes. The value is the latest
   reading or, with positive feedback, the decision once there is one. A value counts only if its number differs from
   that of the sender's last counted value.
-- What a robot is told about its task: the error rates, if ``decision.boundary_of`` is "tiles". The boundary of p is
+- What a robot knows of its task: the error rates, if ``decision.boundary_of`` is "tiles". The boundary of p is
   then the share of ones expected at the task's boundary; the original assumes perfect sensors. ``min_observations`` has
   no effect: the prior delays decisions.
 - Differences from the original: each robot hears all others, and reads every few seconds. The controller counts a

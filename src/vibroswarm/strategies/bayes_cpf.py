@@ -19,7 +19,7 @@ normally distributed.
 **Blind at a fill ratio of 1/2**: the slope is 0 there, so the accuracy only drifts. Use this strategy far from 1/2.
 
 - Message: as ``mcp``, 9 bytes.
-- What a robot is told about its task: accuracy and variance at time 0, and how fast they change. A robot is not told
+- What a robot knows of its task: accuracy and variance at time 0, and how fast they change. A robot is not told
   its error rates.
 - The authors use an accuracy of 0.99 and a variance of 0.001 at time 0, changes per reading of -2.5e-4 and 5e-4, and
   windows of up to 1000 readings.

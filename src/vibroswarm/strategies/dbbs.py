@@ -22,7 +22,7 @@ underflows.
 
 - Message: ones, zeros (2 bytes each), exponents of N (4 bytes each) and the sender (1 byte): 13 bytes. The original
   sends 2 H numbers: 80 bytes at H = 10.
-- What a robot is told about its task: its error rates, if ``decision.boundary_of`` is "tiles".
+- What a robot knows of its task: its error rates, if ``decision.boundary_of`` is "tiles".
 - Differences from the original: each robot hears all others; beliefs are updated at each reading instead of each
   second; L = 2 for five robots. In the original a robot decides for the largest S_h N_h, and an observer checks
   whether a given share of the robots agree. Here a robot decides once, if p > p_c or 1 - p > p_c, and if more than O_c

@@ -17,7 +17,7 @@ distance.
 | score | z | - | (boundary - n) / sqrt(v V), v ``variance_factor`` |
 | belief | - | - | that the share of the arena that vibrates is below the boundary: normal distribution function of z |
 
-- Message: as of ``places``, 8 bytes. What a robot is told about its task: the arena, its error rates.
+- Message: as of ``places``, 8 bytes. What a robot knows of its task: the arena, its error rates.
 - Memory: 2080 covariances, 64 means and 64 gains of 4 bytes: 8.8 kB. Operations: for each reading 2080 multiplications
   with additions, and 64 more for each block close to its place.
 

@@ -13,7 +13,7 @@ Chin, Khaluf and Pinciroli 2023, IROS, arXiv 2209.12858; formulas as in the auth
 | belief | p | - | P(f < boundary) = Phi((boundary - x') sqrt(a + A)) (ours) |
 
 - Message: estimate and confidence (4 bytes each) and the sender (1 byte): 9 bytes.
-- What a robot is told about its task: its error rates, if ``decision.boundary_of`` is "tiles"; otherwise it takes
+- What a robot knows of its task: its error rates, if ``decision.boundary_of`` is "tiles"; otherwise it takes
   readings at face value.
 - Differences from the original: a robot of the original never decides. Here a robot decides once, if p > p_c or
   1 - p > p_c, and if more than O_c observations are counted, where each message counts as one. It sends at each

@@ -1,4 +1,4 @@
-"""Static analysis of the hooks of strategies and networks: errors, and what a robot is told about its task.
+"""Static analysis of the hooks of strategies and networks: errors, and what a robot knows of its task.
 
 A hook is a function that the simulator calls, such as ``on_sample``; its arguments are listed in ``PARAMETERS`` and
 explained in ``base``. Errors are found before the hooks are compiled. Numba would refuse most of them too, but with
@@ -225,7 +225,7 @@ FACTS: Final[dict[str, tuple[str, ...]]] = {
     "arena": ("width_m", "height_m"),
     "swarm size": ("robots",),
 }
-"""What a robot is told, and the fields of ``World`` of which its strategy reads at least one in that case."""
+"""What a robot knows, and the fields of ``World`` of which its strategy reads at least one in that case."""
 OF_RATES: Final = ("false_positive", "false_negative")
 """Fields of error rates. ``boundary``, the boundary of readings, may be computed from error rates as well."""
 PLACE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_x_m", "lagged_y_m")
@@ -235,15 +235,15 @@ WORLD, READING = "w", "x"
 
 
 def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
-    """Return what a robot with this strategy is told about its task, such as "grid" or "error rates".
+    """Return what a robot with this strategy knows of its task, such as "grid" or "error rates".
 
     Args:
-        boundary_of: ``decision.boundary_of``. With "tiles" the error rates are told if the strategy reads them, or the
+        boundary_of: ``decision.boundary_of``. With "tiles" the error rates are known if the strategy reads them, or the
             boundary that is computed from them. With "readings" robots take readings at face value. A strategy that
-            ``knows_error_rates`` is told them in both cases.
+            ``knows_error_rates`` knows them in both cases.
     """
     read = fields_read(strategy)
-    # A fact is told if the strategy reads at least one of the fields that hold it.
+    # A fact is known if the strategy reads at least one of the fields that hold it.
     found = [fact for fact, fields in FACTS.items() if read & set(fields)]
     if strategy.boundary_half and "boundary" not in found:  # a boundary of 1/2 is built into its rules
         found.append("boundary")
@@ -305,7 +305,6 @@ def fields_read(strategy: Strategy) -> frozenset[str]:
 
 
 def _plain(function: Any) -> Any:
-    """Return the Python function behind a function compiled by Numba; any other function unchanged."""
     return getattr(function, "py_func", function)
 
 

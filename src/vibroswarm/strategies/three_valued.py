@@ -17,7 +17,7 @@ signalling or with listening, with probability 1/2 each.
 
 - Message, every ``interval_s`` while signalling: sender and belief, 2 bytes. Messages of the original have 4 bytes:
   also the sender's state and option, which no receiver uses.
-- What a robot is told about its task: nothing. It works for a boundary of 1/2 only.
+- What a robot knows of its task: nothing. It works for a boundary of 1/2 only.
 - Differences from the original: each robot hears all others. In the original nothing is sensed: robots signal for 7 or
   9 ticks of 0.5 s, constants of the two options, and listen for one tick. Here the signal time is in proportion to the
   share of own readings so far (taken as 1/2 before the first reading).

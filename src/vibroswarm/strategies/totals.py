@@ -15,7 +15,7 @@ readings never suffice at time 0.
 
 - Message: own ones and readings (2 bytes each) and the sender (1 byte): 5 bytes. Totals include all earlier readings,
   so the next message makes up for a lost one.
-- What a robot is told about its task: T_end; its error rates, if ``decision.boundary_of`` is "tiles". It needs no
+- What a robot knows of its task: T_end; its error rates, if ``decision.boundary_of`` is "tiles". It needs no
   places, and does not use ``min_observations``.
 - Every robot decides by T_end, unless its counts lie exactly on the boundary.
 

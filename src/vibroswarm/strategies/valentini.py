@@ -22,7 +22,7 @@ At the end of a dissemination a robot uses the last ``max_opinions`` opinions he
 If nobody was heard, the opinion stays. At time 0 it is drawn with probability 1/2 each.
 
 - Message, every ``interval_s`` while disseminating: sender and opinion, 2 bytes; DC adds the quality, 4 bytes.
-- What a robot is told about its task: nothing. It asks which reading is more frequent, so it works for a boundary of
+- What a robot knows of its task: nothing. It asks which reading is more frequent, so it works for a boundary of
   1/2 only.
 - Differences from the original: each robot hears all others. A reading comes every few seconds instead of at every
   control period, so phases are longer: 60 s. If an exploration brought no reading, the quality stays as before (1/2 at

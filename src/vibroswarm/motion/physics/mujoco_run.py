@@ -120,7 +120,6 @@ class MujocoRun(KernelRun):
         return self.data.warning.number
 
     def _reason(self) -> str:
-        """Return the kinds of MuJoCo's warnings so far, in words."""
         kinds = np.flatnonzero(self.warned())
         return "MuJoCo warned of " + " and ".join(WARNINGS.get(int(kind), f"kind {kind}") for kind in kinds)
 

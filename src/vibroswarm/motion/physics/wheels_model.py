@@ -160,10 +160,7 @@ def _contacts(robots: int, step_s: float) -> str:
 
 
 def _others(i: int) -> list[str]:
-    """Return the names of the geoms with which to pair the chassis of robot ``i``.
-
-    They are the four walls and the chassis of all robots of lower numbers, so that each pair of chassis is listed once.
-    """
+    """Return the four walls and the chassis of lower numbers, so that each pair of chassis is listed once."""
     return [f"wall{k}" for k in range(4)] + [f"chassis{j}" for j in range(i)]
 
 

@@ -121,11 +121,6 @@ class WheelsRun(MujocoRun):
 
 
 def _views(model: Any, data: Any, robots: int) -> Model:
-    """Return addresses and views of a model and its data for kernels.
-
-    Args:
-        robots: number of robots in the model.
-    """
     return Model(
         model=model._address, data=data._address, qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart,
         control=data.ctrl, sensors=data.sensordata, warnings=data.warning.number, robots=robots,
