@@ -8,19 +8,19 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers.documents import ROOT
 from vibroswarm import cli, preset, simulate
 from vibroswarm.inspection.inspection import inspect
+from vibroswarm.inspection.stopping import Question
 from vibroswarm.observation.energy_model import energy_of
 
 
 @pytest.fixture(scope="module")
 def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A CSV of places and values in mm and minutes, and one of measured energies."""
-    import numpy as np
-
     folder = tmp_path_factory.mktemp("plate")
     scenario = preset("paper").with_values({"run.t_end_s": 600.0})
     result = simulate(scenario, seed=5)
@@ -257,7 +257,7 @@ def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(
     )
 
 
-def test_a_floor_that_changes_is_judged_by_its_end_and_not_certified(
+def test_the_map_of_a_floor_that_changes_is_scored_by_the_floor_at_each_time_and_not_certified(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     changing = {
@@ -268,9 +268,15 @@ def test_a_floor_that_changes_is_judged_by_its_end_and_not_certified(
     }
     result = simulate(preset("paper").with_values(changing), seed=2)
     result.write(tmp_path / "run")
-    found = inspect(result)
-    assert found.samples.floor is not None
-    assert (found.samples.floor.tiles == 1 - result.floor(0).tiles).all()
+    found, before = inspect(result), result.floor(0).tiles.ravel().astype(float)
+    assert found.pooled is not None
+    assert found.vibrates is not None
+    for time_s, p, truth, brier in zip(
+        found.times_s, found.pooled, found.vibrates, found.scores["brier"], strict=True
+    ):
+        floor = before if time_s < 150.0 else 1.0 - before
+        assert (truth == floor).all()
+        assert brier == pytest.approx(np.mean((p - floor) ** 2), abs=1e-12)
     assert run("inspect", tmp_path / "run", "--damage", "--contrasts", "1", "--replicates", "19") == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "Not certified" in said
@@ -382,3 +388,19 @@ def test_a_full_disk_leaves_a_folder_that_the_same_command_fills(
     assert "No space left on device" in capsys.readouterr().err
     assert run(*line) == 0
     assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_physics_on_another_floor_than_that_of_its_law_is_refused_with_the_reason() -> None:
+    physics = {"sensor.model": "acceleration", "floor.source": "random:0.08", "run.t_end_s": 600.0}
+    scenario = preset("optimised-places").with_values(physics)
+    found = inspect(scenario, seed=2, question=Question(contrasts=(1.0,)), replicates=19)
+    assert found.assessment is not None
+    assert "law of still places" in found.assessment.refusals[0]
+    assert "depends on the tiles around it" in found.assessment.refusals[1]
+    # The control: a wrong law of a sensor that feels the tile below alone is refused without that reason.
+    alone = preset("optimised-places").with_values({"floor.source": "random:0.08", "run.t_end_s": 600.0})
+    wrong = alone.with_values({"sensor.still_scale": 1.5})
+    found = inspect(wrong, seed=2, laws=alone, question=Question(contrasts=(1.0,)), replicates=19)
+    assert found.assessment is not None
+    assert "law of still places" in found.assessment.refusals[0]
+    assert not any("depends on the tiles around it" in word for word in found.assessment.refusals)

@@ -33,7 +33,7 @@ def inspection_document(found: Inspection) -> Document:
     samples = found.samples
     parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
     if found.by_kind is not None and samples.kinds is not None:
-        parts += _kinds(found.by_kind, samples.kinds.tiles)
+        parts += _kinds(found.by_kind, samples.kinds.at(found.times_s[-1]).tiles)
     if found.pooled is not None:
         parts += _map(found)
     if found.assessment is not None:
@@ -168,7 +168,10 @@ def _map(found: Inspection) -> list[Part]:
             "location_error_m": Column("location error", "m", decimals=3),
         }
         table = Table(
-            scores[chosen], columns, caption="The map over time, against the true floor.", name="scores"
+            scores[chosen],
+            columns,
+            caption="The map over time, against the true floor at each time.",
+            name="scores",
         )
         parts.append(Section("Over time", (table, _calibration(found))))
     return parts
@@ -177,12 +180,13 @@ def _map(found: Inspection) -> list[Part]:
 def _calibration(found: Inspection) -> Table:
     """Return how often tiles of a probability vibrate, over all times: those of one inspection are not independent."""
     assert found.pooled is not None
-    assert found.samples.floor is not None
-    x = np.tile(found.samples.floor.tiles.ravel().astype(np.float64), len(found.pooled))
+    assert found.vibrates is not None
     columns = {
         **{name: Column(share=True) for name in ("from", "to", "probability")},
         "vibrating": Column("truly vibrating", share=True),
     }
-    frame = calibration(found.pooled.ravel(), x).drop("vibrating_low", "vibrating_high")
+    frame = calibration(found.pooled.ravel(), found.vibrates.ravel().astype(np.float64)).drop(
+        "vibrating_low", "vibrating_high"
+    )
     caption = "Calibration: tiles at all times, by their probability."
     return Table(frame, columns, caption=caption, name="calibration", names=2, folded=True)

@@ -34,6 +34,7 @@ from vibroswarm.inspection.scan import (
     scan,
 )
 from vibroswarm.inspection.stopping import Question, Stopping, stopping
+from vibroswarm.observation.energy_model import is_sensed
 from vibroswarm.show.numbers import count, listed, p_value
 
 WHOLLY: Final = 0.95
@@ -151,9 +152,16 @@ def _away(samples: Samples, found: Scan) -> NDArray[np.bool_]:
 def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
     """Return the reasons not to certify anything."""
     words = []
-    for check, p in checks.filter(pl.col("outcome") == "refused").select("check", "corrected").iter_rows():
+    refused = dict(checks.filter(pl.col("outcome") == "refused").select("check", "corrected").iter_rows())
+    for check, p in refused.items():
         contradicted = "map of the other robots" if check == PLACES else "law of the sensor"
         words.append(f"the samples contradict the {contradicted} ({check}, corrected p = {p_value(p)})")
+    if is_sensed(samples.law.sensor) and refused.keys() - {PLACES}:
+        words.append(
+            f"what sensor '{samples.law.sensor.model}' measures on a tile depends on the tiles around it, but its law "
+            "is the mean over floors on which all kinds are mixed in equal shares: on others still tiles measure "
+            "more or less than it says"
+        )
     unmade = checks.filter(pl.col("outcome") == "not made")
     if unmade.height:
         words.append(

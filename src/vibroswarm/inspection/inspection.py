@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.notebook_view import NotebookView
@@ -62,14 +63,20 @@ class Inspection(NotebookView):
         """All maps of tiles: time_s, run, robot (null: pooled), row, column, probability, its spread, truth."""
         if self.pooled is None or self.samples.floor is None:
             return pl.DataFrame()
-        tiles = self.samples.floor.tiles
-        truth = tiles.ravel() if self.samples.truth_known else np.full(tiles.size, None)
         each: list[tuple[int | None, Floats]] = [(None, self.pooled), *self.own.items()]
-        frames = [_of_cells(robot, self.times_s, maps, tiles.shape) for robot, maps in each]
-        vibrates = pl.Series(
-            "vibrates", np.tile(truth, len(frames) * self.times_s.size).tolist(), dtype=pl.UInt8
-        )
-        return pl.concat(frames).with_columns(vibrates)
+        shape, vibrates = self.samples.floor.tiles.shape, self.vibrates
+        truth = pl.lit(None) if vibrates is None else pl.Series(vibrates.ravel())
+        frames = [
+            _of_cells(robot, self.times_s, maps, shape).with_columns(vibrates=truth) for robot, maps in each
+        ]
+        return pl.concat(frames).cast({"vibrates": pl.UInt8})
+
+    @property
+    def vibrates(self) -> NDArray[np.uint8] | None:
+        """Which tiles vibrate at each time (1), (times, tiles); None: there is no grid, or it is not known."""
+        if self.samples.floor is None or not self.samples.truth_known:
+            return None
+        return np.stack([self.samples.floor.at(time_s).tiles.ravel() for time_s in self.times_s])
 
     @property
     def last_maps(self) -> pl.DataFrame:
@@ -94,10 +101,11 @@ class Inspection(NotebookView):
 
     @property
     def scores(self) -> pl.DataFrame:
-        """Scores of the pooled map at each time; empty if there is no grid, or the truth is not known."""
+        """Scores of the pooled map at each time, by the floor at that time; empty without a grid or a known truth."""
         if self.pooled is None or self.samples.floor is None or not self.samples.truth_known:
             return pl.DataFrame()
-        rows = [map_scores(p, self.samples.floor) for p in self.pooled]
+        floor = self.samples.floor
+        rows = [map_scores(p, floor.at(time_s)) for p, time_s in zip(self.pooled, self.times_s, strict=True)]
         return pl.DataFrame(rows).insert_column(0, pl.Series("time_s", self.times_s))
 
     @property

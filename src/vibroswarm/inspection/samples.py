@@ -111,7 +111,7 @@ class Samples(NotebookView):
     source: str
     """What was inspected, in words."""
     floor: Floor | None = None
-    """The grid of tiles and, if ``truth_known``, which of them vibrate; None: no grid."""
+    """The grid of tiles and, if ``truth_known``, which of them vibrate, with its changes; None: no grid."""
     truth_known: bool = False
     kinds: Floor | None = None
     """The floor with its kinds of tile, if there are more than two; ``floor`` says which are not of kind 0."""

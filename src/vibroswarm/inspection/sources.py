@@ -72,8 +72,6 @@ def samples_of_result(
     frame = frame.join(read, on=KEY, how="inner", maintain_order="left").drop_nulls("value")
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
     recorded, floor = isinstance(result, Recording), result.floor(run)
-    changed_s = floor.changes.times_s.tolist()
-    floor = floor.at(float(frame["time_s"].to_numpy().max(initial=0.0)))
     name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
     return _samples(
         frame,
@@ -87,7 +85,7 @@ def samples_of_result(
         truth_known=not result.scenario.floor.has_surface,  # of which tiles vibrate
         errors=errors,
         own=hash_of_run(result, run),
-        changed_s=changed_s,
+        changed_s=floor.changes.times_s.tolist(),
     )
 
 
@@ -177,7 +175,7 @@ def _samples(
     if until_s:
         warnings.append(
             f"The floor changed at {listed(f'{stated(time_s)} s' for time_s in until_s)}, but is presumed to stay as "
-            "it is: samples from before count as those of the floor at the end, by which they are judged."
+            "it is: samples from before count for what is there later, and each map is scored by the floor at its time."
         )
     return Samples(
         table, size_m, known, places, source, floor, truth_known, kinds, errors, warning=" ".join(warnings)
@@ -186,7 +184,8 @@ def _samples(
 
 def _vibrating(floor: Floor) -> Floor:
     """Return a floor whose tiles are of kind 1 where they vibrate, whatever their motor."""
-    return replace(floor, tiles=np.minimum(floor.tiles, 1).astype(np.uint8))
+    changes = floor.changes._replace(kind=np.minimum(floor.changes.kind, 1))
+    return replace(floor, tiles=np.minimum(floor.tiles, 1), changes=changes)
 
 
 UNITS: Final = {

@@ -2,7 +2,7 @@
 
 | name | symbol | equation |
 |---|---|---|
-| share of a sample's place in a region | s | normal in x and y, by ``strategies.place_map`` |
+| share of a sample's place in a region | s | normal in x and y, as in ``strategies.place_map`` |
 | likelihood ratio of the sample | r | density where it vibrates over that where it is still |
 | likelihood of the sample | L | 1 + (r - 1) F, F the probability that it feels vibration |
 | nothing vibrates in a region | - | product over its tiles u of c_u = 1 - p_u |
@@ -24,7 +24,7 @@ Evidence is multiplied, not added, and shares are computed once, which takes a q
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,8 +32,9 @@ from scipy.special import expit, logit
 
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.errors import InputError
+from vibroswarm.floors.place import Place, place_of, tile_below
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.strategies.place_map import share_place
+from vibroswarm.strategies.place_map import FAR, LEAST_SPREAD_M, share_below
 
 Integers = NDArray[np.int64]
 
@@ -45,30 +46,13 @@ LARGEST: Final = 1e200
 """Limit of odds within a repetition, and of products before their logarithm is taken."""
 
 
-class Ground(NamedTuple):
-    """The grid, under the names by which ``place_map`` reads what a robot knows of it."""
-
-    rows: int
-    columns: int
-    tile_width_m: float
-    tile_height_m: float
-    left_m: float
-    bottom_m: float
-
-
-class Reach(NamedTuple):
-    """How far beyond its edges a tile is felt."""
-
-    edge_reach_m: float
-
-
 class Shares(NamedTuple):
-    """Shares of the samples' places, as ``place_map.share_place`` writes them, divided by their sum."""
+    """Shares of the samples' places on the tiles and on the strips around their edges, divided by their sum."""
 
     box: Integers
     """(samples, 4): first and last column, first and last row; the last column is before the first: off the grid."""
     of_column: Floats
-    """(samples, 2 columns)."""
+    """(samples, 2 columns): column c at 2 c, the strip between columns c and c + 1 at 2 c + 1."""
     of_row: Floats
     """(samples, 2 rows)."""
     first: Integers
@@ -77,37 +61,59 @@ class Shares(NamedTuple):
     """Whether vibration is felt beyond edges."""
 
 
-class Room(NamedTuple):
-    """Where ``place_map.share_place`` writes."""
+@inner
+def _share_axis(
+    at_m: float, spread_m: float, reach_m: float, tile_m: float, shares: Floats
+) -> tuple[int, int, float]:
+    """Write the shares of a place on the tiles along an axis, and on the strips between them, to ``shares``.
 
-    of_column: Floats
-    of_row: Floats
-    of_all: Floats
+    Tiles further than ``FAR`` standard deviations have none. A strip reaches half a tile to either side at most.
+
+    Args:
+        at_m: distance from where the first tile begins.
+    Returns: first and last tile, and the sum of the shares.
+    """
+    last_tile, far_m = shares.size // 2 - 1, FAR * spread_m + reach_m
+    first = min(max(int((at_m - far_m) / tile_m), 0), last_tile)
+    last = min(max(int((at_m + far_m) / tile_m), 0), last_tile)
+    reach_m = min(reach_m, 0.5 * tile_m)
+    begin = below = share_below(first * tile_m, at_m, spread_m)
+    for k in range(first, last + 1):
+        inner_edge = reach_m > 0.0 and k < last
+        end_m = (k + 1) * tile_m - (reach_m if inner_edge else 0.0)
+        until = share_below(end_m, at_m, spread_m)
+        shares[2 * k] = until - below
+        below = until
+        if inner_edge:
+            until = share_below(end_m + 2.0 * reach_m, at_m, spread_m)
+            shares[2 * k + 1] = until - below
+            below = until
+    return first, last, below - begin
 
 
 @kernel
 def _share_places(
-    tile: Integers, x_m: Floats, y_m: Floats, spread_x_m: Floats, spread_y_m: Floats,
-    p: Reach, w: Any, box: Integers, of_column: Floats, of_row: Floats, of_all: Floats,
+    x_m: Floats, y_m: Floats, spread_x_m: Floats, spread_y_m: Floats, reach_m: float, place: Place,
+    box: Integers, of_column: Floats, of_row: Floats,
 ) -> None:  # fmt: skip
-    """Write the shares of each place.
-
-    Args:
-        tile: tile of each exact place, -1: on none; -2: the place is not exact. of_all: room, (1,).
-    """
-    for s in range(tile.size):
-        if tile[s] >= 0:
-            row, column = tile[s] // w.columns, tile[s] % w.columns
-            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = column, column, row, row
-            of_column[s, 2 * column], of_row[s, 2 * row] = 1.0, 1.0
-        elif tile[s] == -1:
-            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = 0, -1, 0, -1
-        else:
-            room = Room(of_column[s], of_row[s], of_all)
-            left, right, upper, lower = share_place(room, x_m[s], y_m[s], spread_x_m[s], spread_y_m[s], p, w)
-            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = left, right, upper, lower
-            for c in range(2 * left, 2 * right + 2):
-                of_column[s, c] /= of_all[0]
+    """Write the shares of each place; ``of_column`` and ``of_row`` are all 0 at first."""
+    for s in range(x_m.size):
+        box[s, 0], box[s, 1], box[s, 2], box[s, 3] = 0, -1, 0, -1
+        if reach_m == 0.0 and spread_x_m[s] == 0.0 and spread_y_m[s] == 0.0:
+            tile = tile_below(x_m[s], y_m[s], place)
+            if tile >= 0:
+                row, column = tile // place.columns, tile % place.columns
+                box[s, 0], box[s, 1], box[s, 2], box[s, 3] = column, column, row, row
+                of_column[s, 2 * column], of_row[s, 2 * row] = 1.0, 1.0
+            continue
+        of_x_m, of_y_m = max(spread_x_m[s], LEAST_SPREAD_M), max(spread_y_m[s], LEAST_SPREAD_M)
+        left, right, all_x = _share_axis(x_m[s] - place.left_m, of_x_m, reach_m, place.width_m, of_column[s])
+        upper, lower, all_y = _share_axis(place.top_m - y_m[s], of_y_m, reach_m, place.height_m, of_row[s])
+        if all_x * all_y < 1e-9:  # practically all of the place is off the grid
+            continue
+        box[s, 0], box[s, 1], box[s, 2], box[s, 3] = left, right, upper, lower
+        for c in range(2 * left, 2 * right + 2):
+            of_column[s, c] /= all_x * all_y
 
 
 @inner
@@ -143,26 +149,28 @@ def _add_strips(
 
 @inner
 def _renew(
-    columns: int, at: Shares, s: int, more: float, sites: Floats, odds: Floats, c: Floats, alone: Floats
+    columns: int, at: Shares, s: int, more: float, sites: Floats, room: Floats, log_odds: Floats
 ) -> float:
     """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change.
 
     Args:
-        more: r - 1. sites: evidence of the samples. odds: of the tiles. c, alone: room, (tiles,).
+        more: r - 1. sites: evidence of the samples. room: odds of the tiles, their c, shares alone, and the product of
+            the evidence of samples up to this one, (4, tiles). log_odds: gets the logarithm of products too large.
     """
-    box, of_column, of_row, k, total = at.box[s], at.of_column[s], at.of_row[s], at.first[s], 0.0
-    for row in range(box[2], box[3] + 1):
-        for column in range(box[0], box[1] + 1):
+    odds, c, alone, product = room[0], room[1], room[2], room[3]
+    left, right, k, total = at.box[s, 0], at.box[s, 1], at.first[s], 0.0
+    for row in range(at.box[s, 2], at.box[s, 3] + 1):
+        for column in range(left, right + 1):
             t = row * columns + column
             c[t] = 1.0 / (1.0 + odds[t] / sites[k])
-            alone[t] = of_column[2 * column] * of_row[2 * row]
+            alone[t] = at.of_column[s, 2 * column] * at.of_row[s, 2 * row]
             total += alone[t] * c[t]
             k += 1
     if at.has_strips:
-        total += _add_strips(columns, of_column, of_row, box, c, alone)
+        total += _add_strips(columns, at.of_column[s], at.of_row[s], at.box[s], c, alone)
     most, k = 0.0, at.first[s]
-    for row in range(box[2], box[3] + 1):
-        for column in range(box[0], box[1] + 1):
+    for row in range(at.box[s, 2], at.box[s, 3] + 1):
+        for column in range(left, right + 1):
             t = row * columns + column
             felt = 1.0 - (total - c[t] * alone[t])
             found = (1.0 + more * felt) / (1.0 + more * (felt - alone[t]))
@@ -170,26 +178,12 @@ def _renew(
             most = max(most, abs(change - 1.0))
             sites[k] = found
             odds[t] = min(max(odds[t] * change, 1.0 / LARGEST), LARGEST)
+            product[t] *= found
+            if not 1.0 / LARGEST < product[t] < LARGEST:
+                log_odds[t] += math.log(product[t])
+                product[t] = 1.0
             k += 1
     return most
-
-
-@inner
-def _sum_up(columns: int, at: Shares, samples: int, sites: Floats, product: Floats, log_odds: Floats) -> None:
-    """Add the logarithms of the evidence of the first samples to ``log_odds``; ``product`` is room, (tiles,)."""
-    product[:] = 1.0
-    for s in range(samples):
-        k = at.first[s]
-        for row in range(at.box[s, 2], at.box[s, 3] + 1):
-            for column in range(at.box[s, 0], at.box[s, 1] + 1):
-                t = row * columns + column
-                product[t] *= sites[k]
-                if not 1.0 / LARGEST < product[t] < LARGEST:
-                    log_odds[t] += math.log(product[t])
-                    product[t] = 1.0
-                k += 1
-    for t in range(product.size):
-        log_odds[t] += math.log(product[t])
 
 
 @kernel
@@ -201,20 +195,22 @@ def _propagate(
 
     Args:
         more: r - 1 of each sample. prior: log odds of a tile before any sample. sites: evidence of the samples on the
-            tiles of their boxes, all 1 at first, changed. room: (3, tiles).
+            tiles of their boxes, all 1 at first, changed. room: (4, tiles).
     """
-    odds, c, alone = room[0], room[1], room[2]
+    odds, product = room[0], room[3]
     for e in range(ends.size):
-        log_odds[e] = prior
-        _sum_up(columns, at, ends[e], sites, c, log_odds[e])
+        now = log_odds[e]
+        for t in range(now.size):
+            now[t] = log_odds[e - 1, t] if e > 0 else prior
         for _ in range(sweeps):
-            for t in range(odds.size):  # from all evidence anew, since within a repetition odds are limited
-                odds[t] = min(max(math.exp(min(log_odds[e, t], 700.0)), 1.0 / LARGEST), LARGEST)
+            for t in range(now.size):  # from all evidence anew, since within a repetition odds are limited
+                odds[t] = min(max(math.exp(min(now[t], 700.0)), 1.0 / LARGEST), LARGEST)
+                now[t], product[t] = prior, 1.0
             change = 0.0
             for s in range(ends[e]):
-                change = max(change, _renew(columns, at, s, more[s], sites, odds, c, alone))
-            log_odds[e] = prior
-            _sum_up(columns, at, ends[e], sites, c, log_odds[e])
+                change = max(change, _renew(columns, at, s, more[s], sites, room, now))
+            for t in range(now.size):
+                now[t] += math.log(product[t])
             if change < CONVERGED:
                 break
 
@@ -233,7 +229,7 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
     rows, columns = samples.floor.tiles.shape
     out, room, sites = (
         np.empty((ends.size, rows * columns)),
-        np.empty((3, rows * columns)),
+        np.empty((4, rows * columns)),
         np.ones(at.first[-1]),
     )
     more = np.expm1(samples.column("log_ratio"))
@@ -257,17 +253,13 @@ def place_shares(samples: Samples) -> Shares:
         raise InputError(
             "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
         )
-    rows, columns, *position = samples.floor.geometry
-    ground, sensor = Ground(int(rows), int(columns), *position), samples.law.sensor
-    x_m, y_m, blur_m = samples.column("x_m"), samples.column("y_m"), sensor.edge_blur_m or 0.0
-    spread_x_m, spread_y_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
-    reach_m = max(sensor.edge_reach_m or 0.0, 0.0)
-    is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (reach_m == 0.0)
-    tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -2).astype(np.int64)
-    box = np.empty((tile.size, 4), dtype=np.int64)
-    of_column, of_row = np.zeros((tile.size, 2 * ground.columns)), np.zeros((tile.size, 2 * ground.rows))
+    place, sensor = place_of(samples.floor), samples.law.sensor
+    blur_m, reach_m = sensor.edge_blur_m or 0.0, max(sensor.edge_reach_m or 0.0, 0.0)
+    spreads_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
+    box = np.empty((samples.frame.height, 4), dtype=np.int64)
+    of_column, of_row = (np.zeros((len(box), 2 * number)) for number in (place.columns, place.rows))
     _share_places(
-        tile, x_m, y_m, spread_x_m, spread_y_m, Reach(reach_m), ground, box, of_column, of_row, np.empty(1)
+        samples.column("x_m"), samples.column("y_m"), *spreads_m, reach_m, place, box, of_column, of_row
     )
     touched = (box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1)
     return Shares(box, of_column, of_row, np.append(0, np.cumsum(touched)), reach_m > 0.0)
