@@ -89,6 +89,7 @@ def test_units_stand_in_the_names() -> None:
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
         "strategy.distrust.threshold", "strategy.forget.memory", "strategy.reset.threshold", "strategy.reset.least",
         "task.changed.more_than", "strategy.averaging.least", "strategy.averaging.weight", "task.share.kind",
+        "strategy.explore.sure_within",
         "faults.stuck_class", "faults.misread_shift",
         *(f"faults.{kind}" for kind in FAULTS), "faults.false_positive_shift", "faults.false_negative_shift",
         *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading") for field in OF_MAPS),

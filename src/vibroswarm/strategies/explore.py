@@ -1,15 +1,20 @@
 """Explore: the strategy ``places``, with robots that drive to where their map is least certain.
 
-After each own sample a robot compares points on a circle around its estimated place. The circle's radius is the
-distance that it drives between two samples. The robot turns to the point of the greatest worth by its own map. Each
+After each own sample a robot that is sure of its place compares points on a circle around it. The circle's radius is
+the distance that it drives between two samples. The robot turns to the point of the greatest worth by its own map. Each
 message names the tile that its sender drives to, and this tile is then worth less to the others. Map, messages, trust
 and decision are those of ``places``.
+
+A robot that is unsure of its place drives straight on, until walls tell it where it is. Otherwise it would stay far
+from walls around one spot, where the errors of its places are large and alike, and take the readings of a vibrating
+tile for those of several tiles around it.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | map | p_t | - | as of ``places``, with the likeliest pair of error rates |
 | uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` after a robot sampled there or chose it |
 | step | d | m | moving average of the distance between two samples, with a memory of 8 samples |
+| unsure of its place | - | - | standard deviation above ``sure_within`` times the shorter side of a tile |
 | points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / 16, 7 cm from walls or farther |
 | worth of a point | - | - | sum over tiles of U_t exp(-distance of the tile's middle / ``range_m``), \
 less the share 0.3 of it for a half turn, and proportionally less for smaller turns |
@@ -77,6 +82,15 @@ class Choice:
             "slower robots.",
         ),
     ] = 25.0
+    sure_within: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1000,
+            description="Standard deviation of its place above which a robot drives straight on, until walls tell it "
+            "where it is, in sides of a tile.",
+        ),
+    ] = 0.25
 
 
 class Params(places.MapParams, Choice):
@@ -155,7 +169,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
     """Return the turn to the best point in degrees, and how long to drive in ms.
 
-    The turn is nan if that point is straight ahead, or if there is none. The robot then resumes what its stop
+    The turn is nan if that point is straight ahead, or if none was chosen. The robot then resumes what its stop
     interrupted (``robot.walk.steered``): it drives straight on or, if it was turning or avoiding an obstacle, finishes
     that turn before it drives, and so may miss the point.
     """
@@ -175,8 +189,11 @@ def middle_y_m(tile: int, w: World) -> float:
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
     """Set ``s.turn_rad`` and ``s.target``: the turn to the point of the greatest worth, and the tile of that point.
 
-    If all points are too close to walls, the turn is 0 and the target -1.
+    If the robot is unsure of its place, or all points are too close to walls, the turn is 0 and the target -1.
     """
+    s.target, s.turn_rad = -1, 0.0
+    if x.spread_m > p.sure_within * min(w.tile_width_m, w.tile_height_m):
+        return
     likeliest = 0  # index of the likeliest pair of error rates
     for k in range(1, pairs_of(p)):
         if a.credence[k] > a.credence[likeliest]:
@@ -186,7 +203,7 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
         a.uncertainty[t] = probability * (1.0 - probability)
         if x.t_s - a.visited_s[t] < p.recent_s:
             a.uncertainty[t] *= 0.5
-    s.target, s.turn_rad, most = -1, 0.0, -1.0  # most: greatest worth so far; no worth is negative
+    most = -1.0  # greatest worth so far; no worth is negative
     for k in range(DIRECTIONS):
         # The turn to point k, between -pi and pi, so that its size says how far the robot has to turn.
         turn_rad = 2.0 * math.pi * k / DIRECTIONS
