@@ -508,6 +508,6 @@ def test_what_is_said_of_a_plate_is_so() -> None:
     text = " ".join((Path(__file__).parents[2] / "docs" / "vibration.md").read_text(encoding="utf-8").split())
     assert "{:.1f}, {:.1f}, {:.1f} and {:.1f} Hz".format(*modes_hz) in text
     assert (
-        "lets {:.0f}, {:.0f}, {:.0f} and {:.0f} % of their amplitude".format(*(100 * one for one in shares))
+        "lets {:.0f}, {:.0f}, {:.0f} and {:.0f} % of the amplitude".format(*(100 * one for one in shares))
         in text
     )

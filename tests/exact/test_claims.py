@@ -216,7 +216,7 @@ def test_reports_say_that_robots_are_wrong() -> None:
     (said,) = (text for text in told([scenario]) if "wrong" in text)
     assert said == (
         "Robots are wrong about their sensor: they expect 1.0 % false positives and 1.0 % false negatives, and the "
-        "true rates are 14.4 and 14.1 %."
+        "true rates are 14.4 % and 14.1 %."
     )
     three = preset("paper").with_values({**THREE, "sensor.claimed_rates": TURNED})
     assert any(

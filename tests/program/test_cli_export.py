@@ -22,7 +22,7 @@ from vibroswarm.export.c_program import c_sources
 from vibroswarm.strategies import names
 from vibroswarm.strategies.base import Strategy, forget, register
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "export.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "figures" / "export.md"
 MIXTURE = ["--set", "localisation.method=mixture"]
 MOTORS: dict[str, Any] = {
     "sensor.model": "acceleration",

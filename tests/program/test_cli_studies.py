@@ -260,7 +260,7 @@ BAD = {
     "evaluate one.toml --out newer": ("newer", "update vibroswarm"),
     "evaluate one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
     "evaluate one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
-    "evaluate one.toml --out nul\0": ("nul", "embedded null byte"),
+    "evaluate one.toml --out nul\0": ("nul", "there is no such name"),
     "evaluate --runs 0": ("runs", "0 is wrong"),
     "evaluate --runs 5 --until 2%": ("--until", "not both"),
     "evaluate --until 2": ("until", "give one such as 2%"),
@@ -418,7 +418,9 @@ def test_plain_lines_where_there_is_no_terminal(study, tmp_path, monkeypatch, ca
     monkeypatch.setattr("vibroswarm.cli.progress.FIRST_LINE_S", 0.0)
     assert sweep(study, "--out", tmp_path / "out", "--runs", "2000") == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simulating: ")]
-    assert re.search(r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ per second, \d+ s left", lines[-2])
+    assert re.search(
+        r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ per second, [\d.]+ s left", lines[-2]
+    )
     assert "2,000 of 2,000 runs (100 %)" in lines[-1]
     assert "\x1b" not in "".join(lines)
 

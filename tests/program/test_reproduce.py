@@ -69,7 +69,7 @@ def test_verdicts_have_their_words_and_reasons_and_checks_a_table(folder: Path) 
     assert set(words.drop_nulls()) <= {*VERDICTS, *CHECKED.values()}
     wrong_side = claims.filter(pl.col("claim") == "soft-belief")
     assert "2 cannot be asked" in wrong_side["text"][0]
-    assert "wrong side: 42.2% of the readings are ones; wrong side: 39.4%" in wrong_side["text: why not"][0]
+    assert "wrong side: 42.2 % of the readings are ones; wrong side: 39.4 %" in wrong_side["text: why not"][0]
     assert "cannot be asked" not in wrong_side["paper"][0]
     values = pl.read_csv(folder / "tables" / "claims-measured.csv")
     why = values.filter(pl.col("why").is_not_null())

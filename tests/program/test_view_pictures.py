@@ -169,6 +169,6 @@ def test_where_no_browser_can_be_opened_the_address_is_left(
     monkeypatch.setattr(webbrowser, "open", lambda url: False)
     monkeypatch.setattr(Server, "serve", lambda self: None)
     assert main(["view", str(folder), "--port", "0", "--open"]) == 0
-    words = capsys.readouterr().out
-    assert "at http://127.0.0.1:" in words
-    assert "No browser could be opened here" in words
+    printed = capsys.readouterr()
+    assert "at http://127.0.0.1:" in printed.out
+    assert "no browser can be opened here; open http://127.0.0.1:" in printed.err

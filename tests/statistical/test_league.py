@@ -6,6 +6,8 @@ All numbers are drawn from known laws with fixed seeds; the limits are those of 
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,7 +91,9 @@ def league_of(errors_and_times: dict[str, list[tuple[float, float]]], runs: int 
     values["decision_time_s"] = points[:, 1:, None] + 50.0 * (common[1] + own[1])
     floors = floors_of(["stripe"], [0.48])[:1]
     league = League(preset("paper"), tuple(entries), floors, (5,), runs=runs)
-    return Standings(league, values, None)  # type: ignore[arg-type]  # no tables of runs are read
+    cells = [SimpleNamespace(scenario=league.base)]
+    played: Any = SimpleNamespace(study=SimpleNamespace(cells=cells))  # no tables of runs are read
+    return Standings(league, values, played)
 
 
 def test_twins_share_the_front_and_a_slower_strategy_is_not_with_them() -> None:

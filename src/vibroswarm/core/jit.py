@@ -53,7 +53,6 @@ LAYERS_ABOVE: Final = (
     "cli",
     "documents",
     "plots",
-    "show",
     "run_page",
     "view",
     "study",

@@ -255,12 +255,11 @@ def place_shares(samples: Samples) -> Shares:
         )
     place, sensor = place_of(samples.floor), samples.law.sensor
     blur_m, reach_m = sensor.edge_blur_m or 0.0, max(sensor.edge_reach_m or 0.0, 0.0)
-    spreads_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
+    spread_x_m, spread_y_m = (np.hypot(samples.column(f"spread_{axis}_m"), blur_m) for axis in "xy")
     box = np.empty((samples.frame.height, 4), dtype=np.int64)
     of_column, of_row = (np.zeros((len(box), 2 * number)) for number in (place.columns, place.rows))
-    _share_places(
-        samples.column("x_m"), samples.column("y_m"), *spreads_m, reach_m, place, box, of_column, of_row
-    )
+    x_m, y_m = samples.column("x_m"), samples.column("y_m")
+    _share_places(x_m, y_m, spread_x_m, spread_y_m, reach_m, place, box, of_column, of_row)
     touched = (box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1)
     return Shares(box, of_column, of_row, np.append(0, np.cumsum(touched)), reach_m > 0.0)
 
