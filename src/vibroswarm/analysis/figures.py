@@ -322,8 +322,11 @@ class RunFigure(NotebookView):
         """
         if self.is_share:
             return share_interval(by_run, level)
+        found = mean_interval(by_run, level)
+        if math.isinf(found.low):  # of a single run, which has no limits
+            return found
         is_within_run = self.unit == "s" and self.least == 0.0
-        return within(mean_interval(by_run, level), self.least, t_end_s if is_within_run else self.most)
+        return within(found, self.least, t_end_s if is_within_run else self.most)
 
 
 def _mean_of(column: str) -> Callable[[Swarms], Array]:
