@@ -2,7 +2,7 @@
 
 | name | symbol | equation |
 |---|---|---|
-| share of a sample's place in a region | s | normal in x and y, as in ``strategies.place_map`` |
+| share of a sample's place in a region | s | normal in x and y, by ``strategies.place_map`` |
 | likelihood ratio of the sample | r | density where it vibrates over that where it is still |
 | likelihood of the sample | L | 1 + (r - 1) F, F the probability that it feels vibration |
 | nothing vibrates in a region | - | product over its tiles u of c_u = 1 - p_u |
@@ -24,7 +24,7 @@ Evidence is multiplied, not added, and shares are computed once, which takes a q
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,9 +32,8 @@ from scipy.special import expit, logit
 
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.errors import InputError
-from vibroswarm.floors.place import Place, place_of, tile_below
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.strategies.place_map import FAR, LEAST_SPREAD_M, share_below
+from vibroswarm.strategies.place_map import share_place
 
 Integers = NDArray[np.int64]
 
@@ -46,13 +45,30 @@ LARGEST: Final = 1e200
 """Limit of odds within a repetition, and of products before their logarithm is taken."""
 
 
+class Ground(NamedTuple):
+    """The grid, under the names by which ``place_map`` reads what a robot knows of it."""
+
+    rows: int
+    columns: int
+    tile_width_m: float
+    tile_height_m: float
+    left_m: float
+    bottom_m: float
+
+
+class Reach(NamedTuple):
+    """How far beyond its edges a tile is felt."""
+
+    edge_reach_m: float
+
+
 class Shares(NamedTuple):
-    """Shares of the samples' places on the tiles and on the strips around their edges, divided by their sum."""
+    """Shares of the samples' places, as ``place_map.share_place`` writes them, divided by their sum."""
 
     box: Integers
     """(samples, 4): first and last column, first and last row; the last column is before the first: off the grid."""
     of_column: Floats
-    """(samples, 2 columns): column c at 2 c, the strip between columns c and c + 1 at 2 c + 1."""
+    """(samples, 2 columns)."""
     of_row: Floats
     """(samples, 2 rows)."""
     first: Integers
@@ -61,59 +77,37 @@ class Shares(NamedTuple):
     """Whether vibration is felt beyond edges."""
 
 
-@inner
-def _share_axis(
-    at_m: float, spread_m: float, reach_m: float, tile_m: float, shares: Floats
-) -> tuple[int, int, float]:
-    """Write the shares of a place on the tiles along an axis, and on the strips between them, to ``shares``.
+class Room(NamedTuple):
+    """Where ``place_map.share_place`` writes."""
 
-    Tiles further than ``FAR`` standard deviations have none. A strip reaches half a tile to either side at most.
-
-    Args:
-        at_m: distance from where the first tile begins.
-    Returns: first and last tile, and the sum of the shares.
-    """
-    last_tile, far_m = shares.size // 2 - 1, FAR * spread_m + reach_m
-    first = min(max(int((at_m - far_m) / tile_m), 0), last_tile)
-    last = min(max(int((at_m + far_m) / tile_m), 0), last_tile)
-    reach_m = min(reach_m, 0.5 * tile_m)
-    begin = below = share_below(first * tile_m, at_m, spread_m)
-    for k in range(first, last + 1):
-        inner_edge = reach_m > 0.0 and k < last
-        end_m = (k + 1) * tile_m - (reach_m if inner_edge else 0.0)
-        until = share_below(end_m, at_m, spread_m)
-        shares[2 * k] = until - below
-        below = until
-        if inner_edge:
-            until = share_below(end_m + 2.0 * reach_m, at_m, spread_m)
-            shares[2 * k + 1] = until - below
-            below = until
-    return first, last, below - begin
+    of_column: Floats
+    of_row: Floats
+    of_all: Floats
 
 
 @kernel
 def _share_places(
-    x_m: Floats, y_m: Floats, spread_x_m: Floats, spread_y_m: Floats, reach_m: float, place: Place,
-    box: Integers, of_column: Floats, of_row: Floats,
+    tile: Integers, x_m: Floats, y_m: Floats, spread_x_m: Floats, spread_y_m: Floats,
+    p: Reach, w: Any, box: Integers, of_column: Floats, of_row: Floats, of_all: Floats,
 ) -> None:  # fmt: skip
-    """Write the shares of each place; ``of_column`` and ``of_row`` are all 0 at first."""
-    for s in range(x_m.size):
-        box[s, 0], box[s, 1], box[s, 2], box[s, 3] = 0, -1, 0, -1
-        if reach_m == 0.0 and spread_x_m[s] == 0.0 and spread_y_m[s] == 0.0:
-            tile = tile_below(x_m[s], y_m[s], place)
-            if tile >= 0:
-                row, column = tile // place.columns, tile % place.columns
-                box[s, 0], box[s, 1], box[s, 2], box[s, 3] = column, column, row, row
-                of_column[s, 2 * column], of_row[s, 2 * row] = 1.0, 1.0
-            continue
-        of_x_m, of_y_m = max(spread_x_m[s], LEAST_SPREAD_M), max(spread_y_m[s], LEAST_SPREAD_M)
-        left, right, all_x = _share_axis(x_m[s] - place.left_m, of_x_m, reach_m, place.width_m, of_column[s])
-        upper, lower, all_y = _share_axis(place.top_m - y_m[s], of_y_m, reach_m, place.height_m, of_row[s])
-        if all_x * all_y < 1e-9:  # practically all of the place is off the grid
-            continue
-        box[s, 0], box[s, 1], box[s, 2], box[s, 3] = left, right, upper, lower
-        for c in range(2 * left, 2 * right + 2):
-            of_column[s, c] /= all_x * all_y
+    """Write the shares of each place.
+
+    Args:
+        tile: tile of each exact place, -1: on none; -2: the place is not exact. of_all: room, (1,).
+    """
+    for s in range(tile.size):
+        if tile[s] >= 0:
+            row, column = tile[s] // w.columns, tile[s] % w.columns
+            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = column, column, row, row
+            of_column[s, 2 * column], of_row[s, 2 * row] = 1.0, 1.0
+        elif tile[s] == -1:
+            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = 0, -1, 0, -1
+        else:
+            room = Room(of_column[s], of_row[s], of_all)
+            left, right, upper, lower = share_place(room, x_m[s], y_m[s], spread_x_m[s], spread_y_m[s], p, w)
+            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = left, right, upper, lower
+            for c in range(2 * left, 2 * right + 2):
+                of_column[s, c] /= of_all[0]
 
 
 @inner
@@ -203,7 +197,9 @@ def _propagate(
         for t in range(now.size):
             now[t] = log_odds[e - 1, t] if e > 0 else prior
         for _ in range(sweeps):
-            for t in range(now.size):  # from all evidence anew, since within a repetition odds are limited
+            for t in range(
+                now.size
+            ):  # computed again from all evidence: within a repetition odds are limited
                 odds[t] = min(max(math.exp(min(now[t], 700.0)), 1.0 / LARGEST), LARGEST)
                 now[t], product[t] = prior, 1.0
             change = 0.0
@@ -253,13 +249,18 @@ def place_shares(samples: Samples) -> Shares:
         raise InputError(
             "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
         )
-    place, sensor = place_of(samples.floor), samples.law.sensor
-    blur_m, reach_m = sensor.edge_blur_m or 0.0, max(sensor.edge_reach_m or 0.0, 0.0)
-    spread_x_m, spread_y_m = (np.hypot(samples.column(f"spread_{axis}_m"), blur_m) for axis in "xy")
-    box = np.empty((samples.frame.height, 4), dtype=np.int64)
-    of_column, of_row = (np.zeros((len(box), 2 * number)) for number in (place.columns, place.rows))
-    x_m, y_m = samples.column("x_m"), samples.column("y_m")
-    _share_places(x_m, y_m, spread_x_m, spread_y_m, reach_m, place, box, of_column, of_row)
+    rows, columns, *position = samples.floor.geometry
+    ground, sensor = Ground(int(rows), int(columns), *position), samples.law.sensor
+    x_m, y_m, blur_m = samples.column("x_m"), samples.column("y_m"), sensor.edge_blur_m or 0.0
+    spread_x_m, spread_y_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
+    reach_m = max(sensor.edge_reach_m or 0.0, 0.0)
+    is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (reach_m == 0.0)
+    tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -2).astype(np.int64)
+    box = np.empty((tile.size, 4), dtype=np.int64)
+    of_column, of_row = np.zeros((tile.size, 2 * ground.columns)), np.zeros((tile.size, 2 * ground.rows))
+    _share_places(
+        tile, x_m, y_m, spread_x_m, spread_y_m, Reach(reach_m), ground, box, of_column, of_row, np.empty(1)
+    )
     touched = (box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1)
     return Shares(box, of_column, of_row, np.append(0, np.cumsum(touched)), reach_m > 0.0)
 
