@@ -20,6 +20,7 @@ from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
 from vibroswarm.core.folders import about_file, check_definition, check_files, manifest_text, read_manifest
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, texts, words
@@ -36,7 +37,6 @@ from vibroswarm.result_validation import check_result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count
 
 SCENARIO: Final = "scenario.toml"
 """File of a result's scenario."""

@@ -11,9 +11,9 @@ import pytest
 from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settings, matched_error
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
+from vibroswarm.core.numbers import listed
 from vibroswarm.documents.study_words import at_equal_error, question, sentence
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.show.numbers import listed
 from vibroswarm.strategies import known
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.cell_comparison import Compared

@@ -20,6 +20,7 @@ from vibroswarm import Study, fields, preset, verdict
 from vibroswarm.analysis.verdict import headline
 from vibroswarm.calibrate.camera import RIGHT
 from vibroswarm.calibrate.fit import Fit, Fitted
+from vibroswarm.core.numbers import number
 from vibroswarm.documents import DOCUMENTS, document_of
 from vibroswarm.documents.notebook import html_of
 from vibroswarm.floors.design import make_floor
@@ -36,7 +37,6 @@ from vibroswarm.paper.items import all_items
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.scenario.scenario import FieldNames, field_names
-from vibroswarm.show.numbers import number
 
 ROOT = Path(__file__).parents[2]
 STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))

@@ -1,4 +1,4 @@
-"""How numbers in results look is decided in ``show/numbers.py`` alone: no other text that results have formats one."""
+"""How numbers in results look is decided in ``core/numbers.py`` alone: no other text that results have formats one."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.intervals import Interval
+from vibroswarm.core.numbers import decimals_of, number, percent, with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
@@ -25,7 +26,6 @@ from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
 from vibroswarm.show.figures import write_figures
 from vibroswarm.show.markup import escape, inline_svg
-from vibroswarm.show.numbers import decimals_of, number, percent, with_limits
 from vibroswarm.show.page import fragment_html, page_html, write_page
 from vibroswarm.show.stored import document_from, document_values
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import sensors, strategies
+from vibroswarm.core.numbers import percent
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import claimed_rates, claims_differ, rates
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import percent
 from vibroswarm.strategies.static_analysis import told
 
 

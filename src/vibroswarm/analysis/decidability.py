@@ -46,6 +46,7 @@ from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of
@@ -61,7 +62,6 @@ from vibroswarm.observation.decision_boundary import (
 from vibroswarm.observation.energy_model import claims_differ, error_rates, model_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import number, percent, stated
 
 Word = Literal[
     "decidable", "wrong side", "on the boundary", "indistinguishable from the boundary", "not assessed"

@@ -24,11 +24,11 @@ from vibroswarm.analysis.agreement import Agreement, agreements_over_time
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, number, span, stated, stated_percent
 from vibroswarm.errors import InputError, check_kind, shown
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count, number, span, stated, stated_percent
 
 
 @dataclass(frozen=True)

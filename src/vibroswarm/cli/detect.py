@@ -94,7 +94,7 @@ def _searched(
     """Search with a plan and progress of each study; None if only a part of the runs was done."""
     from vibroswarm.cli.studies import run_study_of
     from vibroswarm.cli.terminal import report
-    from vibroswarm.show.numbers import stated
+    from vibroswarm.core.numbers import stated
     from vibroswarm.study.detection import detect_by
 
     def run_study(study: Study, place: Path | None) -> StudyResult | None:

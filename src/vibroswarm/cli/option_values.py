@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_origin
 
+from vibroswarm.core.numbers import number as written
 from vibroswarm.errors import InputError, check_choice, share_from, shown
-from vibroswarm.show.numbers import number as written
 
 VALUES: Final[dict[Any, str]] = {int: "N", float: "X", str: "NAME", Path: "FILE"}
 """What stands for a value of a type in the help."""

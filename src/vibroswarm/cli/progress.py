@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from vibroswarm.cli.terminal import printing, report
-from vibroswarm.show.numbers import count, count_of, duration, number, percent, whole
+from vibroswarm.core.numbers import count, count_of, duration, number, percent, whole
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.methods import SearchProgress

@@ -89,7 +89,7 @@ def run_study_of(
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.cli.scenario_warnings import warn_of
-    from vibroswarm.show.numbers import count_of
+    from vibroswarm.core.numbers import count_of
     from vibroswarm.study.run import run
     from vibroswarm.study.runner import Job, run_batch
     from vibroswarm.study.store import Store

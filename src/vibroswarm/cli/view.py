@@ -34,9 +34,9 @@ def view(
     """
     from vibroswarm.cli.output import open_page, print_saved_file
     from vibroswarm.cli.terminal import report
+    from vibroswarm.core import numbers
     from vibroswarm.errors import InputError
     from vibroswarm.recordings.recording import read_result
-    from vibroswarm.show import numbers
     from vibroswarm.view.server import Server, viser, write_html
 
     if not 1.0 <= speed <= 200.0:  # the range of the slider on the page; --html has the same limits

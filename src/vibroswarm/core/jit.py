@@ -53,6 +53,7 @@ LAYERS_ABOVE: Final = (
     "cli",
     "documents",
     "plots",
+    "show",
     "run_page",
     "view",
     "study",

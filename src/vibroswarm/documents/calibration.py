@@ -16,9 +16,9 @@ from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
 from vibroswarm.calibrate.similarity import EnergyDistance, Similarity, Spread
+from vibroswarm.core.numbers import listed, number, percent, stated, with_limits
 from vibroswarm.documents.session_estimates import columns_of, estimate_of
 from vibroswarm.show.document import Column, Document, Part, Table, Text
-from vibroswarm.show.numbers import listed, number, percent, stated, with_limits
 
 DISTANCES: Final = (
     "Energy distance, effect size (0: same distribution, 1: no overlap; in brackets 95 % over sessions)."

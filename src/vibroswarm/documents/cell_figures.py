@@ -9,8 +9,8 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
+from vibroswarm.core.numbers import number
 from vibroswarm.show.document import Column, Table, limits_of
-from vibroswarm.show.numbers import number
 
 _NUMBERS: Final = {
     "icc_decision_time": Column("correlation within a run: decision time", decimals=3),

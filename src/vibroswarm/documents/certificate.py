@@ -9,6 +9,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.numbers import count, number, percent, size, span, stated
 from vibroswarm.documents.damage import (
     MOST_LISTED,
     UNTESTED,
@@ -27,7 +28,6 @@ from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import Scan
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import count, number, percent, size, span, stated
 from vibroswarm.simulation import versions
 
 CERTIFICATE: Final = "certificate.html"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import polars as pl
 
+from vibroswarm.core.numbers import count
 from vibroswarm.show.document import Column, Document, Table
-from vibroswarm.show.numbers import count
 
 
 def check_document(name: str, findings: Sequence[tuple[str, bool, bool, str]]) -> Document:

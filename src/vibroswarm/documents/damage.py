@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.numbers import count, listed, number, p_value, percent, stated, whole, with_limits
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
@@ -22,7 +23,6 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import maps_figure
 from vibroswarm.plots.style import settings
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import count, listed, number, p_value, percent, stated, whole, with_limits
 from vibroswarm.simulation import versions
 
 MOST_LISTED: Final = 4

@@ -15,13 +15,13 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import count, decimals_of, listed, number, stated, stated_percent
 from vibroswarm.documents.cell_figures import map_table, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
-from vibroswarm.show.numbers import count, decimals_of, listed, number, stated, stated_percent
 from vibroswarm.simulation import versions
 from vibroswarm.study.detection import Detection
 

@@ -10,10 +10,10 @@ import polars as pl
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.paired import Confirmation
 from vibroswarm.calibrate.effect import Effect
+from vibroswarm.core.numbers import with_limits
 from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.show.document import Column, Document, Table, limits_of
-from vibroswarm.show.numbers import with_limits
 
 
 def effect_document(*found: Effect) -> Document:

@@ -7,10 +7,10 @@ from dataclasses import asdict
 
 import polars as pl
 
+from vibroswarm.core.numbers import count, number, percent, stated
 from vibroswarm.export.c_library import COMPILER, SIZE_TOOL, Memory
 from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Exported, Timing, ms, other_robot, unfit
 from vibroswarm.show.document import Document, Table
-from vibroswarm.show.numbers import count, number, percent, stated
 
 
 def export_document(found: Exported) -> Document:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import count, decimals_of, listed, number
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Part, Table, Text
-from vibroswarm.show.numbers import count, decimals_of, listed, number
 
 if TYPE_CHECKING:  # to show a scenario takes neither
     from vibroswarm.optimize.spec import Search

@@ -16,8 +16,7 @@ from vibroswarm.calibrate.features import WORDS
 from vibroswarm.calibrate.fit import LACKS, Fit
 from vibroswarm.calibrate.fit_vibration import FoldMisfit, Misfit, VibrationFit
 from vibroswarm.calibrate.reading import Reading
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
-from vibroswarm.show.numbers import (
+from vibroswarm.core.numbers import (
     Estimate,
     count,
     decimals_of,
@@ -27,6 +26,7 @@ from vibroswarm.show.numbers import (
     plus_minus,
     with_limits,
 )
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
 
 DIGITS: Final = 5
 """Significant digits of estimates, which become fields of a scenario."""

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import shown
 from vibroswarm.floors.difficulty import Difficulty, Entry, measure_floor
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.patches import Patch
 from vibroswarm.show.document import Column, Document, Figure, Table, Text
-from vibroswarm.show.numbers import count, number
 
 if TYPE_CHECKING:  # their imports take long
     from vibroswarm.floors.design import FloorDesign

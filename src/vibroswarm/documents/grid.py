@@ -11,6 +11,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import count, counts, decimals_of, listed, with_limits
 from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.search import captioned, commands, file_section, truth_section
@@ -31,7 +32,6 @@ from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.show.made_by import versions_in_words
-from vibroswarm.show.numbers import count, counts, decimals_of, listed, with_limits
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import plan_of
 

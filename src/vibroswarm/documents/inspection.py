@@ -10,6 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import SURE, calibration
+from vibroswarm.core.numbers import count, number, percent, size
 from vibroswarm.documents.cell_figures import WIDEST_MAP, tile_lines
 from vibroswarm.documents.damage import (
     damage_answer,
@@ -21,7 +22,6 @@ from vibroswarm.documents.damage import (
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
-from vibroswarm.show.numbers import count, number, percent, size
 from vibroswarm.simulation import versions
 
 ROWS: Final = 12

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterable
 
 from vibroswarm.analysis.claimed_rates import claims_notes
 from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.core.numbers import count, listed, stated
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count, listed, stated
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told as told_by_strategy
 

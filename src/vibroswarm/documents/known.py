@@ -7,10 +7,10 @@ from typing import Final
 import polars as pl
 
 import vibroswarm.simulation  # noqa: F401  (registers the engines)
+from vibroswarm.core.numbers import count
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.show.document import Document, Table
-from vibroswarm.show.numbers import count
 
 NOUNS: Final = {
     "strategy": ("strategy", "strategies"),

@@ -7,6 +7,7 @@ from typing import Any, Final, cast
 
 import polars as pl
 
+from vibroswarm.core.numbers import Estimate, count, listed, number, percent, whole, with_limits
 from vibroswarm.documents.cell_figures import SIZES, figure_columns, map_table, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
@@ -20,7 +21,6 @@ from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, listed, number, percent, whole, with_limits
 from vibroswarm.simulation import versions
 from vibroswarm.study.factors import LABEL
 

@@ -10,12 +10,12 @@ from typing import Any, Final, cast
 
 import polars as pl
 
+from vibroswarm.core.numbers import Estimate, listed, number, percent, span, with_limits
 from vibroswarm.league.belief_calibration import AS_PLAYED, COMMON, OWN
 from vibroswarm.league.best import guess_level, guesses
 from vibroswarm.league.entries import GUESSING, default_strategies
 from vibroswarm.league.fronts import NOT, OPEN, REACHES
 from vibroswarm.league.standings import Standings
-from vibroswarm.show.numbers import Estimate, listed, number, percent, span, with_limits
 
 CERTAIN: Final = 0.05
 """A difference is significant if its corrected p-value is below this."""

@@ -7,8 +7,8 @@ from dataclasses import asdict
 import polars as pl
 
 from vibroswarm.calibrate.message_loss import STEPS, LossFits
+from vibroswarm.core.numbers import count, number, percent, plus_minus
 from vibroswarm.show.document import Column, Document, Table, Text
-from vibroswarm.show.numbers import count, number, percent, plus_minus
 
 
 def message_loss_document(found: LossFits) -> Document:

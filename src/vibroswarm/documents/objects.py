@@ -8,11 +8,11 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.verdict import RobotVerdict
+from vibroswarm.core.numbers import size, stated
 from vibroswarm.errors import shown
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import FieldNames, Scenario
 from vibroswarm.show.document import Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import size, stated
 from vibroswarm.study.factors import LABEL, PRESET
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_outputs import ReportFile

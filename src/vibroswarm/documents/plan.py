@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from vibroswarm.show.numbers import count, duration, listed, whole
+from vibroswarm.core.numbers import count, duration, listed, whole
 from vibroswarm.study.cell_comparison import MOST_AGAIN
 from vibroswarm.study.plan import Plan
 from vibroswarm.study.precision import FIRST_LOOK

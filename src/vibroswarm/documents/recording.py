@@ -11,6 +11,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.answers_over_time import JUDGED
+from vibroswarm.core.numbers import Estimate, count, listed, number, percent, span, stated, with_limits
 from vibroswarm.documents.cell_figures import answers_table
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.session_estimates import estimate_of
@@ -29,7 +30,6 @@ from vibroswarm.recordings.threshold import Recommendation, Threshold
 from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, listed, number, percent, span, stated, with_limits
 
 
 def import_document(recording: Recording, pages: Sequence[str], computed: Sequence[str] = ()) -> Document:

@@ -11,6 +11,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import count
 from vibroswarm.documents.knowledge import told
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
 from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
@@ -18,7 +19,6 @@ from vibroswarm.paper.item import Drawn, Picture, Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, Tone
-from vibroswarm.show.numbers import count
 from vibroswarm.simulation import versions
 
 ROWS_IN_SIGHT: Final = 12

@@ -22,6 +22,7 @@ from vibroswarm.analysis.verdict import (
     strategy_name,
     verdict,
 )
+from vibroswarm.core.numbers import count, number, stated_percent
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
@@ -33,7 +34,6 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
-from vibroswarm.show.numbers import count, number, stated_percent
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""

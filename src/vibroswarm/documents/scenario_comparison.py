@@ -6,12 +6,12 @@ import polars as pl
 
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import columns_of
+from vibroswarm.core.numbers import count, with_limits
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.search_tables import frame_of, parts_of
 from vibroswarm.documents.search_words import aim
 from vibroswarm.optimize.scenario_comparison import Checked
 from vibroswarm.show.document import Column, Document, Table
-from vibroswarm.show.numbers import count, with_limits
 
 
 def checked_document(found: Checked) -> Document:

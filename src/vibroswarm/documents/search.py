@@ -13,6 +13,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.intervals import plain
+from vibroswarm.core.numbers import count, count_of, listed, number, whole, with_limits
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.objects import values_table
 from vibroswarm.documents.search_tables import (
@@ -50,7 +51,6 @@ from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Document, Figure, Part, Section, Text
 from vibroswarm.show.made_by import versions_in_words
-from vibroswarm.show.numbers import count, count_of, listed, number, whole, with_limits
 from vibroswarm.simulation import versions
 
 QUOTE: Final = (

@@ -12,6 +12,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.intervals import columns_of, plain
+from vibroswarm.core.numbers import Estimate, count, decimals_of
 from vibroswarm.documents.search_words import (
     bound_of,
     other_names,
@@ -25,7 +26,6 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Front, Scored, Truth
 from vibroswarm.show.document import Column, Table, Tone
-from vibroswarm.show.numbers import Estimate, count, decimals_of
 
 BEST: Final = 20
 """Number of candidates in the table of the best."""

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from vibroswarm.core.numbers import count, listed, number, percent, whole, with_limits
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.objective import AIMS, Objective
@@ -17,7 +18,6 @@ from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
 from vibroswarm.plots.labels import label_of
-from vibroswarm.show.numbers import count, listed, number, percent, whole, with_limits
 
 ENOUGH: Final = 0.9
 """Share of the budget from which a search counts as finished."""

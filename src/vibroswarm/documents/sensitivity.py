@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import polars as pl
 
+from vibroswarm.core.numbers import Estimate, count, percent, with_limits
 from vibroswarm.documents.search_words import failed_runs
 from vibroswarm.optimize.sensitivity import Sensitivity
 from vibroswarm.show.document import Column, Document, Table, Text
-from vibroswarm.show.numbers import Estimate, count, percent, with_limits
 
 
 def sensitivity_document(found: Sensitivity) -> Document:

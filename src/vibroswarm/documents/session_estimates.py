@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.show.numbers import Estimate
+from vibroswarm.core.numbers import Estimate
 
 
 def estimate_of(interval: Interval | None, scale: float = 1.0) -> Estimate:

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.numbers import Estimate, count, number, with_limits
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.spectrum import draw_spectrum
 from vibroswarm.recordings.spectrum import Spectra, Spectrum
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, number, with_limits
 
 WORDS = {"robot": "By robot", "tile": "By tile", "place": "By place", "time": "Over time"}
 MOST_DRAWN = 4

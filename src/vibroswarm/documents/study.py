@@ -22,6 +22,7 @@ from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.analysis.reports_over_time import report_heading
 from vibroswarm.analysis.verdict import answers_of
+from vibroswarm.core.numbers import count, counts, listed, number, percent, stated, stated_percent
 from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.study_figures import (
@@ -43,7 +44,6 @@ from vibroswarm.documents.study_words import (
 )
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
 from vibroswarm.show.made_by import versions_in_words
-from vibroswarm.show.numbers import count, counts, listed, number, percent, stated, stated_percent
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table

@@ -17,6 +17,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
+from vibroswarm.core.numbers import stated
 from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
@@ -27,7 +28,6 @@ from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Figure, limits_of
-from vibroswarm.show.numbers import stated
 from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from vibroswarm.show.numbers import count, count_of, number, whole
+from vibroswarm.core.numbers import count, count_of, number, whole
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult

@@ -15,8 +15,7 @@ from typing import Final
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
-from vibroswarm.documents.knowledge import setting as setting_of
-from vibroswarm.show.numbers import (
+from vibroswarm.core.numbers import (
     Estimate,
     count,
     counts,
@@ -28,6 +27,7 @@ from vibroswarm.show.numbers import (
     whole,
     with_limits,
 )
+from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.study.answers import Answer, Effect, lacks_truth
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.equal_error import pairs_at_equal_error

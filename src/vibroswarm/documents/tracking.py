@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.numbers import count, number, percent, stated
 from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
-from vibroswarm.show.numbers import count, number, percent, stated
 from vibroswarm.simulation import versions
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
 from vibroswarm.tracking.doubts import (

@@ -12,13 +12,13 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import Estimate, count, stated, with_limits
 from vibroswarm.documents.cell_figures import figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import setting, told
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import Estimate, count, stated, with_limits
 from vibroswarm.simulation import versions
 from vibroswarm.study.tradeoff import Tradeoff
 

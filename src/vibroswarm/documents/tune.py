@@ -6,9 +6,9 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import count, span
 from vibroswarm.league.tuning import Tuned
 from vibroswarm.show.document import Column, Document, Section, Table, Text
-from vibroswarm.show.numbers import count, span
 
 COLUMNS: Final = {
     "is_chosen": Column("chosen"),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from vibroswarm.core.numbers import count, percent, whole
 from vibroswarm.optimize.verify import Verified
 from vibroswarm.show.document import Column, Document, Table
-from vibroswarm.show.numbers import count, percent, whole
 
 
 def verified_document(verified: Verified) -> Document:

@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
 from vibroswarm.floors.floor import check_size
 from vibroswarm.floors.source import check_fill_ratio, random_tiles
-from vibroswarm.show.numbers import number, stated
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:

@@ -11,6 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, listed, p_value
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import PLACES, law_checks
 from vibroswarm.inspection.missed import (
@@ -35,7 +36,6 @@ from vibroswarm.inspection.scan import (
 )
 from vibroswarm.inspection.stopping import Question, Stopping, stopping
 from vibroswarm.observation.energy_model import is_sensed
-from vibroswarm.show.numbers import count, listed, p_value
 
 WHOLLY: Final = 0.95
 """Below this share of visited cells PoD may end below 1."""

@@ -31,6 +31,7 @@ from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, SensorFit, fit_sensor
 from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, p_value, percent, stated
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, in_file
 from vibroswarm.inspection.samples import (
@@ -50,7 +51,6 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.numbers import count, p_value, percent, stated
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.camera import corrected
+from vibroswarm.core.numbers import listed, stated
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import FittedLaw, hash_of_run
@@ -26,7 +27,6 @@ from vibroswarm.inspection.samples import (
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.show.numbers import listed, stated
 
 KEY: Final = ("run", "robot", "sample")
 

@@ -28,12 +28,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, number_of
 from vibroswarm.floors.source import is_random, pattern
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names, parse_values
-from vibroswarm.show.numbers import percent, stated
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told
 

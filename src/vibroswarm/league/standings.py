@@ -40,12 +40,12 @@ from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, p
 from vibroswarm.analysis.map_figures import MAPPED
 from vibroswarm.analysis.paired import compare, holm
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count, stated
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL

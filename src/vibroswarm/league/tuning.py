@@ -40,12 +40,12 @@ import tomli_w
 
 from vibroswarm.analysis.forced_error import front_of
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, listed
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count, listed
 from vibroswarm.study.factors import points_of
 
 AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20, 0.25)

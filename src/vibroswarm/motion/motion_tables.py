@@ -17,10 +17,10 @@ import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count
 
 MOTION: Final[dict[str, Any]] = {
     "run": pl.UInt32,

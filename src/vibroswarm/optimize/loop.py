@@ -19,6 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, number
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import RunError
 from vibroswarm.optimize.archive import Archive
@@ -29,7 +30,6 @@ from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import REQUEST, SearchFolder, results_in, step_table
-from vibroswarm.show.numbers import count, number
 from vibroswarm.study.executors import Workers, workers_for
 
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain, within
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_percent, with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
@@ -33,7 +34,6 @@ from vibroswarm.optimize.objective import Objective, Rows, bootstrap
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import FreshFolder
-from vibroswarm.show.numbers import count, decimals_of, number, percent, stated_percent, with_limits
 from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1

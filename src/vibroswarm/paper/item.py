@@ -28,6 +28,7 @@ from vibroswarm.core.atomic_io import MANIFEST, whole_folder
 from vibroswarm.core.code_version import saved_syntax_hash
 from vibroswarm.core.folders import about_file, has_manifest, manifest_text, read_described
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number, percent
 from vibroswarm.core.tables import parquet_bytes, read_frame
 from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError
@@ -41,7 +42,6 @@ from vibroswarm.paper.real_data import real_floor
 from vibroswarm.plots import Picture as DrawnPicture
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column
-from vibroswarm.show.numbers import number, percent
 from vibroswarm.simulation import versions
 
 Tables = dict[str, pl.DataFrame]

@@ -19,6 +19,7 @@ import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
@@ -35,7 +36,6 @@ from vibroswarm.paper.item import (
     save_tables,
 )
 from vibroswarm.paper.items import all_items
-from vibroswarm.show.numbers import count
 from vibroswarm.study.executors import processors
 
 SWITCH_S: Final = 5e-4

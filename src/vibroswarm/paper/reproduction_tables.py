@@ -14,12 +14,12 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.numbers import MISSING, Estimate, span, with_limits
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.paper.claims import CANNOT, Claim, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import CLAIMS, Settings
 from vibroswarm.paper.reproduce import Reproduction
-from vibroswarm.show.numbers import MISSING, Estimate, span, with_limits
 
 TABLES: Final = "tables"
 """Folder of the tables."""

@@ -14,11 +14,11 @@ from itertools import pairwise
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from vibroswarm.core.numbers import counts as counted
+from vibroswarm.core.numbers import is_missing
+from vibroswarm.core.numbers import number as written
 from vibroswarm.errors import InputError
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, Look, Style
-from vibroswarm.show.numbers import counts as counted
-from vibroswarm.show.numbers import is_missing
-from vibroswarm.show.numbers import number as written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

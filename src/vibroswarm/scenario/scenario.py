@@ -23,6 +23,7 @@ from typing import Any, Final, Self
 from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, in_file, nearest, path_of, shown, whole_number_of
@@ -33,7 +34,6 @@ from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.scenario.presets import preset_text
-from vibroswarm.show.numbers import count
 
 SCHEMA_VERSION = 3
 """Version of the fields of scenarios; it is part of their hashes."""

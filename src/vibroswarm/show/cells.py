@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
+from vibroswarm.core.numbers import MISSING, decimals_of, is_missing, number, p_value
 from vibroswarm.show.document import Column, Table, Tone
-from vibroswarm.show.numbers import MISSING, decimals_of, is_missing, number, p_value
 
 
 class Cell(NamedTuple):

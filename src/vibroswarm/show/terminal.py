@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from textwrap import wrap
 from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
 
+from vibroswarm.core.numbers import count
 from vibroswarm.show.cells import Cell, written
 from vibroswarm.show.document import Document, Part, Photos, Section, Table, Text
-from vibroswarm.show.numbers import count
 
 if TYPE_CHECKING:
     from rich.console import Console

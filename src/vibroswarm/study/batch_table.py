@@ -22,12 +22,12 @@ from vibroswarm.analysis.agreement import AGREEMENTS
 from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.analysis.map_figures import MAP_FIGURES, MAPPED
 from vibroswarm.analysis.sampling import WALK as OF_WALK
+from vibroswarm.core.numbers import count, number, whole
 from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
 from vibroswarm.inference.reports import REPORTED
 from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import Result
-from vibroswarm.show.numbers import count, number, whole
 from vibroswarm.study.spec import Cell
 
 Columns = Mapping[str, NDArray[Any]]

@@ -19,10 +19,10 @@ from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import stated
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult

@@ -31,9 +31,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from vibroswarm.core import numbers
 from vibroswarm.core.child_python import MOST_WORKERS, safe_start
 from vibroswarm.errors import CodeError, InputError, RunError, check_kind, nearest, whole_number_of
-from vibroswarm.show import numbers
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
 

@@ -19,8 +19,8 @@ from typing import Final, NamedTuple
 
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import is_cached
+from vibroswarm.core.numbers import count
 from vibroswarm.errors import CodeError, InputError, RunError
-from vibroswarm.show.numbers import count
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
 from vibroswarm.study.executors import Workers, check_worker, do_all, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import (
@@ -51,7 +52,6 @@ from vibroswarm.scenario.scenario import (
     threshold_of,
     value_of,
 )
-from vibroswarm.show.numbers import count
 from vibroswarm.study.factors import (
     BLOCKS,
     LABEL,

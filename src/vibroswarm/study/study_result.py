@@ -24,11 +24,11 @@ from vibroswarm.analysis.figures import BY_NAME, READ, Swarms, run_figures
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count, whole
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
-from vibroswarm.show.numbers import count, whole
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
 from vibroswarm.study.batch_table import (

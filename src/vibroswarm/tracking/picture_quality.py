@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.show.numbers import percent
+from vibroswarm.core.numbers import percent
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
 from vibroswarm.tracking.video_file import Gray
