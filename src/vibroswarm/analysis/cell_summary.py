@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import FIGURES, ByRun, columns_of, interval, run_figures
 from vibroswarm.analysis.intervals import Interval, plain
-from vibroswarm.analysis.intervals import columns_of as limits_of
+from vibroswarm.analysis.intervals import columns_of as interval_columns
 from vibroswarm.core.notebook_view import NotebookView
 
 
@@ -61,7 +61,7 @@ class CellSummary(NotebookView):
         """
         row: dict[str, float | int | None] = self._sizes()
         for name, found in self.figures.items():
-            row |= limits_of(name, found)
+            row |= interval_columns(name, found)
         return row | {name: plain(value) for name, value in self.correlations.items()}
 
     def as_dict(self) -> dict[str, Any]:

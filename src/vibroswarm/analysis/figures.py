@@ -34,6 +34,7 @@ from vibroswarm.analysis.intervals import (
     quantile_interval,
     rate_interval,
     share_interval,
+    time_interval,
     wilson,
     within,
 )
@@ -322,11 +323,9 @@ class RunFigure(NotebookView):
         """
         if self.is_share:
             return share_interval(by_run, level)
-        found = mean_interval(by_run, level)
-        if math.isinf(found.low):  # of a single run, which has no limits
-            return found
-        is_within_run = self.unit == "s" and self.least == 0.0
-        return within(found, self.least, t_end_s if is_within_run else self.most)
+        if self.unit == "s" and self.least == 0.0:
+            return time_interval(by_run, t_end_s, level)
+        return within(mean_interval(by_run, level), self.least, self.most)
 
 
 def _mean_of(column: str) -> Callable[[Swarms], Array]:

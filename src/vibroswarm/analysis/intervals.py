@@ -88,7 +88,7 @@ def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found, strict=False)}
 
 
-def limits_of(found: Interval | None) -> dict[str, float] | None:
+def finite_limits(found: Interval | None) -> dict[str, float] | None:
     """Return estimate, low and high for JSON, without those that are not finite; None if there is no interval."""
     if found is None:
         return None
@@ -204,6 +204,16 @@ def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1.
     """
     return within(mean_interval(values, level), 0.0, 1.0)
+
+
+def time_interval(times_s: ArrayLike, t_end_s: float = math.nan, level: float = 0.95) -> Interval:
+    """Compute a mean over runs of times, s, with Student's limits clipped to a run; one run has no limits.
+
+    Args:
+        t_end_s: end of the runs, s; nan: not known, then limits may be later.
+    """
+    found = mean_interval(times_s, level)
+    return found if found.n < 2 else within(found, 0.0, t_end_s)
 
 
 def within(found: Interval, least: float, most: float) -> Interval:

@@ -47,7 +47,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.intervals import Interval, mean_interval, plain, wilson, wilson_limits, within
+from vibroswarm.analysis.intervals import Interval, mean_interval, plain, time_interval, wilson, wilson_limits
 from vibroswarm.analysis.tile_posterior import Prior, Values, log_prior, log_ratios, mirrored, sides_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -150,7 +150,7 @@ def could_be_known(
         known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
         wrong=wilson(wrong, decided.height, level),
         claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
-        time_s=within(mean_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), level), 0.0, t_end_s),
+        time_s=time_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), t_end_s, level),
     )
 
 

@@ -26,7 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, limits_of, share_interval
+from vibroswarm.analysis.intervals import Interval, finite_limits, share_interval
 from vibroswarm.calibrate.features import lag_one, wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
@@ -57,7 +57,7 @@ class ClassifierAccuracy(NotebookView):
 
     def as_dict(self) -> dict[str, Any]:
         """Return estimate and finite limits of each interval, for JSON; None where there is no interval."""
-        return {name: limits_of(value) for name, value in self.__dict__.items()}
+        return {name: finite_limits(value) for name, value in self.__dict__.items()}
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:

@@ -39,7 +39,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, limits_of, mean_interval
+from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.distances import sum_of_distances
@@ -242,7 +242,11 @@ class EnergyDistance(NotebookView):
 
     def as_dict(self) -> dict[str, Any]:
         """Return feature and intervals for JSON; limits that are not finite are left out."""
-        return {"feature": self.feature, "effect": limits_of(self.effect), "real": limits_of(self.real)}
+        return {
+            "feature": self.feature,
+            "effect": finite_limits(self.effect),
+            "real": finite_limits(self.real),
+        }
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain, within
+from vibroswarm.analysis.intervals import Interval, cluster_share, plain, time_interval
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_percent, with_limits
@@ -346,7 +346,7 @@ def _parts(rows: Rows) -> dict[str, Interval]:
     for case in range(rows.shape[1]):
         time_s, wrong, decided, robots, t_end_s = rows[:, case].T
         parts = {
-            "decision_time_s": within(mean_interval(time_s), 0.0, float(t_end_s[0])),
+            "decision_time_s": time_interval(time_s, float(t_end_s[0])),
             "robot_error": cluster_share(wrong, decided),
             "robots_undecided": cluster_share(robots - decided, robots),
         }
