@@ -74,7 +74,7 @@ def test_robots_that_are_steered_by_their_places_are_where_tables_have_them() ->
 
 
 def test_robots_drive_to_where_their_map_is_unsure() -> None:
-    """In the first minute three robots that steer see more tiles than three that walk at random, of 25 in 6 runs."""
+    """In the first minute three robots that steer see more tiles than three that walk at random, of 25 in 24 runs."""
 
     def seen(strategy: str, method: str) -> int:
         values = {
@@ -83,11 +83,11 @@ def test_robots_drive_to_where_their_map_is_unsure() -> None:
             "swarm.robots": 3,
             "run.t_end_s": 60.0,
         }
-        at = simulate(EXPLORE.with_values(values), SEED, 6, energies=False).motion
+        at = simulate(EXPLORE.with_values(values), SEED, 24, energies=False).motion
         tiles = at.select("run", (at["x_m"] * 5).floor().alias("c"), (at["y_m"] * 5).floor().alias("r"))
         return tiles.unique().height
 
     walking = seen("places", "mixture")
     assert walking == seen("places", "true")
-    assert seen("explore", "mixture") >= walking + 6 * 1  # robots that are unsure of their place do not steer
-    assert seen("explore", "true") > walking + 6 * 2
+    assert seen("explore", "mixture") > walking + 24 * 1
+    assert seen("explore", "true") > walking + 24 * 2
