@@ -346,7 +346,7 @@ class Result(NotebookView):
         check_definition(folder / SCENARIO, scenario.hash, about["scenario_hash"], about["versions"])
         check_result(frames, scenario, folder, simulated=seed is not None)
         versions = about["versions"]
-        return Result(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]
+        return Result(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]  # tables by name
 
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:
@@ -363,7 +363,6 @@ def head_of(folder: Path) -> dict[str, Any]:
     """Read and check the manifest of a result.
 
     Returns: seed (None: recorded), source, tables, scenario_hash, versions and files by name.
-
 
     Raises:
         InputError: there is no manifest of a result, or one of its entries is missing or wrong.

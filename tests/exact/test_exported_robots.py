@@ -118,9 +118,8 @@ def test_single_precision_does_not_serve_three_valued(swarms: Any, tmp_path: Pat
 def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
     swarm = swarms(name)
     program = built_for_arm(BASE.with_values({"strategy.name": name}), tmp_path)
-    check_events(
-        run_on_arm(program, swarm.short[0]), swarm.did[0], swarm
-    )  # starting the emulator takes longest
+    # One inspection, since starting the emulator takes longest.
+    check_events(run_on_arm(program, swarm.short[0]), swarm.did[0], swarm)
 
 
 @needs_arm

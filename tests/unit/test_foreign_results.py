@@ -12,8 +12,8 @@ from typing import Any
 
 import polars as pl
 import pytest
-from tests.helpers.manifests import resealed
 
+from helpers.manifests import resealed
 from vibroswarm.core.tables import ALLOWED, check_table
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.assemble_recording import recording_of

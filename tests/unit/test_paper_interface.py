@@ -14,8 +14,7 @@ from vibroswarm.paper.claims import all_claims
 HERE = Path(vibroswarm.__file__).parent / "paper"
 NAMES = Path(__file__).parents[2] / "docs" / "api" / "names.md"
 INSIDE = {
-    "core": "a reproduction is saved, hashed, guarded and shown in notebooks as every result of the house",
-    "show.numbers": "how a number is written is decided in one place",
+    "core": "a reproduction is saved, hashed, guarded, written in numbers and shown as every result of the house",
     "errors.check_choice": "misspelled names are answered as everywhere",
     "errors.check_known_keys": "the same",
     "simulation.versions": "what a saved table was computed with",

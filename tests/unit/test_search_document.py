@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.helpers.manifests import resealed
 
+from helpers.manifests import resealed
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.documents.grid import grid_document
 from vibroswarm.documents.scenario_comparison import checked_document

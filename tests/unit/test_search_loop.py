@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.helpers.manifests import resealed
 
 from helpers.dask_cluster import Cluster
+from helpers.manifests import resealed
 from helpers.search_functions import steps_of
 from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError, RunError

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
-from tests.helpers.manifests import resealed
 
+from helpers.manifests import resealed
 from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document

@@ -321,7 +321,7 @@ def stop_of(found: Dataset, base: Scenario) -> float | None:
     calm = calm_intervals(found.samples)["spacing_s"]
     if calm.len() < 50:
         return None
-    usual = float(calm.mean())  # type: ignore[arg-type]
+    usual = float(calm.mean())  # type: ignore[arg-type]  # to polars a mean may be of dates too
     period = base.run.control_period_ms
     stop_ms = 1000.0 * usual - timed_drive_ms(base) - period
     rounded = period * round(stop_ms / period)

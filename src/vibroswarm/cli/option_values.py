@@ -31,7 +31,7 @@ def reader(kind: Any, low: float = -math.inf, high: float = math.inf) -> Callabl
         return partial(_choice, choices=get_args(kind))
     if kind in (int, float):
         return partial(number, kind=kind, low=low, high=high)
-    return kind  # type: ignore[no-any-return]
+    return kind  # type: ignore[no-any-return]  # a class, which converts a text when it is called
 
 
 def _choice(text: str, choices: tuple[str, ...]) -> str:

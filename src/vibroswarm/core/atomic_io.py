@@ -313,7 +313,7 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """
     path = Path(path)
     if "\0" in str(path):
-        raise InputError("cannot be made: there is no such name", field=repr(str(path)))
+        raise _no_such_name(path)
     if path.is_dir():
         raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
     if not replace:
@@ -361,6 +361,10 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
         write_file(folder / name, content)
 
 
+def _no_such_name(path: Path) -> InputError:
+    return InputError("cannot be made: there is no such name", field=shown_name(repr(str(path))))
+
+
 def _make_folders(folder: Path) -> None:
     """Make a folder, and those in which it lies.
 
@@ -370,9 +374,7 @@ def _make_folders(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (ValueError, RecursionError):  # a NUL in the name, or thousands of folders in each other
-        raise InputError(
-            "cannot be made: there is no such name", field=shown_name(repr(str(folder)))
-        ) from None
+        raise _no_such_name(folder) from None
 
 
 def make_folder(folder: Path) -> None:

@@ -220,9 +220,8 @@ def count_bit(swarm: Swarm, e: int, m: Any, k: Any, bit: int, counts: Counts, re
     counts.ones_sent[after] = counts.ones_sent[m] + bit
     swarm.agents[e].own_ones += bit
     counts.own_ones[m] = swarm.agents[e].own_ones
-    for w in range(
-        unsigned(reach.words.shape[1])
-    ):  # add 1 in the lane of each robot that a message of 1 reaches
+    # Add 1 in the lane of each robot that a message of 1 reaches.
+    for w in range(unsigned(reach.words.shape[1])):
         more = reach.words[k, w] if bit == 1 else np.uint64(0)
         counts.ones_reached[after, w] = counts.ones_reached[m, w] + more
 

@@ -143,8 +143,8 @@ class MotionFaults(FrozenModel):
 
 
 class Faults(MotionFaults):
-    """Robots that fail, by share of the swarm or by number, and how; nobody by default. How many can a
-    strategy bear?"""
+    """Robots that fail, by share of the swarm or by number, and how; nobody by default. They show how many
+    failing robots a strategy tolerates."""
 
     stuck_at_0: Affected = 0.0
     """Robots whose sensor always reads 0: a share of the swarm (0.2; rounded to whole robots, drawn again for each

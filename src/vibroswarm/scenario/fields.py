@@ -379,7 +379,8 @@ class Sensor(Choice):
     claimed_rates: Rates | None = None
     """What robots believe of their sensor: one row for each kind of tile, with the share of samples that read as each
     class. If omitted, that follows from the likelihood that the sensor states, and is true for all sensors that
-    ship. It changes no reading, only what strategies that know their sensor make of it: what does a wrong law cost?"""
+    ship. It changes no reading, only what strategies that know their sensor make of it, to see what a
+    wrong law costs."""
 
     @property
     def params(self) -> Any:

@@ -103,11 +103,11 @@ class Params:
     )
     """Frequency of the motor below tiles of kind 1, 2, ..., Hz; tiles of kind 0 have no motor."""
     amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 6.08
-    """Peak acceleration that a motor gives its tile alone (median): of your motors."""
+    """Peak acceleration that a motor gives its tile alone (median). It depends on the motors."""
     amplitude_shares: Annotated[
         tuple[Annotated[float, Field(gt=0, le=1e3)], ...], Field(max_length=MOST_KINDS - 1, strict=False)
     ] = ()
-    """That of the motor below tiles of kind 1, 2, ..., as a share of amplitude_m_s2, for motors of several
+    """That of the motor below tiles of kind 1, 2, ..., as a share of amplitude_m_s2, for motors of different
     strengths; if empty, 1 for all."""
     motor_spread: Annotated[float, Field(ge=0, le=2)] = 0.159
     """Standard deviation of the logarithm of the amplitude from motor to motor, drawn per tile and run."""
@@ -118,8 +118,8 @@ class Params:
     frequency_jitter: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """Standard deviation of a motor's frequency in time, as a share of it: how well its controller holds it."""
     coupling: Annotated[float, Field(ge=0, le=10)] = 0.191
-    """kappa: stiffness of the frame between two tiles, as a share of a tile's own springs: of your surface, as
-    the next two."""
+    """kappa: stiffness of the frame between two tiles, as a share of a tile's own springs. It depends on the
+    surface, as do the next two."""
     tile_hz: Annotated[float, Field(gt=0, le=1e5)] = 400.0
     """Frequency at which a tile would swing on its springs, alone."""
     damping: Annotated[float, Field(gt=0, le=10)] = 0.05
@@ -127,18 +127,18 @@ class Params:
     lateral: Annotated[float, Field(ge=0, le=10)] = 0.1
     """Horizontal acceleration of a tile, as a share of the vertical one."""
     feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0394
-    """Distance between the robot's feet, which straddle edges: of your robot, as the next two."""
+    """Distance between the robot's feet, which straddle edges. It depends on the robot, as do the next two."""
     gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.12
     """Standard deviation of the logarithm of the gain of a robot's accelerometer, drawn per robot and run."""
     noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.319
     """Standard deviation of the accelerometer's noise, in each axis."""
     rate_hz: Annotated[float, Field(gt=0, le=1e5)] = 350.0
-    """Readings of the accelerometer per second: which frequencies can be told apart."""
+    """Readings of the accelerometer per second. It limits which frequencies can be told apart."""
     signal_ms: Annotated[float, Field(gt=0, le=1e5)] = 500.0
     """How long it is read for a sample."""
     cutoff_hz: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """Where the high-pass has -3 dB; if omitted, at 65.5 Hz, as that of the study's robots. For surfaces
-    that vibrate more slowly."""
+    """Where the high-pass has -3 dB; if omitted, at 65.5 Hz, as that of the study's robots. Lower it for
+    surfaces that vibrate more slowly."""
     axis: Literal["magnitude", "x", "y", "z"] = "magnitude"
     """Signal that the features are of. A magnitude shows horizontal vibration at twice its frequency."""
     features: Annotated[tuple[str, ...], Field(max_length=MOST_NUMBERS - 1, strict=False)] = ()

@@ -85,7 +85,7 @@ class Params:
         Field(
             ge=0,
             le=1,
-            description="Variance that is added from reading to reading (R): more where sensors drift faster.",
+            description="Variance that is added from reading to reading (R): larger where sensors drift faster.",
         ),
     ] = 5e-4
     window: Annotated[

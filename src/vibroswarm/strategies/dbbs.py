@@ -61,7 +61,7 @@ class Params:
         Field(
             ge=2,
             le=1000,
-            description="Number of hypotheses of the fill ratio: more tell shares nearer to the boundary apart.",
+            description="Number of hypotheses of the fill ratio: more of them resolve shares closer to the boundary.",
         ),
     ] = 10
     decay_own: Annotated[float, Field(ge=0, le=1, description="Power of the own social belief (lambda).")] = (

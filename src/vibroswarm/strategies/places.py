@@ -189,7 +189,7 @@ class Options:
         Field(
             ge=1,
             le=10**6,
-            description="With share_map, a map is sent after each so many own samples: more send less.",
+            description="With share_map, a map is sent after this many own samples: a larger number sends less.",
         ),
     ] = 1
 

@@ -73,7 +73,8 @@ class Params:
     follows: Annotated[
         bool,
         Field(
-            description="Whether a robot counts anew when another tells that it has; not where some tell wrongly."
+            description="Whether a robot starts to count again when another says that it has. Turn it off where "
+            "some say so wrongly."
         ),
     ] = True
     tells_change: Annotated[
