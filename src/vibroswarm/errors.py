@@ -24,10 +24,12 @@ class InputError(ValueError):
     Args:
         message: what is wrong with the value, and what would be right.
         field: the field, option or file that is wrong, as the user would write it.
+    Attributes:
+        reason: the message without the field.
     """
 
     def __init__(self, message: str, *, field: str | None = None) -> None:
-        self.field = field
+        self.field, self.reason = field, message
         super().__init__(f"{shown_name(field)}: {message}" if field else message)
 
 
@@ -45,8 +47,7 @@ def in_file(path: Path) -> Iterator[None]:
     except InputError as error:
         if str(path) in str(error):
             raise
-        message = str(error).removeprefix(f"{shown_name(error.field)}: ")
-        raise InputError(f"{message} (in {shown_name(path)})", field=error.field) from None
+        raise InputError(f"{error.reason} (in {shown_name(path)})", field=error.field) from None
 
 
 class RunError(RuntimeError):

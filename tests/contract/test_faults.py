@@ -311,6 +311,14 @@ def test_a_robot_that_fails_at_the_start_never_moves(fault: dict[str, Any], engi
     assert 0 not in result.motion["robot"]
 
 
+def test_robots_that_never_sample_report_nothing() -> None:
+    for name in ("fading", "reset", "averaging", "dirichlet"):
+        result = simulate(faulty({"stopped": 1.0}, strategy__name=name), 3, 2)
+        assert result.reports is not None
+        assert result.reports.is_empty()
+        assert result.robots["decision"].to_list() == [-1] * result.robots.height
+
+
 def test_a_robot_that_stops_goes_on_hearing_and_one_with_an_empty_battery_does_not() -> None:
     for kind, hears in (("stopped", True), ("battery_empty", False)):
         scenario = faulty({kind: [0], "stopped_from_s": 20.0, "battery_life_s": 20.0})

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import TILE_LIMIT
-from vibroswarm.floors.source import exact_ones, random_tiles
+from vibroswarm.floors.source import exact_ones, named_tiles, random_tiles
 
 
 @settings(deadline=None, max_examples=60)
@@ -77,3 +77,10 @@ def test_what_cannot_be_is_refused(arguments, field):
     with pytest.raises(InputError) as caught:
         random_tiles(*arguments)
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize("source", ["random:0.5", "stripe:0.45,0.333,0.217"])
+def test_a_share_that_a_floor_cannot_have_is_refused_with_the_floor(source):
+    with pytest.raises(InputError, match=f"'{source}': .* the nearest that can be had") as caught:
+        named_tiles(source, 5, 5, 1, 0)
+    assert caught.value.field == "--floor"

@@ -55,7 +55,7 @@ def claim(arguments: Any, check: Callable[[Path], object], *, at_once: bool = Tr
         check(out)
     except InputError as error:
         # the message without its field and its advice, for the new messages below
-        why = ADVICE.sub("", str(error).removeprefix(f"{error.field}: "))
+        why = ADVICE.sub("", error.reason)
         if not out.is_dir():  # --force replaces folders only
             raise InputError(why, field=str(out)) from None
         if not arguments.force:

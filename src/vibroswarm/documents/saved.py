@@ -111,9 +111,7 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
     try:
         there = head_of(folder)
     except InputError as error:
-        raise InputError(
-            f"exists already: {str(error).removeprefix(f'{error.field}: ')}", field=str(folder)
-        ) from None
+        raise InputError(f"exists already: {error.reason}", field=str(folder)) from None
     if there["versions"].get("code") != code_hash():
         raise InputError("exists already and was made by another version of vibroswarm", field=str(folder))
     if there["scenario_hash"] != scenario.hash:

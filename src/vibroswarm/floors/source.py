@@ -329,12 +329,17 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
         if surface == PATCHES:
             return np.zeros((rows, columns), dtype=np.uint8)
         return kinds_of(named_values(source, rows, columns, seed, run))
-    if is_random(source):
-        shares = random_shares(source)
-        return random_tiles(rows, columns, shares[1] if len(shares) == 2 else shares, seed, run)
-    if family(source) is None:
+    if not is_random(source) and family(source) is None:
         raise InputError(_unknown(source), field=_FIELD)
-    return pattern(source)
+    try:
+        if is_random(source):
+            shares = random_shares(source)
+            return random_tiles(rows, columns, shares[1] if len(shares) == 2 else shares, seed, run)
+        return pattern(source)
+    except InputError as error:
+        if error.field != "fill_ratio":
+            raise
+        raise InputError(f"'{source}': {error.reason}", field=_FIELD) from None
 
 
 def is_random(spec: str) -> bool:

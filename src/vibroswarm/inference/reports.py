@@ -6,6 +6,7 @@ end of the run.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -77,7 +78,7 @@ def _of_ends(name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[A
 
 def _by_index(rows: dict[str, NDArray[Any]], values: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Return a row for each place of an array; ``values`` is (rows,), or (rows, size)."""
-    places = values.reshape(len(values), -1)
+    places = values.reshape(len(values), math.prod(values.shape[1:]))  # also of no rows
     repeated = {key: np.repeat(column, places.shape[1]) for key, column in rows.items()}
     index = np.tile(np.arange(places.shape[1]), len(places))
     return repeated | {"index": index, "value": places.ravel().astype(np.float64)}

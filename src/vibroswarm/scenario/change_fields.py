@@ -193,7 +193,7 @@ def patched(name: str, floor: Floor, number: int, seed: int, run: int) -> NDArra
     try:
         patches = named_patches(name, box_m, seed, run, draw=number + 1)
     except InputError as error:
-        raise InputError(str(error).removeprefix(f"{error.field}: "), field="change.to") from None
+        raise InputError(error.reason, field="change.to") from None
     if any(patch.contrast != 1.0 for patch in patches):
         raise InputError(f"'{name}' has a contrast; tiles vibrate or do not", field="change.to")
     x_m = (left_m + (np.arange(columns) + 0.5) * width_m)[None, :]
@@ -219,8 +219,7 @@ def _tiles_of(to: str, rows: int, columns: int, seed: int, run: int) -> NDArray[
     try:
         return named_tiles(to, rows, columns, seed, run)
     except InputError as error:
-        reason = str(error).removeprefix(f"{error.field}: ")
-        raise InputError(f"{reason}{nearest(to, (INVERT, REDRAW, GROW))}", field="change.to") from None
+        raise InputError(f"{error.reason}{nearest(to, (INVERT, REDRAW, GROW))}", field="change.to") from None
 
 
 def change_words(change: Change) -> str:

@@ -370,8 +370,8 @@ def _check_asks_for_change(s: Sections) -> None:
     tells = bool(getattr(s.strategy.params, "tells_change", False))
     if s.task.name == "changed" and not tells:
         raise InputError(
-            f"asks if the floor has changed, and '{s.strategy.name}' decides on its side; choose reset, with "
-            "strategy.reset.tells_change = true",
+            f"'changed' asks whether the floor has changed, and '{s.strategy.name}' decides on its side; choose "
+            "reset, with strategy.reset.tells_change = true",
             field="task.name",
         )
     asks = tasks.known().get(s.task.name)
