@@ -417,6 +417,16 @@ def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.Capt
     assert "Answers over time" in capsys.readouterr().out
 
 
+def test_a_run_in_which_no_robot_sampled_gave_no_answer() -> None:
+    values = {"change.at_s": 1.0, "change.to": "invert", "run.t_end_s": 2.0, "strategy.name": "forget"}
+    result = simulate(preset("paper").with_values(values), 1, 2)
+    assert result.inference.is_empty()
+    answers = answers_in(result)
+    assert answers["run"].to_list() == [0, 1]
+    assert answers["right_at_decision"].to_list() == [0.0, 0.0]  # a share of all robots
+    assert "INCOMPLETE" in result._repr_html_()
+
+
 def test_a_recording_has_no_random_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "floor.txt").write_text("01\n10\n")
     command = [

@@ -304,8 +304,8 @@ def answers_table(
 
 def answers_in(result: Result) -> pl.DataFrame:
     """Return the table ``ANSWERS`` of a result; runs with decisions that are not logged are left out."""
-    known = result.inference.group_by("run").agg(pl.col("decision").null_count() == 0)
-    runs = [run for run, is_known in known.sort("run").iter_rows() if is_known]
+    unknown = result.inference.filter(pl.col("decision").is_null())["run"].unique()
+    runs = sorted(set(result.runs["run"]) - set(unknown))
     samples = result.inference.join(result.motion, on=["run", "robot", "sample"], maintain_order="left")
     if result.reports is not None:
         told = result.reports.filter(pl.col("name") == "changed_s").drop("name", "index")

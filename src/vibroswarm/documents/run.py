@@ -239,7 +239,7 @@ def _answers_over_time(result: Result, run: int) -> pl.DataFrame:
 
 def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
     """Return a sentence on answers that were wrong when they were given, if what they became by the end hides that."""
-    right = judged["right_at_decision"].item() if "right_at_decision" in judged.columns else None
+    right = None if judged.is_empty() else judged["right_at_decision"].item()
     if right in (None, 1.0) or found.consensus != "right":
         return ()
     return (
