@@ -23,7 +23,7 @@ from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import grid_of
-from vibroswarm.observation.energy_model import log_ratios
+from vibroswarm.observation.energy_model import weighed
 from vibroswarm.observation.observe import OBSERVATIONS, reads_energies
 from vibroswarm.scenario.scenario import Scenario
 
@@ -229,7 +229,7 @@ def _advance(
         heading_rad=timeline.heading_rad,
         uniforms=read_only(numbers),
         estimates=timeline.estimates(scenario, seed),
-        log_ratios=read_only(_log_ratios(scenario, observation, energy)),
+        weighed=read_only(_weighed(scenario, observation, energy)),
     )
     replayer.advance(
         rows_of(timeline),
@@ -241,19 +241,19 @@ def _advance(
     )
 
 
-def _log_ratios(
+def _weighed(
     scenario: Scenario, observation: NDArray[np.uint8], energy: NDArray[np.float32] | None
 ) -> NDArray[np.float64]:
-    """Return the log likelihood ratio of each sample's energy, (rows,); empty if the strategy does not read it.
+    """Return value and log likelihood ratio of each sample, (rows, 2); no rows if the strategy does not read them.
 
     Raises:
         ValueError: the strategy reads energies, and ``energy`` is None.
     """
     if not reads_energies(scenario):
-        return NO_VALUES
+        return NO_VALUES.reshape(0, 2)
     if energy is None:
         raise ValueError("the strategy reads energies, and the observation table has none")
-    return log_ratios(scenario.sensor, observation, energy, grid_of(scenario))
+    return weighed(scenario.sensor, observation, energy, grid_of(scenario))
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

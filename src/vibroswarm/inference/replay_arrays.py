@@ -73,8 +73,9 @@ class Readings(NamedTuple):
     estimates: NDArray[np.float64]
     """(rows, 9 or more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then draws of places
     (``robot.place_draws``); no rows if robots know their true places."""
-    log_ratios: NDArray[np.float64]
-    """Log likelihood ratio of each sample's energy (``observation.energy_model``)."""
+    weighed: NDArray[np.float64]
+    """(rows, 2): value of each sample, and its log likelihood ratio (``observation.energy_model``); no rows if the
+    strategy reads none."""
 
 
 NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
@@ -109,20 +110,21 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
 def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
     """Return the reading of the sample in row ``k`` as a strategy that ``reads_details`` gets it.
 
-    It has the fields of ``own_reading``, and also the log likelihood ratio of the energy (nan if it is not available)
-    and the draws of places, m (an empty array if there are none).
+    It has the fields of ``own_reading``, and also the value and its log likelihood ratio (nan if not available) and the
+    draws of places, m (an empty array if there are none).
 
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
     """
     x = own_reading(readings, k, time_s, number)
-    log_ratio = readings.log_ratios[k] if readings.log_ratios.size > 0 else np.nan
-    estimates = readings.estimates
-    # Columns from 9 on are the draws. log_ratios[:0] serves as an empty array of floats.
-    draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.log_ratios[:0]
+    weighed, estimates = readings.weighed, readings.estimates
+    value = weighed[k, 0] if weighed.shape[0] > 0 else np.nan
+    log_ratio = weighed[k, 1] if weighed.shape[0] > 0 else np.nan
+    # Columns from 9 on are the draws. uniforms[:0] serves as an empty array of floats.
+    draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.uniforms[:0]
     return DetailedReading(
         x.reading, time_s, number, x.x_m, x.y_m, x.heading_rad, x.spread_m, x.lagged_number, x.lagged_x_m,
-        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, draws_m,
+        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, value, draws_m,
     )  # fmt: skip
 
 

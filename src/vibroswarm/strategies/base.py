@@ -161,7 +161,8 @@ class Strategy(Plugin):
         answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1. Its
             readings may be of many classes too.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
-        reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``.
+        reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``. It has
+            values if the parameter ``energies`` is True.
         variant: a function of the parameters, and of sizes (those that arrays may have, and the arena's
             ``longest_mm``). It returns the strategy that runs in place of this one: the same strategy, or one with the
             same parameters and other hooks, so that options that are off cost no time.
