@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 
 from vibroswarm.errors import InputError
-from vibroswarm.inference.replay import bits_and_energies
+from vibroswarm.inference.replay import classes_and_values
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import (
     MOST_EXACT,
@@ -86,7 +86,7 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
             f"the likelihood of '{sensor.model}' is what robots claim, and not the true law; leave energies out",
             field="energies",
         )
-    _, energy = bits_and_energies(result.observations)
+    _, energy = classes_and_values(result.observations)
     if energy is None:
         raise InputError(
             "this result holds no energies; simulate with energies, or leave them out", field="energies"

@@ -480,8 +480,8 @@ def _reference_notes(references: Sequence[References]) -> Iterable[str]:
 def _sampling_table(outcome: Outcome) -> Table:
     """Tabulate how the robots of each cell sampled.
 
-    The correlation of consecutive bits and the packet loss are known only for cells with references, whose runs were
-    simulated again; for other cells they are empty.
+    The correlation of consecutive readings and the packet loss are known only for cells with references, whose runs
+    were simulated again; for other cells they are empty.
     """
     by_cell = {reference.cell.number: reference.as_row() for reference in outcome.references}
     rows = [
@@ -499,7 +499,7 @@ def _sampling_table(outcome: Outcome) -> Table:
         "spacing_s": Column("time between samples", "s"),
         "ones": Column("read as vibrating", share=True),
         "effective_samples": Column("effective number of independent samples"),
-        "lag_one": Column("correlation of consecutive bits"),
+        "lag_one": Column("correlation of consecutive readings"),
         "packet_loss": Column("packet loss", share=True),
     }
     frame = pl.DataFrame(rows, infer_schema_length=None)

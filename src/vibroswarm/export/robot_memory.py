@@ -119,7 +119,7 @@ class Robot:
     sends: bool
     """Whether the last step or sample has a message to send."""
     decision: int
-    """0: the share of vibrating tiles is below the boundary, 1: above it, -1: undecided."""
+    """0: the share of vibrating tiles is below the boundary, 1: above it, or the kind decided for; -1: undecided."""
     belief: float
     """Belief that the share of vibrating tiles is below the boundary, after the last sample or timer."""
     decided_s: float

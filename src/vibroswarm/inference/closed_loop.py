@@ -117,9 +117,9 @@ def record_samples(
         i, number = signed(row.robot), signed(row.sample)
         buffer.robot[k], buffer.sample[k] = row.robot, row.sample
         buffer.tick[k], buffer.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
-        _, bit, _, _ = read(ground, row.x_m, row.y_m, buffer.time_s[k], seed, run, i, number)
+        _, reading, _, _ = read(ground, row.x_m, row.y_m, buffer.time_s[k], seed, run, i, number)
         buffer.x_m[k], buffer.y_m[k], buffer.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
-        buffer.observation[k], buffer.previous[k] = bit, buffer.latest[i]
+        buffer.observation[k], buffer.previous[k] = reading, buffer.latest[i]
         buffer.stop_tick[k], buffer.following[k] = row.stop_tick, -1
         if buffer.latest[i] >= 0:
             buffer.following[buffer.latest[i]] = k

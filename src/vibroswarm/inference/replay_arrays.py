@@ -61,7 +61,7 @@ class Readings(NamedTuple):
     """Input of a strategy at each row, (rows,) each; a field is empty if it is not available or not needed."""
 
     observation: NDArray[np.uint8]
-    """Bit that the robot read."""
+    """Class that the robot read."""
     x_m: NDArray[np.float64]
     """True place, x."""
     y_m: NDArray[np.float64]
@@ -91,19 +91,19 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
     """
-    # A ``Reading`` has, after bit, time and number: place, heading and spread now; then number, place and spreads of
+    # A ``Reading`` has, after class, time and number: place, heading and spread now; then number, place and spreads of
     # the lagged sample. The columns of the estimates are in this order.
-    bit, estimates = signed(readings.observation[k]), readings.estimates
+    reading, estimates = signed(readings.observation[k]), readings.estimates
     if estimates.shape[0] > 0:
         return Reading(
-            bit, time_s, number, estimates[k, 0], estimates[k, 1], estimates[k, 2], estimates[k, 3],
+            reading, time_s, number, estimates[k, 0], estimates[k, 1], estimates[k, 2], estimates[k, 3],
             int(estimates[k, 4]), estimates[k, 5], estimates[k, 6], estimates[k, 7], estimates[k, 8],
         )  # fmt: skip
     x_m = readings.x_m[k] if readings.x_m.size > 0 else np.nan
     y_m = readings.y_m[k] if readings.y_m.size > 0 else np.nan
     heading_rad = readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan
     # A robot that knows its place knows it without error, so the "lagged" sample is this one, with spreads 0.
-    return Reading(bit, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
+    return Reading(reading, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
 
 
 @inlined
@@ -289,7 +289,7 @@ class Session(NamedTuple):
     received: NDArray[np.int64]
     """Number of messages received since the robot's previous row, by its log."""
     observation: NDArray[np.uint8]
-    """Bit that the robot read."""
+    """Class that the robot read."""
 
 
 class Inbox(NamedTuple):

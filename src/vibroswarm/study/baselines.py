@@ -55,7 +55,7 @@ class References:
     says: tuple[str, ...]
     """Notes in sentences: why ``known`` is missing, or where its figures do not apply."""
     lag_one: Interval
-    """Correlation of one robot's consecutive bits, or numbers of classes."""
+    """Correlation of one robot's consecutive readings; of several classes, of their numbers."""
     packet_loss: Interval
     """Share of messages addressed to a robot that it did not receive; mean over runs. nan if there were none."""
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
-from vibroswarm.inference.replay import bits_and_energies
+from vibroswarm.inference.replay import classes_and_values
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import weighed
@@ -171,9 +171,9 @@ class _Plain:
         self.samples, self.observation = samples, observations["observation"].to_list()
         self.weighed = [[math.nan, math.nan]] * samples.height
         if reads_energies(scenario):
-            bits, energy = bits_and_energies(observations)
+            classes, energy = classes_and_values(observations)
             assert energy is not None
-            self.weighed = weighed(scenario.sensor, bits, energy, grid_of(scenario)).tolist()
+            self.weighed = weighed(scenario.sensor, classes, energy, grid_of(scenario)).tolist()
         self.rows: list[dict[str, Any]] = []
         # The number of samples of all robots gives the size of ``world.beliefs``, a cache of beliefs by their counts.
         world = world_of(scenario, samples.height)
