@@ -62,9 +62,7 @@ rule = strategy_in(
     __name__,
     "rule",
     decides="opinion",
-    many_readings=True,
     answers_kinds=True,
-    boundary_half=True,
     reports=("opinion",),
     about="majority rule in phases, as many options as kinds of tile",
 )

@@ -175,7 +175,7 @@ class Result(NotebookView):
     segments: pl.DataFrame | None
     """The arcs of the robots' paths; None if they were not requested."""
     observations: pl.DataFrame
-    """What the samples read (bit, energy): one row per sample."""
+    """What the samples read (class, value): one row per sample."""
     inference: pl.DataFrame
     """What a robot believed, sent and decided after each sample: one row per sample."""
     robots: pl.DataFrame

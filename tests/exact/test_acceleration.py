@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -16,9 +15,8 @@ import vibroswarm as v
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.export.c_library import library_files
-from vibroswarm.floors.place import Place, place_at
-from vibroswarm.observation.decision_boundary import grid_of
-from vibroswarm.observation.energy_model import error_rates, rates, sensor_warnings
+from vibroswarm.floors.place import Place
+from vibroswarm.observation.energy_model import error_rates, sensor_warnings
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
@@ -366,44 +364,6 @@ def confusion(
         right[True] += is_right[from_edge_m >= 0.03].tolist()
         right[False] += is_right[from_edge_m < 0.01].tolist()
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
-
-
-def read_on_floors(tiles: int, kinds: int, floors: int, values: dict[str, Any]) -> tuple[Any, Any]:
-    """Share of samples on each kind that read as each class, (floors, kinds, classes), and the claimed rates.
-
-    Floors, places and chance are others than those from which rates are claimed.
-    """
-    one = scenario().with_values(values | {"floor.rows": tiles, "floor.columns": tiles})
-    grid, count, rng = grid_of(one), 250, np.random.default_rng(8)
-    number, p = np.arange(count), one.sensor.params
-    found = np.zeros((floors, kinds, kinds))
-    for run in range(floors):
-        below = rng.permutation(np.arange(run, run + tiles**2) % kinds).astype(np.uint8)
-        x_m, y_m = rng.random((2, count))
-        chance = (3.0 * number, np.zeros_like(number), number, 12, run)
-        read = MODEL.classes(MODEL.sensed(Samples(grid, below, x_m, y_m, *chance), p), p)
-        at = (tiles - 1 - (y_m * tiles).astype(int)) * tiles + (x_m * tiles).astype(int)
-        np.add.at(found[run], (below[at], read), 1.0)
-    return found, rates(one.sensor, grid)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tiles", [5, 10])
-@pytest.mark.parametrize("motor_hz", [(165.0,), (90.0, 140.0)])
-def test_claimed_rates_are_those_of_other_samples(tiles: int, motor_hz: tuple[float, ...]) -> None:
-    """Floors differ, so that the error is that of a mean over 1,000 floors, beside that of the claim itself."""
-    values = {"sensor.acceleration.motor_hz": motor_hz}
-    if len(motor_hz) > 1:
-        values |= {"strategy.name": "dirichlet", "task.name": "majority"}
-    found, claimed = read_on_floors(tiles, len(motor_hz) + 1, 1000, values)
-    total = found.sum(axis=0)
-    share = total / total.sum(axis=1, keepdims=True)
-    apart = found - share * found.sum(axis=2, keepdims=True)  # of each floor from what the share says
-    error = apart.std(axis=0) * np.sqrt(len(found)) / total.sum(axis=1, keepdims=True)
-    assert (np.abs(share - claimed) < 5.0 * error * math.sqrt(1.0 + 1000 / 400) + 1e-4).all()
-    # A control: the rates on tiles of another size are others.
-    other = rates(scenario().with_values(values).sensor, place_at((20, 20, 0.05, 0.05, 0.0, 0.0)))
-    assert (np.abs(share - other) > 10.0 * error).any()
 
 
 def test_three_motors_are_told_apart_by_their_frequency() -> None:

@@ -248,7 +248,7 @@ def test_pieces_without_a_sample_change_nothing() -> None:
         loop.begin(0, ground)
         for until_s in pieces_s:
             advance_loops(state, [loop], until_s)
-        ends.append((loop.bounds.tolist(), loop.log_ratios.tolist(), loop.decision.tolist()))
+        ends.append((loop.bounds.tolist(), loop.weighed.tolist(), loop.decision.tolist()))
     assert ends[0] == ends[1]
     assert ends[0][0][1] > 20
 

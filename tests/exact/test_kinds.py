@@ -19,7 +19,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
 from vibroswarm.inference.agents import world_of
-from vibroswarm.observation.energy_model import energies_of, rates, shares_below
+from vibroswarm.observation.energy_model import energies_of, shares_below
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.robot.most_common import gamma_below, most_common_belief
 from vibroswarm.scenario.fields import Sensor
@@ -137,31 +137,6 @@ def test_with_two_kinds_strategies_are_those_of_the_paper_bit_by_bit(
 
 
 # Sensors
-
-
-@pytest.mark.parametrize(
-    "sensor",
-    [
-        Sensor(),
-        Sensor(rms_threshold=1.55, tile_spread=0.3),
-        Sensor(model="energies", vibrating_energies=(3.0, 1.0, 2.5), still_energies=(0.5, 1.5, 0.25, 1.33)),
-        confusion(kinds=5, accuracy=0.6),
-        confusion(rates=COLOUR),
-        confusion(rates=[(*row[:2], row[2] + row[3]) for row in COLOUR]),
-    ],
-    ids=["gamma", "spread", "energies", "five kinds", "colours", "fewer classes than kinds"],
-)
-def test_claimed_rates_are_those_of_a_million_draws(sensor: Sensor) -> None:
-    generator, claimed = np.random.default_rng(7), rates(sensor)
-    model, count = sensor_of(sensor.model), 1_000_000
-    assert claimed.shape == (sensor.kinds, sensor.readings)
-    for kind in range(sensor.kinds):
-        values = model.values(kind, generator.random(count), sensor.params)
-        spread = sensor.tile_spread or 0.0
-        values = values * np.exp(spread * generator.standard_normal(count) - 0.5 * spread**2)
-        read = np.bincount(model.classes(values, sensor.params), minlength=sensor.readings) / count
-        np.testing.assert_allclose(claimed[kind], read, atol=5 * 0.5 / np.sqrt(count))
-        np.testing.assert_allclose(claimed[kind].sum(), 1.0, atol=1e-12)
 
 
 def test_shares_by_bisection_are_the_given_ones() -> None:

@@ -132,6 +132,7 @@ def reading(number: int, x_m: float, y_m: float, bit: int, spread_m: float = 0.0
         spread_m,
         spread_m,
         np.nan,
+        np.nan,
         np.empty(0),
     )
 

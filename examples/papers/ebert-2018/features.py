@@ -107,9 +107,7 @@ def decision(s, a, p, w):
 allocated = strategy_in(
     __name__,
     "allocated",
-    many_readings=True,
     answers_kinds=True,
-    boundary_half=True,
     reports=("feature", "locked"),
     about="decides on three features, one after the other",
 )

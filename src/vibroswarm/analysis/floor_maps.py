@@ -29,7 +29,7 @@ from vibroswarm.core.jit import read_only
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import bits_and_energies, replay_to_end
+from vibroswarm.inference.replay import classes_and_values, replay_to_end
 from vibroswarm.localisation.locate import draws_read, estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
@@ -73,7 +73,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
     by_robot, pooled = beliefs_of(
-        replay_to_end(scenario, seed, timeline, *bits_and_energies(result.observations)),
+        replay_to_end(scenario, seed, timeline, *classes_and_values(result.observations)),
         len(runs),
         robots,
         draws_read(scenario),
@@ -105,7 +105,7 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
     samples, ends = result.motion.filter(of_run), result.ends.filter(of_run)
     moves = None if result.moves is None else result.moves.filter(of_run)
     seen = result.observations.filter(of_run)
-    observation, energy = bits_and_energies(seen)
+    observation, energy = classes_and_values(seen)
     whole = timeline_of(scenario, Motion(samples=samples, ends=ends, moves=moves))
     # An estimated place depends on the past alone, so the estimates of the whole run hold at each time too.
     estimates = whole.estimates(scenario, seed)

@@ -1,6 +1,7 @@
 """Compute when the answer could be known: the posterior of the floor from all bits of a run with their true places.
 
-A bit is the 0 or 1 that a sample reads. x is the decision boundary.
+A bit is the 0 or 1 that a sample reads. x is the decision boundary. What is said of the sides of the boundary holds of
+the kinds of tile too, where there are several and the task is ``majority``: of which of them is the most common.
 
 | name | symbol | equation |
 |---|---|---|
@@ -9,6 +10,7 @@ A bit is the 0 or 1 that a sample reads. x is the decision boundary.
 | posterior | P(k) | from the likelihood of the model that draws the bits |
 | known | - | P(k > x N) >= 1 - alpha (decision 1), or P(k < x N) >= 1 - alpha (decision 0) |
 | claimed error | - | 1 - max(P(k > x N), P(k < x N)) at the time when it is known: at most alpha |
+| known, of kinds | - | P(kind j has more tiles than any other) >= 1 - alpha (decision j) |
 
 | prior | pi_k |
 |---|---|
@@ -16,6 +18,12 @@ A bit is the 0 or 1 that a sample reads. x is the decision boundary.
 | ``counts`` | 1 / (N + 1): all fill ratios have the same probability |
 | ``mirror`` | 1/2 each for the run's own number k of vibrating tiles and its mirror across the boundary, 2xN - k |
 | (N + 1,) numbers | as given |
+
+| prior, of kinds | numbers k of tiles of each kind |
+|---|---|
+| ``tiles`` | each tile is of each kind with the same probability |
+| ``counts`` | all numbers have the same probability |
+| ``mirror`` | the run's own numbers, in any order: each kind has each of them once |
 
 The posterior is exact (``tile_posterior``), which requires that a reading depends only on the tile below it. A sensor
 that feels across tile edges (``sensor.edge_reach_m``, ``edge_blur_m``), or tiles or robots that differ
@@ -33,8 +41,8 @@ the boundary, ``tiles`` and even more ``counts`` decide too soon, since they giv
 ``mirror`` the error holds as a mean over both sides of the boundary; on one side alone it may be larger.
 
 The floors of one cell all lie on one side of the boundary. To average over the prior ``mirror``, ``on_both_sides``
-observes every second run again on a random floor with the mirrored number of vibrating tiles. The motion is reused,
-since it does not depend on floors.
+observes every second run again on a random floor with the mirrored number of vibrating tiles; of kinds, runs in turn
+on floors with the numbers in each order. The motion is reused, since it does not depend on floors.
 """
 
 from __future__ import annotations
@@ -48,7 +56,17 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, time_interval, wilson, wilson_limits
-from vibroswarm.analysis.tile_posterior import Prior, Values, log_prior, log_ratios, mirrored, sides_of
+from vibroswarm.analysis.tile_posterior import (
+    Prior,
+    Values,
+    log_prior,
+    log_ratios,
+    mirrored,
+    most_common_of,
+    orders_of,
+    permuted,
+    sides_of,
+)
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes, sides_inside
@@ -61,7 +79,7 @@ POINTS: Final = 241
 
 @dataclass(frozen=True)
 class Known(NotebookView):
-    """When the side of the boundary could be known; times in s.
+    """When the side of the boundary, or the most common kind, could be known; times in s.
 
     The module's docstring explains the terms.
     """
@@ -123,8 +141,13 @@ def could_be_known(
         InputError: runs that stopped early; an alpha outside (0, 1/2); a level outside (0, 1); times that do not
             increase; an unknown prior, or one of other length than N + 1; readings that depend on more than the tile
             below; energies that the result does not hold, or whose densities are not known; no tile in the arena, or
-            tiles that its border cuts.
+            tiles that its border cuts; several kinds of tile, and another task than ``majority``.
     """
+    if _has_kinds(result) and result.scenario.task.name != "majority":
+        raise InputError(
+            "of several kinds of tile it is computed which is the most common; choose the task majority",
+            field="task.name",
+        )
     if result.scenario.floor.has_surface:
         raise InputError("the posterior is that of tiles that vibrate or not", field="floor.source")
     if result.runs["stopped_early"].any():
@@ -193,16 +216,31 @@ def _times(t_end_s: float, times_s: ArrayLike | None) -> Values:
     return times
 
 
-def _log_prior_of_run(prior: Prior, floor: Floor, inside: NDArray[np.int64], boundary: float) -> Values:
-    """Compute ln pi_k for k = 0 to N vibrating tiles, (N + 1,); only the prior "mirror" depends on the run's floor.
+def _has_kinds(result: Result) -> bool:
+    """Return whether there are more than two kinds of tile, or classes."""
+    return max(result.scenario.sensor.kinds, result.scenario.sensor.readings) > 2
+
+
+def _beliefs_of_run(
+    result: Result, prior: Prior, floor: Floor, inside: NDArray[np.int64], sums: Values
+) -> Values:
+    """Compute the posterior of each answer at each time, (answers, times); ties and the boundary are no answer.
 
     Args:
-        prior: "tiles", "counts", "mirror" or N + 1 weights. floor: the run's floor. inside: indices of the N tiles in
-            the arena. boundary: x, the decision boundary.
+        prior: only "mirror" depends on the run's floor. floor: the run's floor. inside: indices of the N tiles in the
+            arena. sums: log likelihood ratios of these by each time.
     """
+    tiles = floor.tiles.ravel()[inside]
+    if _has_kinds(result):
+        kinds = result.scenario.sensor.kinds
+        if isinstance(prior, str) and prior == "mirror":
+            prior = permuted(np.bincount(tiles, minlength=kinds))
+        return most_common_of(sums, log_prior(prior, inside.size, kinds))
+    boundary = result.scenario.decision.decision_boundary
     if isinstance(prior, str) and prior == "mirror":
-        prior = mirrored(int(floor.tiles.ravel()[inside].sum()), inside.size, boundary)
-    return log_prior(prior, inside.size)
+        prior = mirrored(int(tiles.sum()), inside.size, boundary)
+    above, under = sides_of(sums, log_prior(prior, inside.size), boundary)
+    return np.stack([under, above])
 
 
 def _exactly(
@@ -216,7 +254,7 @@ def _exactly(
     """
     scenario, ratios = result.scenario, log_ratios(result, energies)
     run_of_sample, tile = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
-    taken_s, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
+    taken_s = result.motion["time_s"].to_numpy()
     posteriors = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
         # Samples are sorted by run: those of this run have the indices from ``low`` to ``high`` - 1.
@@ -226,16 +264,15 @@ def _exactly(
         refuse_changes(floor)
         inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
         sums = _sums_over_time(ratios[part], tile[part], taken_s[part], inside, times)
-        # Posterior of either side of the boundary at each time, (times,) each.
-        above, under = sides_of(sums, _log_prior_of_run(prior, floor, inside, boundary), boundary)
-        in_truth = None if truth is None else (above if truth == 1 else under)
+        beliefs = _beliefs_of_run(result, prior, floor, inside, sums)
+        in_truth = None if truth is None else beliefs[truth]
         at_end = None if in_truth is None else float(in_truth[-1])
         row: dict[str, Any] = {"run": run, "truth": truth, **_NOT_KNOWN, "belief_in_truth": at_end}
-        sure = np.flatnonzero(np.maximum(above, under) >= 1.0 - alpha)
+        sure = np.flatnonzero(beliefs.max(axis=0) >= 1.0 - alpha)
         if sure.size:
-            k = sure[0]  # the first time at which a side is known
-            row["known_s"], row["decision"] = times[k], int(above[k] > under[k])
-            row["claimed_error"] = 1.0 - max(above[k], under[k])
+            k = sure[0]  # the first time at which an answer is known
+            row["known_s"], row["decision"] = times[k], int(beliefs[:, k].argmax())
+            row["claimed_error"] = 1.0 - beliefs[:, k].max()
         posteriors.append(_RunPosterior(tuple(row[name] for name in _RUNS), in_truth))
     return posteriors
 
@@ -276,11 +313,14 @@ def _sums_over_time(
     """Compute ln L_t, the log likelihood ratio of each tile from the samples taken by each time.
 
     Args:
-        ratios: log likelihood ratio of each sample. tile: index of its tile, -1 off all tiles. taken_s: its time;
-            (samples,) each. inside: increasing indices of the N tiles that count; samples elsewhere do not.
-        times: increasing, s.
-    Returns: ln L_t, (times, N).
+        ratios: log likelihood ratio of each sample, (samples,), or (samples, kinds - 1). tile: index of its tile, -1
+            off all tiles. taken_s: its time; (samples,) each. inside: increasing indices of the N tiles that count;
+            samples elsewhere do not. times: increasing, s.
+    Returns: ln L_t, (times, N), or ln L_tj, (times, N, kinds - 1).
     """
+    if ratios.ndim == 2:
+        of_kinds = [_sums_over_time(of_kind, tile, taken_s, inside, times) for of_kind in ratios.T]
+        return np.stack(of_kinds, axis=-1)
     # ``column``: column of the result for the tile of each sample. ``on``: whether this tile is one of ``inside``; if
     # not, ``column`` has no meaning.
     column = np.searchsorted(inside, tile)
@@ -322,11 +362,13 @@ def _over_time(
 
 
 def on_both_sides(result: Result) -> Result:
-    """Return a result with the even-numbered runs as they are and the odd-numbered runs on mirrored floors.
+    """Return a result whose runs are in turn as they are, and on floors of the other sides that the prior knows.
+
+    With two kinds, even-numbered runs are as they are and odd-numbered runs on mirrored floors.
 
     A mirrored floor is a random floor whose fill ratio lies at the same distance on the other side of the boundary. An
-    odd-numbered run keeps its motion, and is observed and decided again on such a floor. The scenario stays as it is:
-    the floors are in the table of floors.
+    odd-numbered run keeps its motion, and is observed and decided again on such a floor. With several kinds the floors
+    have the numbers of tiles in each order. The scenario stays as it is: the floors are in the table of floors.
 
     Args:
         result: at least one run. The runs must be ones that ``simulation.replay`` accepts: simulated to t_end, with a
@@ -354,22 +396,36 @@ def on_both_sides(result: Result) -> Result:
         raise InputError(
             "the arena's border cuts the floor; give one that ends with the arena", field="floor"
         )
-    vibrating = int(floor.tiles.sum())
-    # ``mirrored`` gives weights of 1 to two numbers of tiles: the floor's own number and its mirror. With the weight of
-    # the floor's own number set to 0, the mirror is the only one left.
-    weights = mirrored(vibrating, tiles, scenario.decision.decision_boundary)
-    weights[vibrating] = 0.0
-    mirror = int(weights.argmax())
-    # ``!r`` writes the share with all digits, so that it gives exactly ``mirror`` tiles.
-    other = replay(result, scenario.with_values({"floor.source": f"random:{mirror / tiles!r}"}))
+    sources = (
+        _sources_of_kinds(floor, scenario.sensor.kinds) if _has_kinds(result) else [_mirror(result, floor)]
+    )
+    others = [replay(result, scenario.with_values({"floor.source": source})) for source in sources]
     tables: dict[str, Any] = {
-        name: _alternating(getattr(result, name), getattr(other, name))
+        name: _in_turn([getattr(one, name) for one in (result, *others)])
         for name in ("observations", "inference", "robots", "runs", "floors")
     }
     return replace(result, **tables)  # the other tables do not depend on floors
 
 
-def _alternating(even: pl.DataFrame, odd: pl.DataFrame) -> pl.DataFrame:
-    """Join the even-numbered runs of one table with the odd-numbered runs of another, sorted by run."""
-    is_even = pl.col("run") % 2 == 0
-    return pl.concat([even.filter(is_even), odd.filter(~is_even)]).sort("run", maintain_order=True)
+def _mirror(result: Result, floor: Floor) -> str:
+    """Return the source of random floors with the mirrored number of vibrating tiles."""
+    vibrating, tiles = int(floor.tiles.sum()), floor.tiles.size
+    # ``mirrored`` gives weights of 1 to two numbers of tiles: the floor's own number and its mirror. With the weight of
+    # the floor's own number set to 0, the mirror is the only one left.
+    weights = mirrored(vibrating, tiles, result.scenario.decision.decision_boundary)
+    weights[vibrating] = 0.0
+    # ``!r`` writes the share with all digits, so that it gives exactly this number of tiles.
+    return f"random:{int(weights.argmax()) / tiles!r}"
+
+
+def _sources_of_kinds(floor: Floor, kinds: int) -> list[str]:
+    """Return the sources of random floors with the numbers of tiles of each kind in the other orders."""
+    orders = orders_of(np.bincount(floor.tiles.ravel(), minlength=kinds))
+    return ["random:" + ",".join(repr(number / floor.tiles.size) for number in order) for order in orders[1:]]
+
+
+def _in_turn(tables: list[pl.DataFrame]) -> pl.DataFrame:
+    """Join the runs of some tables, sorted by run: each run of one of them, in turn."""
+    turn = pl.col("run") % len(tables)
+    taken = [table.filter(turn == number) for number, table in enumerate(tables)]
+    return pl.concat(taken).sort("run", maintain_order=True)

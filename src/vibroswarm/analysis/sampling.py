@@ -411,9 +411,9 @@ def _correlogram_of_run(
 
 
 def lag_one(result: Result, level: float = 0.95) -> Interval:
-    """Compute the correlation of the bits of consecutive samples of a robot (lag-1 correlation), averaged over runs.
+    """Compute the correlation of what consecutive samples of a robot read (lag-1 correlation), averaged over runs.
 
-    The pairs of all robots of a run count together. Runs without consecutive samples, and runs whose bits are all
+    The pairs of all robots of a run count together. Runs without consecutive samples, and runs whose readings are all
     equal, are left out; the interval is undefined (nan) if no run is left.
     """
     ordered = result.observations.sort("run", "robot", "sample")
@@ -421,8 +421,8 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
     robot = ordered.select(pl.struct("run", "robot").rle_id()).to_series().to_numpy()
     correlations = []
     for low, high in _bounds(ordered):
-        bits = ordered["observation"][low:high].cast(pl.Float64).to_numpy()
-        deviation = bits - bits.mean()
+        read = ordered["observation"][low:high].cast(pl.Float64).to_numpy()
+        deviation = read - read.mean()
         same_robot = robot[low + 1 : high] == robot[low : high - 1]
         products = (deviation[1:] * deviation[:-1])[same_robot]
         variance = float((deviation**2).mean())

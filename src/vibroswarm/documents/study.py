@@ -422,6 +422,12 @@ _REFERENCE_WORDS: Final = (
     "run is on a floor with the fill ratio mirrored across the boundary: over both sides the expected share known and "
     "wrong is the mean posterior error at the time of knowing, which is slightly below 5 %.",
 )
+_KINDS_REFERENCE_WORDS: Final = (
+    "Each strategy is compared with what could be known from all readings and their positions, given the sensor and "
+    "the shares of the kinds but not which kind has which share, at a posterior error of 5 %. Runs are in turn on "
+    "floors with the shares in each order: over all of them the expected share known and wrong is the mean posterior "
+    "error at the time of knowing.",
+)
 _REFERENCE_COLUMNS: Final = {
     "strategy_time_s": Column("strategy: time", "s", decimals=0),
     "strategy_error": Column("strategy: wrong", share=True),
@@ -447,9 +453,12 @@ def _reference_parts(references: Sequence[References]) -> tuple[Part, ...]:
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
     runs = max(reference.runs for reference in references)
     again = f"From {count(runs, 'run')} per cell, simulated again from the seed"
-    caption = f"{again}; half of them tuned the pooled threshold."
+    is_pooled = any(reference.pooled is not None for reference in references)
+    caption = f"{again}; half of them tuned the pooled threshold." if is_pooled else f"{again}."
     rows = table.select("name", *with_limits_of(names, table.columns))
-    notes = tuple(map(Text, (*_REFERENCE_WORDS, *_reference_notes(references))))
+    of_kinds = all(reference.cell.scenario.sensor.kinds > 2 for reference in references)
+    words = _KINDS_REFERENCE_WORDS if of_kinds else _REFERENCE_WORDS
+    notes = tuple(map(Text, (*words, *_reference_notes(references))))
     return (
         *notes,
         Table(rows, {"name": Column("cell"), **_REFERENCE_COLUMNS}, caption=caption, name="references"),
@@ -471,8 +480,8 @@ def _reference_notes(references: Sequence[References]) -> Iterable[str]:
 def _sampling_table(outcome: Outcome) -> Table:
     """Tabulate how the robots of each cell sampled.
 
-    The correlation of consecutive bits and the packet loss are known only for cells with references, whose runs were
-    simulated again; for other cells they are empty.
+    The correlation of consecutive readings and the packet loss are known only for cells with references, whose runs
+    were simulated again; for other cells they are empty.
     """
     by_cell = {reference.cell.number: reference.as_row() for reference in outcome.references}
     rows = [
@@ -490,7 +499,7 @@ def _sampling_table(outcome: Outcome) -> Table:
         "spacing_s": Column("time between samples", "s"),
         "ones": Column("read as vibrating", share=True),
         "effective_samples": Column("effective number of independent samples"),
-        "lag_one": Column("correlation of consecutive bits"),
+        "lag_one": Column("correlation of consecutive readings"),
         "packet_loss": Column("packet loss", share=True),
     }
     frame = pl.DataFrame(rows, infer_schema_length=None)

@@ -38,6 +38,18 @@ one by one."""
 
 
 @dataclass(frozen=True)
+class Classifier:
+    """How robots read the class of the numbers that their own sensor measures."""
+
+    class_of: Callable[..., Any]
+    """The sensor's function of this name."""
+    params: Mapping[str, Any]
+    """The sensor's parameters that are numbers, by name."""
+    names: tuple[str, ...]
+    """Names of the numbers."""
+
+
+@dataclass(frozen=True)
 class RobotParts:
     """The parts of a scenario's robots."""
 
@@ -70,7 +82,9 @@ class RobotParts:
     has_own_sensor: bool
     """Whether robots do not measure vibration: the program around them hands them each reading."""
     borders: ClassBorders | None
-    """Which class they read of a value of their own sensor; None if it measures classes, or several numbers."""
+    """Which class they read of a value of their own sensor; None if it measures classes, or by ``classifier``."""
+    classifier: Classifier | None
+    """Which class they read of the numbers of their own sensor; None if it measures one value."""
     blind_ms: float
     """How long the robot ignores its rays after a turn; 0: it never does."""
     estimates: int = len(ESTIMATE)
@@ -86,8 +100,8 @@ def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: an option of the strategy cannot be exported, or the strategy reads places that a real robot cannot
-            know.
+        InputError: an option of the strategy, or a sensor's reading of its numbers, cannot be exported, or the strategy
+            reads places that a real robot cannot know.
     """
     strategy = strategy_of_kinds(scenario)
     refuse_options(scenario, strategy)
@@ -110,6 +124,7 @@ def parts_of(scenario: Scenario) -> RobotParts:
     sensing, setup = sense_program(scenario), setup_of(scenario)
     lines = None if sensor.motors is None else sensor.motors(scenario.sensor.params)
     wave = None if lines is None else empty_wave(readings(sensing), lines.every)
+    classifier = None if measures else classifier_of(scenario.sensor)
     return RobotParts(
         scenario=scenario,
         strategy=strategy,
@@ -118,6 +133,7 @@ def parts_of(scenario: Scenario) -> RobotParts:
             "HAS_PLACES": mixture is not None,
             "HAS_LINES": lines is not None,
             "READS_CLASSES": lines is not None or not measures,
+            **({} if classifier is None else {"class_of_sensor": classifier.class_of}),
         },
         # A simulated robot reads beliefs from a table; an exported one computes them.
         replaced={plain(belief_below): robot_program.belief_of_posterior},
@@ -133,17 +149,41 @@ def parts_of(scenario: Scenario) -> RobotParts:
         wave=wave,
         has_own_sensor=not measures,
         borders=None if measures else borders_of(scenario.sensor),
+        classifier=classifier,
         blind_ms=float(setup["blind_ms"]),
     )
 
 
 def borders_of(sensor: Sensor) -> ClassBorders | None:
-    """Return the borders between the classes of a sensor, None if its values are classes, or of several numbers."""
+    """Return the borders between the classes of a sensor, None if its values are classes, or measured at a place."""
     model = sensors.sensor(sensor.model)
     if model.sense is not None:
         return None
     least = class_borders(model, sensor.params, getattr(sensor.params, "rms_threshold", None))
     return None if (least == np.arange(1, least.size + 1)).all() else ClassBorders(least)
+
+
+def classifier_of(sensor: Sensor) -> Classifier | None:
+    """Return how robots read the numbers of a sensor that measures at a place; None if it measures by kind.
+
+    Raises:
+        InputError: the sensor's file reads them by NumPy.
+    """
+    model, p = sensors.sensor(sensor.model), sensor.params
+    if model.sense is None:
+        return None
+    names = model.names_of_numbers(p)
+    if model.class_of is None:
+        raise InputError(
+            f"'{model.name}' reads {', '.join(names)} by NumPy (reading), which no robot can run; give its file "
+            "class_of(v, p) in place of reading: the class of one sample, in plain Python",
+            field="sensor.model",
+        )
+    given = {name: getattr(p, name) for name in type(p).model_fields}
+    if model.has_threshold:
+        given["rms_threshold"] = sensor.rms_threshold
+    numbers = {name: value for name, value in given.items() if isinstance(value, bool | int | float)}
+    return Classifier(model.class_of, numbers or {"unused": 0}, names)
 
 
 def refuse_options(scenario: Scenario, strategy: Strategy) -> None:

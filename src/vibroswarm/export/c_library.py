@@ -112,6 +112,16 @@ def sketch_text(parts: RobotParts) -> str:
     if parts.borders is not None:
         stub = "/* STUB: what the robot's sensor measures here. */"
         function, call = "static float read_value() { return 0; }", "vs_class_of(&robot, read_value())"
+    if parts.classifier is not None:
+        names = parts.classifier.names
+        stub = f"/* STUB: what the robot's sensor measures here: {', '.join(names)}. */"
+        function = (
+            f"static void read_numbers(vs_real numbers[{len(names)}])\n"
+            f"{{\n    for (int k = 0; k < {len(names)}; k++)\n        numbers[k] = 0;\n}}\n\n"
+            "static vs_int read_class()\n"
+            f"{{\n    vs_real numbers[{len(names)}];\n    read_numbers(numbers);\n"
+            "    return vs_class_of_numbers(&robot, numbers);\n}"
+        )
     own = f"{stub}\n{function}\n\n"
     return text.replace(wheels, own + wheels).replace("vs_observed(&robot)", call)
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_memory, robot_program
-from vibroswarm.export.assembly import RobotParts, omitted_of_world
+from vibroswarm.export.assembly import Classifier, RobotParts, omitted_of_world
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
     BOOL,
@@ -117,7 +117,8 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
     for name in names:
         function = getattr(robot_program, name)
         given = [
-            type_of_argument(item, robot, structs) for item in inspect.signature(function).parameters.values()
+            type_of_argument(item, robot, structs, parts.classifier)
+            for item in inspect.signature(function).parameters.values()
         ]
         # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
         program.polls = name not in robot_program.PROMPT
@@ -164,6 +165,8 @@ def precision_of(parts: RobotParts) -> tuple[int, str]:
     Returns:
         ``SINGLE`` (float), ``MIXED`` (double, with arrays in float) or ``DOUBLE``, and a sentence for the header.
     """
+    if parts.classifier is not None and NEEDS_DOUBLE.get(parts.strategy.name, (MIXED, ""))[0] == MIXED:
+        return MIXED, "classes of several numbers are then those of the simulation to the last bit"
     if parts.mixture is not None:  # no strategy that needs DOUBLE reads places
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
     tested = "float makes the same events as double"
@@ -229,6 +232,9 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         found["Wave"] = struct_of_class("vs_Wave", Wave, mutable=True, like=parts.wave)
     if parts.borders is not None:
         found["ClassBorders"] = struct_of_class("vs_ClassBorders", ClassBorders, like=parts.borders)
+    if parts.classifier is not None:
+        kinds = {name: type(value) for name, value in parts.classifier.params.items()}
+        found["SensorParams"] = struct_of_row("vs_SensorParams", kinds, mutable=False)
     found["Robot"] = robot_struct(parts, found)
     return found
 
@@ -282,10 +288,15 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
     return Struct("vs_Robot", robot_memory.Robot, tuple(fields), mutable=True)
 
 
-def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[str, Struct]) -> Any:
+def type_of_argument(
+    item: inspect.Parameter, robot: Struct, structs: Mapping[str, Struct], classifier: Classifier | None
+) -> Any:
     """Return the type in C of an argument of a function of the API, by its annotation."""
     if item.name == "seed":
         return LONG
+    if item.annotation == "Numbers":
+        assert classifier is not None
+        return CArray(REAL, (len(classifier.names),))
     return {"int": INT, "float": REAL, "bool": BOOL, "Robot": robot, "Message": structs["Message"]}[
         item.annotation
     ]
@@ -350,6 +361,7 @@ def groups_of(parts: RobotParts, *, for_tests: bool) -> dict[str, list[str]]:
     omitted = (
         *(robot_program.OF_PLACES if parts.mixture is None else ()),
         *(robot_program.OF_VALUES if parts.borders is None else ()),
+        *(robot_program.OF_NUMBERS if parts.classifier is None else ()),
     )
     groups = GROUPS | (TESTED if for_tests else {})
     return {heading: [name for name in names if name not in omitted] for heading, names in groups.items()}

@@ -29,6 +29,7 @@ ROWS: Final = {
     "LOCALISER": "LocalisationProgram",
     "LINES": "LineProgram",
     "BORDERS": "ClassBorders",
+    "SENSOR": "SensorParams",
 }
 """Constant rows of ``robot_memory``: the names of their classes."""
 FIELD: Final = "//@ "
@@ -67,6 +68,8 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
         rows["LINES"] = parts.lines._asdict()
     if parts.borders is not None:
         rows["BORDERS"] = parts.borders._asdict()
+    if parts.classifier is not None:
+        rows["SENSOR"] = parts.classifier.params
     found = {
         macro_of(row, name): c_number(value, macro_of(row, name))
         for row, values in rows.items()

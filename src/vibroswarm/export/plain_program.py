@@ -54,6 +54,7 @@ def plain_program(parts: RobotParts, mathematics: Any = math) -> types.ModuleTyp
         "LOCALISER": parts.localiser,
         "LINES": parts.lines,
         "BORDERS": parts.borders,
+        "SENSOR": None if parts.classifier is None else types.SimpleNamespace(**parts.classifier.params),
         "RMS_THRESHOLD": parts.rms_threshold,
         "SENSING_BLIND_MS": parts.blind_ms,
     }

@@ -25,6 +25,8 @@ LINES: Final[Any] = None
 """``robot.line_sensing.LineProgram``."""
 BORDERS: Final[Any] = None
 """``robot.sensing.ClassBorders``."""
+SENSOR: Final[Any] = None
+"""Parameters of the robot's own sensor."""
 RMS_THRESHOLD: Final = 0.0
 """Energy above which a robot reads 1."""
 SENSING_BLIND_MS: Final = 0.0
@@ -51,6 +53,10 @@ class Job(NamedTuple):
     ray_m: float
     after_drive: bool
     at_obstacle: bool
+
+
+class Numbers:
+    """What a sample of the robot's own sensor measures."""
 
 
 class Message:
@@ -113,7 +119,7 @@ class Robot:
     sends: bool
     """Whether the last step or sample has a message to send."""
     decision: int
-    """0: the share of vibrating tiles is below the boundary, 1: above it, -1: undecided."""
+    """0: the share of vibrating tiles is below the boundary, 1: above it, or the kind decided for; -1: undecided."""
     belief: float
     """Belief that the share of vibrating tiles is below the boundary, after the last sample or timer."""
     decided_s: float

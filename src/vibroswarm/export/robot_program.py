@@ -44,10 +44,12 @@ from vibroswarm.export.robot_memory import (
     RMS_THRESHOLD,
     SENSING,
     SENSING_BLIND_MS,
+    SENSOR,
     WALKER,
     WORLD,
     Job,
     Message,
+    Numbers,
     Robot,
 )
 from vibroswarm.inference.agents import (
@@ -120,7 +122,7 @@ begin_places, add_drive, add_turn, add_obstacle, add_sample = (
 
 PROMPT: Final = (
     "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed", "sample", "receive", "missed",
-    "time_s", "energy", "class_of",
+    "time_s", "energy", "class_of", "class_of_numbers",
 )  # fmt: skip
 """Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
 PATIENT: Final = ("start", "told_pose", "work")
@@ -131,6 +133,8 @@ OF_PLACES: Final = ("told_pose", "moved", "stopped", "told_simulated")
 """Those of all these that only robots have that estimate their places."""
 OF_VALUES: Final = ("class_of",)
 """Those that only robots have that measure values with a sensor of their own, and read them as classes."""
+OF_NUMBERS: Final = ("class_of_numbers",)
+"""Those that only robots have whose own sensor measures several numbers."""
 
 
 def start(r: Robot, seed: int, run: int, number: int) -> None:
@@ -393,6 +397,16 @@ def energy(r: Robot) -> float:
 def class_of(r: Robot, value: float) -> int:
     """Return the class that the robot's own sensor reads of a value that it measured, as the simulated sensor does."""
     return class_read(BORDERS, value)
+
+
+def class_of_numbers(r: Robot, numbers: Numbers) -> int:
+    """Return the class that the robot's own sensor reads of the numbers that it measured, in the order of its file."""
+    return class_of_sensor(numbers, SENSOR)
+
+
+def class_of_sensor(v: Any, p: Any) -> int:
+    """Stand for the function ``class_of`` of the robot's own sensor."""
+    return 0
 
 
 def sample(r: Robot, reading: int) -> None:

@@ -24,7 +24,7 @@ from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.energy_model import is_sensed, log_ratios
+from vibroswarm.observation.energy_model import is_sensed, weighed
 from vibroswarm.observation.observe import (
     Ground,
     SensedFloor,
@@ -117,9 +117,9 @@ def record_samples(
         i, number = signed(row.robot), signed(row.sample)
         buffer.robot[k], buffer.sample[k] = row.robot, row.sample
         buffer.tick[k], buffer.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
-        _, bit, _, _ = read(ground, row.x_m, row.y_m, buffer.time_s[k], seed, run, i, number)
+        _, reading, _, _ = read(ground, row.x_m, row.y_m, buffer.time_s[k], seed, run, i, number)
         buffer.x_m[k], buffer.y_m[k], buffer.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
-        buffer.observation[k], buffer.previous[k] = bit, buffer.latest[i]
+        buffer.observation[k], buffer.previous[k] = reading, buffer.latest[i]
         buffer.stop_tick[k], buffer.following[k] = row.stop_tick, -1
         if buffer.latest[i] >= 0:
             buffer.following[buffer.latest[i]] = k
@@ -192,7 +192,7 @@ class ClosedLoop:
         # The columns that ``OnlineLocalisation.locate`` writes: the estimate, then draws of the place if they are read.
         width = len(ESTIMATE) + width_of(draws_read(scenario))
         self.estimates = np.zeros((capacity if self.localisation else 0, width))
-        self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
+        self.weighed = np.zeros((capacity if reads_energies(scenario) else 0, 2))
         self.replayer = replayer_of(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before
         # ``catch_up``. decision, decision_time_s: see their use in ``all_decided_s``; -1 and nan while undecided.
@@ -208,7 +208,7 @@ class ClosedLoop:
             heading_rad=buffer.heading_rad,
             uniforms=NO_VALUES,  # the kernel computes the numbers when it needs them
             estimates=read_only(self.estimates),
-            log_ratios=read_only(self.log_ratios),
+            weighed=read_only(self.weighed),
         )
         self.rows = Rows(
             bounds=read_only(self.bounds),
@@ -236,9 +236,9 @@ class ClosedLoop:
         The next ``catch_up`` replays the run from its start, as the new replayer has replayed nothing yet.
         """
         filled = int(self.bounds[1])
-        old: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
+        old: list[NDArray[Any]] = [*self.buffer, self.estimates, self.weighed]
         self._allocate(2 * needed)
-        new: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
+        new: list[NDArray[Any]] = [*self.buffer, self.estimates, self.weighed]
         for before, now in zip(old, new, strict=True):
             # Columns with one entry per robot do not grow, and are copied whole. Columns that are not needed have no
             # entries. Of all others the rows of the samples so far are copied.
@@ -306,7 +306,7 @@ class ClosedLoop:
             # Last tick at which each robot walked: before its stop or, if it does not stand, the last known tick.
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
         new = slice(self.located, int(self.bounds[1]))  # rows of the new samples
-        if self.log_ratios.size > 0:
+        if self.weighed.size > 0:
             self._weigh_energies(new)
         if self.localisation is not None:
             self.localisation.locate(
@@ -325,7 +325,7 @@ class ClosedLoop:
         self.is_new = False
 
     def _weigh_energies(self, new: slice) -> None:
-        """Write the log likelihood ratios of the energies of the samples in the rows ``new``."""
+        """Write values and log likelihood ratios of the samples in the rows ``new``."""
         buffer, run = self.buffer, self.run
         columns: tuple[NDArray[Any], ...] = (
             buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
@@ -333,7 +333,7 @@ class ClosedLoop:
         for ground, part in self.ground.parts(buffer.time_s[new]):
             own = [column[new][part] for column in columns]
             energy = energies_at(self.scenario, ground, self.seed, run, *own)
-            self.log_ratios[new][part] = log_ratios(
+            self.weighed[new][part] = weighed(
                 self.scenario.sensor, buffer.observation[new][part], energy, ground.place
             )
 

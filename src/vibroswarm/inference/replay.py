@@ -23,7 +23,7 @@ from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import grid_of
-from vibroswarm.observation.energy_model import log_ratios
+from vibroswarm.observation.energy_model import weighed
 from vibroswarm.observation.observe import OBSERVATIONS, reads_energies
 from vibroswarm.scenario.scenario import Scenario
 
@@ -94,7 +94,7 @@ def replay_to_end(
     """Replay whole runs; return the state of all robots at the end.
 
     Args:
-        observation, energy: (rows,): bits and energies of the timeline's samples; energies are needed only if the
+        observation, energy: (rows,): classes and values of the timeline's samples; values are needed only if the
             strategy reads them.
     Raises:
         ValueError: the strategy reads energies, and ``energy`` is None.
@@ -140,7 +140,7 @@ def sent_messages(
         log=None,
         network=network_of(scenario.network.name),
     )
-    _advance(replayer, scenario, seed, timeline, *bits_and_energies(observations))
+    _advance(replayer, scenario, seed, timeline, *classes_and_values(observations))
     buffer = replayer.buffer
     sent = int(buffer.filled[0])
     # Copies, so that the buffer, which is larger, can be freed.
@@ -166,20 +166,20 @@ def _replayed(
     """
     if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table does not have the rows of the motion table")
-    return _replay(scenario, seed, timeline, *bits_and_energies(observations), messages, log)
+    return _replay(scenario, seed, timeline, *classes_and_values(observations), messages, log)
 
 
-def bits_and_energies(observations: pl.DataFrame) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
-    """Return the bits and the energies of an observation table, (rows,) each; no energies (None) if any is missing.
+def classes_and_values(observations: pl.DataFrame) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
+    """Return the classes and the values of an observation table, (rows,) each; no values (None) if any is missing.
 
     Where several numbers are measured, they take the place of energies, (rows, numbers).
     """
     energy = observations["energy"]
     measured = [energy, *(observations[name] for name in observations.columns if name not in OBSERVATIONS)]
-    bits = observations["observation"].to_numpy()
+    classes = observations["observation"].to_numpy()
     if energy.null_count():
-        return bits, None
-    return bits, energy.to_numpy() if len(measured) == 1 else np.column_stack(measured)
+        return classes, None
+    return classes, energy.to_numpy() if len(measured) == 1 else np.column_stack(measured)
 
 
 def _replay(
@@ -194,7 +194,7 @@ def _replay(
     """Replay all runs with the kernels of the scenario's strategy and network; return the final state of all robots.
 
     Args:
-        observation, energy: (rows,): bits and energies of the samples; energies are needed only if the strategy reads
+        observation, energy: (rows,): classes and values of the samples; values are needed only if the strategy reads
             them. messages, log: (rows,): the message sent at each sample, and the state after it; written unless None.
     """
     longest = timeline.longest
@@ -217,7 +217,7 @@ def _advance(
     """Replay all runs of a timeline with ``replayer``, from their start to their end.
 
     Args:
-        replayer: new, changed. observation, energy: (rows,): bits and energies of the samples; energies are needed only
+        replayer: new, changed. observation, energy: (rows,): classes and values of the samples; values are needed only
             if the strategy reads them.
     """
     strategy = strategy_used(scenario)
@@ -229,7 +229,7 @@ def _advance(
         heading_rad=timeline.heading_rad,
         uniforms=read_only(numbers),
         estimates=timeline.estimates(scenario, seed),
-        log_ratios=read_only(_log_ratios(scenario, observation, energy)),
+        weighed=read_only(_weighed(scenario, observation, energy)),
     )
     replayer.advance(
         rows_of(timeline),
@@ -241,19 +241,19 @@ def _advance(
     )
 
 
-def _log_ratios(
+def _weighed(
     scenario: Scenario, observation: NDArray[np.uint8], energy: NDArray[np.float32] | None
 ) -> NDArray[np.float64]:
-    """Return the log likelihood ratio of each sample's energy, (rows,); empty if the strategy does not read it.
+    """Return value and log likelihood ratio of each sample, (rows, 2); no rows if the strategy does not read them.
 
     Raises:
         ValueError: the strategy reads energies, and ``energy`` is None.
     """
     if not reads_energies(scenario):
-        return NO_VALUES
+        return NO_VALUES.reshape(0, 2)
     if energy is None:
         raise ValueError("the strategy reads energies, and the observation table has none")
-    return log_ratios(scenario.sensor, observation, energy, grid_of(scenario))
+    return weighed(scenario.sensor, observation, energy, grid_of(scenario))
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:

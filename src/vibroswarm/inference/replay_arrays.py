@@ -61,7 +61,7 @@ class Readings(NamedTuple):
     """Input of a strategy at each row, (rows,) each; a field is empty if it is not available or not needed."""
 
     observation: NDArray[np.uint8]
-    """Bit that the robot read."""
+    """Class that the robot read."""
     x_m: NDArray[np.float64]
     """True place, x."""
     y_m: NDArray[np.float64]
@@ -73,8 +73,9 @@ class Readings(NamedTuple):
     estimates: NDArray[np.float64]
     """(rows, 9 or more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then draws of places
     (``robot.place_draws``); no rows if robots know their true places."""
-    log_ratios: NDArray[np.float64]
-    """Log likelihood ratio of each sample's energy (``observation.energy_model``)."""
+    weighed: NDArray[np.float64]
+    """(rows, 2): value of each sample, and its log likelihood ratio (``observation.energy_model``); no rows if the
+    strategy reads none."""
 
 
 NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
@@ -90,39 +91,40 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
     """
-    # A ``Reading`` has, after bit, time and number: place, heading and spread now; then number, place and spreads of
+    # A ``Reading`` has, after class, time and number: place, heading and spread now; then number, place and spreads of
     # the lagged sample. The columns of the estimates are in this order.
-    bit, estimates = signed(readings.observation[k]), readings.estimates
+    reading, estimates = signed(readings.observation[k]), readings.estimates
     if estimates.shape[0] > 0:
         return Reading(
-            bit, time_s, number, estimates[k, 0], estimates[k, 1], estimates[k, 2], estimates[k, 3],
+            reading, time_s, number, estimates[k, 0], estimates[k, 1], estimates[k, 2], estimates[k, 3],
             int(estimates[k, 4]), estimates[k, 5], estimates[k, 6], estimates[k, 7], estimates[k, 8],
         )  # fmt: skip
     x_m = readings.x_m[k] if readings.x_m.size > 0 else np.nan
     y_m = readings.y_m[k] if readings.y_m.size > 0 else np.nan
     heading_rad = readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan
     # A robot that knows its place knows it without error, so the "lagged" sample is this one, with spreads 0.
-    return Reading(bit, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
+    return Reading(reading, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
 
 
 @inlined
 def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
     """Return the reading of the sample in row ``k`` as a strategy that ``reads_details`` gets it.
 
-    It has the fields of ``own_reading``, and also the log likelihood ratio of the energy (nan if it is not available)
-    and the draws of places, m (an empty array if there are none).
+    It has the fields of ``own_reading``, and also the value and its log likelihood ratio (nan if not available) and the
+    draws of places, m (an empty array if there are none).
 
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
     """
     x = own_reading(readings, k, time_s, number)
-    log_ratio = readings.log_ratios[k] if readings.log_ratios.size > 0 else np.nan
-    estimates = readings.estimates
-    # Columns from 9 on are the draws. log_ratios[:0] serves as an empty array of floats.
-    draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.log_ratios[:0]
+    weighed, estimates = readings.weighed, readings.estimates
+    value = weighed[k, 0] if weighed.shape[0] > 0 else np.nan
+    log_ratio = weighed[k, 1] if weighed.shape[0] > 0 else np.nan
+    # Columns from 9 on are the draws. uniforms[:0] serves as an empty array of floats.
+    draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.uniforms[:0]
     return DetailedReading(
         x.reading, time_s, number, x.x_m, x.y_m, x.heading_rad, x.spread_m, x.lagged_number, x.lagged_x_m,
-        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, draws_m,
+        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, value, draws_m,
     )  # fmt: skip
 
 
@@ -287,7 +289,7 @@ class Session(NamedTuple):
     received: NDArray[np.int64]
     """Number of messages received since the robot's previous row, by its log."""
     observation: NDArray[np.uint8]
-    """Bit that the robot read."""
+    """Class that the robot read."""
 
 
 class Inbox(NamedTuple):

@@ -41,7 +41,7 @@ def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm)
         timeline: samples and ends of the runs that were replayed. log: state after each sample. swarm: state of all
             robots at the end, in the order of ``timeline.ends``.
     """
-    if not strategy.reports:
+    if not strategy.reported:
         return None
     fields = log.states.dtype.names or ()
     names = list(strategy.reported)

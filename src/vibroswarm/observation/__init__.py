@@ -1,1 +1,1 @@
-"""Readings: an energy and a bit for every row of a motion table."""
+"""Readings: a value and a class for every row of a motion table."""

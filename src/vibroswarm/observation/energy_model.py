@@ -297,6 +297,14 @@ def _values(sensor: Sensor, energy: NDArray[Any]) -> NDArray[Any]:
     return np.pad(energy[:, None], ((0, 0), (0, unknown)), constant_values=np.nan)
 
 
+def weighed(
+    sensor: Sensor, observation: NDArray[Any], energy: NDArray[np.float32], place: Place | None = None
+) -> NDArray[np.float64]:
+    """Return the value of each sample, the first of several numbers, and its L, (samples, 2); see ``log_ratios``."""
+    value = energy if energy.ndim == 1 else energy[:, 0]
+    return np.stack([value, log_ratios(sensor, observation, energy, place)], axis=1)
+
+
 def log_ratios_of_bits(
     sensor: Sensor, observation: NDArray[Any], exact: bool = False, place: Place | None = None
 ) -> NDArray[np.float64]:

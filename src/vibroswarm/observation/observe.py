@@ -1,4 +1,4 @@
-"""The reading of a sample: energy E and bit O, drawn from the tile below and one uniform number u.
+"""The reading of a sample: value E and class O, drawn from the tile below and one uniform number u.
 
 | name | symbol | unit | shape | equation |
 |---|---|---|---|---|
@@ -10,7 +10,7 @@
 Changing the floor does not change the noise, as the uniform number depends on (seed, run, robot, sample) only. A place
 without a tile reads as a still tile does; its tile has index -1. Edges, and differences between tiles or between robots
 (all off in the paper), are those of ``edge_response``: near an edge another tile may be sensed, and energies have a
-factor. The bits of faulty sensors are those of ``faults``.
+factor. The classes of faulty sensors are those of ``faults``.
 
 ``observe`` computes whole tables. ``SensedFloor`` is the floor and the sensors of one run, as the kernels of the closed
 loop read them.
@@ -347,7 +347,7 @@ class Readings(NamedTuple):
     numbers: NDArray[np.float64]
     """Uniform numbers, from which the energies are drawn."""
     observation: NDArray[np.uint8]
-    """Classes that the robots read: bits, if there are two."""
+    """Classes that the robots read."""
     kinds: NDArray[np.uint8]
     """Kind of the sensed tile; empty unless energies were requested."""
     factors: NDArray[np.float64]
@@ -539,7 +539,7 @@ def observe(
         samples: the motion table; the rows of the result are in the same order.
         floors: the floor of each run, by run number.
         energies: whether to compute the energies, which are null otherwise. If the strategy reads energies, they are
-            computed in any case. The bits do not depend on this.
+            computed in any case. The classes do not depend on this.
     """
     energies = energies or reads_energies(scenario)
     read = Places(seed, samples).read(scenario, floors, energies)
@@ -577,7 +577,7 @@ def energies_at(
     numbers, factors = np.empty(robot.size), np.empty(robot.size)
     for k in range(robot.size):
         i, number = int(robot[k]), int(sample[k])
-        # The time matters only to the bit of a faulty sensor, which is not used here, so any time will do.
+        # The time matters only to the class of a faulty sensor, which is not used here, so any time will do.
         any_time_s = 0.0
         _, _, kinds[k], row = read(ground, x_m[k], y_m[k], any_time_s, seed, run, i, number)
         numbers[k] = uniform(seed, run, i, SENSING, number, ALONE)

@@ -1,4 +1,4 @@
-"""Faults: which robots of a run fail, from what time on, and which bits faulty sensors read.
+"""Faults: which robots of a run fail, from what time on, and what faulty sensors read.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -19,7 +19,7 @@ curves over the share are paired. Each kind of fault sorts the robots by numbers
 sensors stuck at 1 use the same order, from its end and from its start, so that no sensor is stuck at both.
 
 A stuck sensor reads its class on any tile. The recorded energy of a sample is never changed by a fault: the fault is in
-the bit that the robot derives from it.
+the class that the robot derives from it.
 """
 
 from __future__ import annotations

@@ -418,7 +418,7 @@ def _strategy_of(s: Sections) -> Strategy | None:
 def is_neutral_at_half_only(s: Sections) -> bool:
     """Return whether a scenario's strategy works only if the boundary of readings is 1/2; False if it is not loaded."""
     known = _strategy_of(s)
-    return known is not None and known.boundary_half
+    return known is not None and bool(known.boundary_half)
 
 
 def _check_boundary(s: Sections) -> None:

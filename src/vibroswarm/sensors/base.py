@@ -25,7 +25,12 @@ A sensor whose values depend on the place, as acceleration does, has in place of
 
     def numbers(p): ...                    # names of these numbers (if omitted, one)
 
-and its ``reading`` and ``likelihood`` get all numbers of each value; the first is the energy of the tables. Its laws
+and its ``reading`` and ``likelihood`` get all numbers of each value; the first is the energy of the tables. In place of
+``reading`` it may have
+
+    def class_of(v, p): ...                # the class of one sample, of its numbers v[0], v[1], ...
+
+in the language of strategies' hooks (numbers and ``math``), with which robots can be exported to C. Its laws
 are those at uniformly random places on random floors of the scenario's grid, ``p.place``, with all kinds in equal
 shares (``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k classes j, the share is
 (n_ij + 1/2) / (n_i + k/2).
@@ -119,7 +124,8 @@ class SensorModel(Plugin):
     """A sensor, see the module's docstring.
 
     Args:
-        measure, sense, reading, kinds, readings, likelihood, likelihood_at: the functions of the module's docstring.
+        measure, sense, reading, class_of, kinds, readings, likelihood, likelihood_at: the functions of the module's
+            docstring.
         has_threshold: whether the parameters, in a table of their own, have ``rms_threshold`` of the section beside.
         numbers: names of the numbers of a value, a function of the parameters. In tables the first is the column
             ``energy``, and the others are columns of their names.
@@ -138,7 +144,8 @@ class SensorModel(Plugin):
             of ``measure`` to the last bit, and are not summed up from the likelihood.
     """
 
-    reading: Callable[[Values, Any], NDArray[Any]]
+    reading: Callable[[Values, Any], NDArray[Any]] | None = None
+    class_of: Callable[[Any, Any], int] | None = None
     measure: Callable[[int, Values, Any], Values] | None = None
     sense: Callable[[Samples, Any], Values] | None = None
     kinds: Callable[[Any], int] = _two
@@ -161,12 +168,21 @@ class SensorModel(Plugin):
         """Check the name and the functions, and replace the class of parameters (``Plugin``).
 
         Raises:
-            InputError: the name is invalid, or ``measure`` (or ``sense``) or ``reading`` is not a function.
+            InputError: the name is invalid, or ``measure`` (or ``sense``) or ``reading`` (or ``class_of``) is not a
+                function, or ``class_of`` is there in vain.
         """
         super().__post_init__()
-        for part in ("measure" if self.sense is None else "sense", "reading"):
+        field = f"sensor '{self.name}'"
+        if self.class_of is not None and (self.sense is None or self.reading is not None):
+            raise InputError(
+                "has class_of, which takes the place of reading in a sensor with sense", field=field
+            )
+        for part in (
+            "measure" if self.sense is None else "sense",
+            "reading" if self.class_of is None else "class_of",
+        ):
             if not callable(getattr(self, part)):
-                raise InputError(f"has no function {part}", field=f"sensor '{self.name}'")
+                raise InputError(f"has no function {part}", field=field)
 
     def number_of(self, what: Literal["kinds", "readings"], p: BaseModel) -> int:
         """Return the number of kinds of tile, or of classes of readings.
@@ -312,11 +328,12 @@ class SensorModel(Plugin):
         """Return the readings of values, in the shape of ``value``; of ``sense``, one for each row.
 
         Raises:
-            CodeError: ``reading`` raised an error, or returned another shape, or classes that do not exist.
+            CodeError: ``reading`` (or ``class_of``) raised an error, or returned another shape, or classes that do not
+                exist.
         """
         count = self.number_of("readings", p)
         with errors_in(self.code):
-            found = np.asarray(self.reading(value, p))
+            found = np.asarray(self._read(value, p))
             classes = found.astype(np.int64)
         if (
             found.shape != (value.shape if self.sense is None else value.shape[:1])
@@ -324,10 +341,17 @@ class SensorModel(Plugin):
             or not ((classes >= 0) & (classes < count)).all()
         ):
             raise CodeError(
-                f"sensor '{self.name}', reading: returned {shown(found)}; return a class from 0 to {count - 1} for "
-                "each value"
+                f"sensor '{self.name}', {'reading' if self.class_of is None else 'class_of'}: returned {shown(found)}; "
+                f"return a class from 0 to {count - 1} for each value"
             )
         return classes
+
+    def _read(self, value: Values, p: BaseModel) -> Any:
+        """Return what the file says of values: all at once, or row by row."""
+        if self.class_of is not None:
+            return [self.class_of(row, p) for row in value.tolist()]
+        assert self.reading is not None
+        return self.reading(value, p)
 
     def shares_up_to(self, kind: int, factors: Values, p: BaseModel) -> Values:
         """Return the share of samples whose reading is at most j, for each class j but the last.

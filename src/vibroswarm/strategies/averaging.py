@@ -6,9 +6,7 @@
 | heard share | h_j | mean of the shares of kind j that came between two own readings, the latest there were |
 | share | m_j | (1 - a) o_j + a h_j (o_j before any is heard) for j > 0, and the rest for j = 0 |
 | counts | c_j | m_j n; n = own readings / ((1 - a)^2 + (1 - (1 - a)^2) / robots): as if all read independently |
-| decision | d | j if the next kind is i and m_j - m_i > 1.645 sqrt((m_j + m_i - (m_j - m_i)^2) / (n + 1)) |
-
-A message has the share of one kind, from 1 on in turn.
+| decision | d | j if m_j - m_i > 1.645 sqrt((m_j + m_i - (m_j - m_i)^2) / (n + 1)) for all other kinds i |
 """
 
 from __future__ import annotations
@@ -42,31 +40,31 @@ class State:
 
 
 class Arrays:
-    """By kind: own readings; number, sum and latest mean of the shares heard; counts."""
+    """By kind: own readings; number and sum of the shares heard, and whether before the last own sample; counts."""
 
     read = array("int32", "kinds")
     heard = array("int32", "kinds")
     total = array("float64", "kinds")
-    mean = array("float64", "kinds")
+    before = array("uint8", "kinds")
     counts = array("float64", "kinds")
 
 
 class Message:
-    """The share of a kind."""
+    """The share of a kind, from kind 1 on in turn."""
 
     kind: int
     share: float
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Start undecided, with nothing heard."""
+    """Start undecided."""
     s.decision = -1
-    for kind in range(w.kinds):
-        a.mean[kind] = math.nan
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Add up the share."""
+    """Add the share to those heard since the last own sample."""
+    if a.before[m.kind]:
+        a.before[m.kind], a.heard[m.kind], a.total[m.kind] = 0, 0, 0.0
     a.heard[m.kind] += 1
     a.total[m.kind] += m.share
 
@@ -79,9 +77,11 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     rest, alone = 1.0, (1.0 - p.weight) ** 2
     n = max(s.own, 1) / (alone + (1.0 - alone) / w.robots)
     for kind in range(1, w.kinds):
-        share = averaged(a, kind, (a.read[kind] + 1.0) / (s.own + w.kinds), p.weight)
+        share = (a.read[kind] + 1.0) / (s.own + w.kinds)
+        if a.heard[kind] > 0:
+            share = (1.0 - p.weight) * share + p.weight * (a.total[kind] / a.heard[kind])
         rest = max(rest - share, 0.0)
-        a.counts[kind] = share * n
+        a.before[kind], a.counts[kind] = 1, share * n
     a.counts[0] = rest * n
     if s.decision == -1 and s.own >= p.least:
         s.decision = clear_leader(a.counts, n)
@@ -91,24 +91,14 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 @inner
-def averaged(a: Row, kind: int, own: float, weight: float) -> float:
-    """Return m_j, and begin a new mean of what is heard."""
-    if a.heard[kind] > 0:
-        a.mean[kind] = a.total[kind] / a.heard[kind]
-        a.heard[kind], a.total[kind] = 0, 0.0
-    return own if math.isnan(a.mean[kind]) else (1.0 - weight) * own + weight * a.mean[kind]
-
-
-@inner
 def clear_leader(counts: Row, n: float) -> int:
-    """Return the decision: the kind with the largest share, -1 if the next one is too near."""
+    """Return the decision: the kind with the largest share, -1 if another one is too near."""
     first = leader(counts)
-    second = 1 if first == 0 else 0
     for kind in range(counts.size):
-        if kind != first and counts[kind] > counts[second]:
-            second = kind
-    apart, both = (counts[first] - counts[second]) / n, (counts[first] + counts[second]) / n
-    return first if apart > 1.6449 * math.sqrt((both - apart * apart) / (n + 1.0)) else -1
+        apart, both = (counts[first] - counts[kind]) / n, (counts[first] + counts[kind]) / n
+        if kind != first and apart <= 1.6449 * math.sqrt((both - apart * apart) / (n + 1.0)):
+            return -1
+    return first
 
 
 averaging = register(
@@ -116,10 +106,7 @@ averaging = register(
         __name__,
         "averaging",
         bytes_on_air=5,
-        many_readings=True,
         answers_kinds=True,
-        boundary_half=True,
-        reports=("counts",),
         shares="counts",
         about="averaging over neighbours: mean of the own shares of kinds and of those heard",
     )

@@ -145,20 +145,24 @@ class Strategy(Plugin):
             ``decision.hold_s``.
         bytes_on_air: size of one message, at most 144.
         revises: whether decisions may change if ``decision.revise`` is set.
-        boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2.
+        boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2; if
+            omitted, as ``answers_kinds``, since the most common kind is compared with no boundary.
         told: what its parameters tell a robot of the task, such as "accuracy"; ``static_analysis.told`` adds what the
             hooks read.
-        reports: what robots report, a ``Report`` or its name each: fields and arrays of ``State``, whose values results
-            have after each sample, and of ``Arrays``, which they have at the end of a run (table ``reports``). Fields
+        reports: what robots report beside ``shares``, a ``Report`` or its name each: fields and arrays of ``State``,
+            whose values results have after each sample, and of ``Arrays``, which they have at the end of a run (table
+            ``reports``). Fields
             ``estimate`` and ``estimate_spread`` of ``State`` (nan: none yet) are also the robot's estimate of the fill
             ratio, with its standard deviation, in the table of robots.
         shares: optional, an array of ``Arrays`` with a number for each kind of tile: counts of readings, or as many as
             stand for what a robot knows. The robot's estimate is then that of the kind that the task asks for (``kind``
             of its parameters; else 1) by the Dirichlet distribution of these counts.
         many_readings: whether readings may be of more than two classes.
-        answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1.
+        answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1. Its
+            readings may be of many classes too.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
-        reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``.
+        reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``. It has
+            values if the parameter ``energies`` is True.
         variant: a function of the parameters, and of sizes (those that arrays may have, and the arena's
             ``longest_mm``). It returns the strategy that runs in place of this one: the same strategy, or one with the
             same parameters and other hooks, so that options that are off cost no time.
@@ -183,7 +187,7 @@ class Strategy(Plugin):
     decides: Literal["once", "opinion"] = "once"
     bytes_on_air: int = 1
     revises: bool = False
-    boundary_half: bool = False
+    boundary_half: bool | None = None
     told: tuple[str, ...] = ()
     reports: tuple[Report | str, ...] = ()
     shares: str = ""
@@ -218,9 +222,12 @@ class Strategy(Plugin):
         hooks = [getattr(self, hook) for hook in STRATEGY_HOOKS]
         if not is_shipped(params, self.state, self.message, self.arrays, *hooks):
             self.check_hooks()
+        # The dataclass is frozen, so attributes are set past its own __setattr__.
         if self.on_counts is None and self.on_message is None:
-            # The dataclass is frozen, so the attribute is set past its own __setattr__.
             object.__setattr__(self, "on_message", _ignore_message)
+        object.__setattr__(self, "many_readings", self.many_readings or self.answers_kinds)
+        if self.boundary_half is None:
+            object.__setattr__(self, "boundary_half", self.answers_kinds)
 
     def check_hooks(self) -> None:
         """Check the hooks, and the classes of fields that they use.
@@ -265,7 +272,8 @@ class Strategy(Plugin):
     @property
     def reported(self) -> dict[str, Report]:
         """What robots report, by name, in alphabetical order."""
-        declared = [one if isinstance(one, Report) else Report(one) for one in self.reports]
+        names = (self.shares, *self.reports) if self.shares else self.reports
+        declared = [one if isinstance(one, Report) else Report(one) for one in names]
         return {one.name: one for one in sorted(declared, key=lambda one: one.name)}
 
     @property

@@ -151,10 +151,7 @@ dirichlet = register(
     strategy_in(
         __name__,
         "dirichlet",
-        many_readings=True,
         answers_kinds=True,
-        boundary_half=True,
-        reports=("counts",),
         shares="counts",
         about="no feedback, several kinds of tile: a robot sends its reading, and decides which kind is most common",
     )

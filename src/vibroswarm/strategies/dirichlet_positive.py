@@ -32,10 +32,7 @@ dirichlet_positive = register(
     strategy_in(
         __name__,
         "dirichlet_positive",
-        many_readings=True,
         answers_kinds=True,
-        boundary_half=True,
-        reports=("counts",),
         shares="counts",
         about="positive feedback, several kinds of tile: a robot sends its decision once it has one",
     )

@@ -127,10 +127,7 @@ dirichlet_soft = register(
     strategy_in(
         __name__,
         "dirichlet_soft",
-        many_readings=True,
         answers_kinds=True,
-        boundary_half=True,
-        reports=("counts",),
         shares="counts",
         about="soft feedback, several kinds of tile: a robot sends a kind drawn between its reading and its belief",
     )

@@ -122,7 +122,7 @@ class Reading(NamedTuple):
 
 
 class DetailedReading(NamedTuple):
-    """An own sample for a strategy that ``reads_details``: a ``Reading``, its energy and draws of its place.
+    """An own sample for a strategy that ``reads_details``: a ``Reading``, its value and draws of its place.
 
     The fields up to ``lagged_spread_y_m`` are those of ``Reading``.
     """
@@ -155,6 +155,9 @@ class DetailedReading(NamedTuple):
     log_ratio: float
     """ln of the density of the sample's energy on vibrating over that on still tiles, or the log ratio of the bit if a
     fault changed it; nan if it is not computed."""
+    value: float
+    """What the sample measured, the first of several numbers, whatever a fault made of the reading; nan if it is not
+    computed."""
     draws_m: NDArray[np.float64]
     """(2 draws + 2,): x and y of the lagged sample on each of several paths that the robot may have gone, then the
     spreads in x and y that are left (``robot.place_draws``); empty if robots know their true positions, or if the

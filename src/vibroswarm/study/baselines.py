@@ -4,12 +4,13 @@
 the same share of errors as the strategy, so the difference in time is the cost of deciding as a swarm. See
 ``analysis.centralised_baseline``.
 
-**With positions** (``known``) is the posterior over the tiles, given all bits and their positions. It gives the time
-at which the side of the boundary could be known with a posterior error of 5 %. Its prior "mirror" knows the distance
-of the fill ratio from the boundary but not the side, so even-numbered runs keep their floor and odd-numbered runs get
-one of the mirrored fill ratio. If floors are drawn from this prior, no rule that is as sure in every run decides
-sooner. On other floors it is a reference and not a bound, and a note says so. If it cannot be computed, a note says
-why. See ``analysis.oracle_posterior``.
+**With positions** (``known``) is the posterior over the tiles, given all readings and their positions. It gives the
+time at which the side of the boundary, or the most common of several kinds, could be known with a posterior error of
+5 %. Its prior "mirror" knows the distance of the fill ratio from the boundary but not the side, so even-numbered runs
+keep their floor and odd-numbered runs get one of the mirrored fill ratio. Of kinds it knows the shares but not which
+kind has which, and runs have floors with the shares in each order in turn. If floors are drawn from this prior, no rule
+that is as sure in every run decides sooner. On other floors it is a reference and not a bound, and a note says so. If
+it cannot be computed, a note says why. See ``analysis.oracle_posterior``.
 """
 
 from __future__ import annotations
@@ -48,13 +49,13 @@ class References:
     runs: int
     """Number of runs that were simulated again."""
     pooled: PooledCounting | None
-    """None if runs ended early, or if neither decision is right because the fill ratio is on the boundary."""
+    """None if runs ended early, there are several kinds, or no decision is right."""
     known: Known | None
     """None if it cannot be computed."""
     says: tuple[str, ...]
     """Notes in sentences: why ``known`` is missing, or where its figures do not apply."""
     lag_one: Interval
-    """Correlation of one robot's consecutive bits."""
+    """Correlation of one robot's consecutive readings; of several classes, of their numbers."""
     packet_loss: Interval
     """Share of messages addressed to a robot that it did not receive; mean over runs. nan if there were none."""
 
@@ -91,9 +92,9 @@ def references_of(
 ) -> list[References]:
     """Compute the references of the selected cells, in the order of their numbers.
 
-    A cell is left out if its task is not about the fill ratio, or if fewer than ``MIN_RUNS`` of its runs can be
-    simulated again, because few are stored or the source of motion is slow (``StudyResult.runs_again``). The list is
-    empty if more than ``MOST_CELLS`` cells are selected.
+    A cell is left out if its task is neither about the fill ratio nor about the most common of several kinds, or if
+    fewer than ``MIN_RUNS`` of its runs can be simulated again, because few are stored or the source of motion is slow
+    (``StudyResult.runs_again``). The list is empty if more than ``MOST_CELLS`` cells are selected.
 
     Args:
         runs: largest number of runs that are simulated again for each cell; below ``MIN_RUNS`` all cells are left out.
@@ -121,12 +122,17 @@ def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Res
         simulated: Result | None = None
         for cell in cells:
             chosen = result.runs_again(cell.number, runs)
-            if len(chosen) < MIN_RUNS or cell.scenario.task.name != "fill_ratio":
+            if len(chosen) < MIN_RUNS or cell.scenario.task.name != _task_with_references(cell):
                 yield cell, None
                 continue
             # ``simulated`` still has the runs of the previous cell: this cell may be replayed on their motion.
             simulated = _runs_of_cell(result, group, cell, chosen, simulated)
             yield cell, simulated
+
+
+def _task_with_references(cell: Cell) -> str:
+    """Return the task of which references are computed: of several kinds, what could be known of the most common."""
+    return "majority" if cell.scenario.sensor.kinds > 2 else "fill_ratio"
 
 
 def _runs_of_cell(
@@ -153,10 +159,14 @@ def _has_motion_for(earlier: Result, group: Group, cell: Cell, runs: list[int]) 
 
 
 def _references(cell: Cell, simulated: Result) -> References:
-    """Compute the references of one cell from its simulated runs; its task must be about the fill ratio."""
+    """Compute the references of one cell from its simulated runs; its task must be ``_task_with_references``."""
     pooled = None
-    # Pooled counting needs all samples up to the end of each run, and a right decision in each run.
-    if not simulated.runs["stopped_early"].any() and simulated.runs["truth"].null_count() == 0:
+    # Pooled counting is of bits. It needs all samples up to the end of each run, and a right decision in each run.
+    if (
+        cell.scenario.sensor.kinds == 2
+        and not simulated.runs["stopped_early"].any()
+        and simulated.runs["truth"].null_count() == 0
+    ):
         pooled = pooled_counting(simulated)
     known, notes = _could_be_known(simulated)
     loss = mean_interval(packet_loss(simulated)["packet_loss"].drop_nulls().to_numpy())
@@ -178,7 +188,9 @@ def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
         computed or on where they do not apply.
     """
     if result.runs["truth"].null_count():
-        return None, ("What could be known is not computed: the fill ratio is on the boundary.",)
+        of_kinds = result.scenario.sensor.kinds > 2
+        why = "kinds are equally common" if of_kinds else "the fill ratio is on the boundary"
+        return None, (f"What could be known is not computed: {why}.",)
     floor = result.scenario.floor
     try:
         # Under the prior "mirror" the fill ratio lies on either side with equal probability. Half of the runs get a

@@ -208,7 +208,7 @@ class _SharedMotion:
         """
         common, runs, seed = scenarios[0], self.request.runs, self.request.seed
         floors = self._floors_of(common)
-        # Energies (besides bits) are computed only if the table of samples shows them or a strategy reads them.
+        # Values (besides classes) are computed only if the table of samples shows them or a strategy reads them.
         with_energies = self.request.samples or any(map(reads_energies, scenarios))
         readings = self.places.read(common, floors, with_energies)
         energy = energies_read(common, readings) if with_energies else None

@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
-from vibroswarm.inference.replay import bits_and_energies
+from vibroswarm.inference.replay import classes_and_values
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import grid_of
-from vibroswarm.observation.energy_model import log_ratios
+from vibroswarm.observation.energy_model import weighed
 from vibroswarm.observation.observe import reads_energies
 from vibroswarm.scenario.fault_draws import onset_s, working
 from vibroswarm.scenario.scenario import Scenario
@@ -169,11 +169,11 @@ class _Plain:
                 first = self.tick(row["stop_start_s"])
                 self.standing |= {(row["robot"], tick) for tick in range(first, self.end + 1)}
         self.samples, self.observation = samples, observations["observation"].to_list()
-        self.log_ratios = [math.nan] * samples.height
+        self.weighed = [[math.nan, math.nan]] * samples.height
         if reads_energies(scenario):
-            bits, energy = bits_and_energies(observations)
+            classes, energy = classes_and_values(observations)
             assert energy is not None
-            self.log_ratios = log_ratios(scenario.sensor, bits, energy, grid_of(scenario)).tolist()
+            self.weighed = weighed(scenario.sensor, classes, energy, grid_of(scenario)).tolist()
         self.rows: list[dict[str, Any]] = []
         # The number of samples of all robots gives the size of ``world.beliefs``, a cache of beliefs by their counts.
         world = world_of(scenario, samples.height)
@@ -385,7 +385,8 @@ class _Plain:
             lagged_spread_x_m=0.0, lagged_spread_y_m=0.0,
         )  # fmt: skip
         if self.strategy.reads_details:
-            x = DetailedReading(**x._asdict(), log_ratio=self.log_ratios[k], draws_m=np.empty(0))
+            value, log_ratio = self.weighed[k]
+            x = DetailedReading(**x._asdict(), log_ratio=log_ratio, value=value, draws_m=np.empty(0))
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1
         self.ask(robot, tick, row["time_s"])
