@@ -23,8 +23,8 @@ pytest_plugins = ["helpers.numba_programs", "helpers.recordings", "helpers.brows
 
 os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
 
-# A tenth of the time, where pictures are drawn a fifth, went into looking for garbage among the libraries and tests that
-# are loaded: Python looks less often, and from the first test on not at these.
+# A tenth of the time went into looking for garbage among the libraries and tests that are loaded: Python looks less
+# often, and from the first test on not at these.
 gc.set_threshold(50_000, 20, 20)
 
 
