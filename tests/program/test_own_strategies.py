@@ -253,7 +253,9 @@ def test_a_bad_file_is_said_with_its_line(
     name = "soft" if what == "a name that is taken" else "mine"
     out = tmp_path / "out"
     more = [word for value in values for word in ("--set", f"strategy.mine.{value}")]
-    found = said(capsys, main(["run", "--strategy", f"{file}:{name}", *SHORT, *more, "--out", str(out)]), code)
+    found = said(
+        capsys, main(["run", "--strategy", f"{file}:{name}", *SHORT, *more, "--out", str(out)]), code
+    )
     assert re.search(words, found), found
     last = [line for line in found.splitlines() if line.startswith("vibroswarm: error: ")]
     assert len(last) == 1
