@@ -1,15 +1,17 @@
 """Do the tests find faults? Put single faults into the program, drawn by chance, and see which a test finds.
 
-    python benchmarks/seeded_faults.py TABLE.csv [--faults 8] [--seed 1] [--only NUMBERS]
+    python benchmarks/seeded_faults.py TABLE.csv [--faults 8] [--seed 1] [--only NUMBERS] [--limit-s 7200]
 
 A fault is one small change of an expression: a comparison that takes its limit in or leaves it out, plus for minus,
 times for divided by, another constant, ``and`` for ``or``, a branch for the other, a sign. In each of five folders as
 many are drawn. Each is made alone, in a clone of the last commit; then contract tests, exact tests and property tests
 run, without the golden values, until the first of them fails. Those in files that name the changed module run first.
-A test run that takes longer than two hours counts as a fault that was found: the program no longer ends.
+A test run that takes longer than the limit is stopped, and its row says so: either the program no longer ends, or the
+tests that would find the fault were not reached. It counts as not found.
 
 The table has a row a fault: its number, file, line, what was there, what is there instead, the first test that failed
-(empty: missed), and the time in seconds. Rows that are in the table already are not made again.
+(empty: missed), and the time in seconds. Rows that are in the table already are not made again. Which faults a seed
+draws depends on the sources. With ``--kernels``, calls share the kernels that they compile.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import csv
 import os
 import random
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -30,7 +33,8 @@ from typing import Any, Final, NamedTuple
 
 ROOT: Final = Path(__file__).parents[1]
 FOLDERS: Final = ("motion", "inference", "analysis", "strategies", "sensors")
-TIME_LIMIT_S: Final = 7200.0
+STOPPED: Final = "stopped"
+"""How the row of a test run begins that took too long."""
 FIRST: Final = "VIBROSWARM_TESTS_FIRST"
 """Environment variable that names the module whose tests run first."""
 COLUMNS: Final = ("number", "file", "line", "was", "is", "found_by", "time_s")
@@ -149,7 +153,7 @@ def pytest_collection_modifyitems(config: Any, items: list[Any]) -> None:
     items[:] = sorted(kept, key=lambda item: not names[item.path])
 
 
-def first_failure(clone: Path, fault: Fault, cache: Path) -> str:
+def first_failure(clone: Path, fault: Fault, cache: Path, limit_s: float) -> str:
     """Return the name of the first test that fails with the fault; empty if none does."""
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(str(clone / name) for name in ("src", "benchmarks")),
@@ -158,21 +162,23 @@ def first_failure(clone: Path, fault: Fault, cache: Path) -> str:
         FIRST: fault.file.stem,
     }
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "seeded_faults"]
-    try:
-        done = subprocess.run(
-            [*command, "-m", "not slow", "--tb=no", "tests"],
-            cwd=clone,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=TIME_LIMIT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return "the program no longer ends"
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
-    if failed is None and done.returncode != 0:
-        return f"no test could be run: {(done.stdout + done.stderr).strip().splitlines()[-1]}"
+    with subprocess.Popen(
+        [*command, "-m", "not slow", "--tb=no", "tests"],
+        cwd=clone,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as tests:
+        try:
+            printed, _ = tests.communicate(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(tests.pid, signal.SIGKILL)  # with the programs that tests started, which hold the pipe
+            return f"{STOPPED} after {limit_s:.0f} s"
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
+    if failed is None and tests.returncode != 0:
+        return f"no test could be run: {printed.strip().splitlines()[-1]}"
     return failed.group(1) if failed else ""
 
 
@@ -185,6 +191,10 @@ def main() -> None:
     parser.add_argument("--faults", type=int, default=8, help="of each folder")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="*", help="numbers of faults")
+    parser.add_argument("--limit-s", type=float, default=7200.0, help="of the tests of one fault")
+    parser.add_argument(
+        "--kernels", type=Path, help="folder of compiled kernels (default: one that is deleted)"
+    )
     options = parser.parse_args()
     rows = []
     if options.table.exists():
@@ -201,7 +211,8 @@ def main() -> None:
             text = fault.file.read_text()
             fault.file.write_text(text[: fault.start] + fault.text + text[fault.end :])
             began = time.perf_counter()
-            found_by = first_failure(clone, fault, Path(scratch) / "cache")
+            kernels = options.kernels or Path(scratch) / "cache"
+            found_by = first_failure(clone, fault, kernels.absolute(), options.limit_s)
             fault.file.write_text(text)
             file = fault.file.relative_to(package).as_posix()
             values = (number, file, fault.line, fault.was, fault.text, found_by)
@@ -214,8 +225,8 @@ def main() -> None:
                 f"{number} {file}:{fault.line} {fault.was} -> {fault.text}: {found_by or 'MISSED'}",
                 flush=True,
             )
-    missed = sum(not row["found_by"] for row in rows)
-    print(f"{len(rows) - missed} of {len(rows)} faults were found.")
+    found = sum(bool(row["found_by"]) and not row["found_by"].startswith(STOPPED) for row in rows)
+    print(f"{found} of {len(rows)} faults were found.")
 
 
 if __name__ == "__main__":

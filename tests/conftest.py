@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -21,6 +22,15 @@ from vibroswarm.run_page.payload import RunRecord
 pytest_plugins = ["helpers.numba_programs", "helpers.recordings", "helpers.browser", "helpers.page_browser"]
 
 os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
+
+# A tenth of the time went into looking for garbage among the libraries and tests that are loaded: Python looks less
+# often, and from the first test on not at these.
+gc.set_threshold(50_000, 20, 20)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+
 
 # In CI the same examples every time, so that a red run can be made again; elsewhere new ones.
 settings.register_profile("ci", derandomize=True, print_blob=True)

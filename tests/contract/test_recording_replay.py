@@ -236,6 +236,10 @@ def test_what_is_told(recording: Recording) -> None:
 COUNTS_BITS = """from vibroswarm.strategies import strategy_in
 
 
+class Params:
+    wrong: int = 0
+
+
 class State:
     ones: int
 
@@ -246,14 +250,16 @@ def begin(s, a, d, p, w):
 
 def on_counts(s, ones, zeros, p, w):
     s.ones += ones
+    if p.wrong == 1:
+        raise ValueError('no')
 
 
 def on_sample(s, a, x, out, d, p, w):
-    return True
+    return p.wrong != 2
 
 
 def decision(s, a, p, w):
-    return -1
+    return 7 if p.wrong == 3 else -1
 
 
 counter = strategy_in(__name__, "counter")
@@ -261,19 +267,21 @@ counter = strategy_in(__name__, "counter")
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "words"),
+    ("wrong", "words"),
     [
-        ("return -1", "return 7", "a decision is none of -1"),
-        ("return True", "return False", "on_sample did not send"),
-        ("s.ones += ones", "raise ValueError('no')", "line 13, in on_counts: ValueError: no"),
+        (1, "line 19, in on_counts: ValueError: no"),
+        (2, "on_sample did not send"),
+        (3, "a decision is none of -1"),
     ],
 )
 def test_a_strategy_that_does_what_none_may_is_refused(
-    recording: Recording, tmp_path: Path, right: str, wrong: str, words: str
+    recording: Recording, tmp_path: Path, wrong: int, words: str
 ) -> None:
-    (tmp_path / "counter.py").write_text(COUNTS_BITS.replace(right, wrong), encoding="utf-8")
+    """What it does wrong is a parameter: a kernel is compiled for each text."""
+    (tmp_path / "counter.py").write_text(COUNTS_BITS, encoding="utf-8")
     with plugins.trust_code():
-        scenario = recording.scenario.with_values({"strategy.name": f"{tmp_path / 'counter.py'}:counter"})
+        values = {"strategy.name": f"{tmp_path / 'counter.py'}:counter", "strategy.counter.wrong": wrong}
+        scenario = recording.scenario.with_values(values)
         with pytest.raises(CodeError, match=words):
             replay_recording(recording, scenario, draws=1)
     forget("counter")

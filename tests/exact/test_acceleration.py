@@ -21,7 +21,7 @@ from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
-from vibroswarm.sensors.acceleration import GRAVITY_M_S2, accelerations, response, sensing
+from vibroswarm.sensors.acceleration import GRAVITY_M_S2, accelerations, add_noise, response, sensing
 from vibroswarm.sensors.base import STUDY_GRID
 from vibroswarm.testing.runs import in_pieces
 from vibroswarm.testing.sensor import check_sensor
@@ -471,3 +471,14 @@ def test_what_is_said_of_a_plate_is_so() -> None:
         "lets {:.0f}, {:.0f}, {:.0f} and {:.0f} % of the amplitude".format(*(100 * one for one in shares))
         in text
     )
+
+
+def test_noise_is_made_of_the_published_numbers_of_splitmix64() -> None:
+    """The first numbers from the state 1234567, by Vigna's program; each is summed by its four 16-bit parts."""
+    numbers = [6457827717110365317, 3203168211198807973, 9817491932198370423]
+    out = np.zeros((3, 1))
+    with np.errstate(over="ignore"):  # whole numbers modulo 2^64
+        add_noise(out, 2.0, 1234567)
+    sums = [sum(number >> shift & 0xFFFF for shift in (0, 16, 32, 48)) for number in numbers]
+    middle = 4 * 65535 / 2
+    assert out[:, 0] == pytest.approx([2.0 * math.sqrt(3.0) * (found - middle) / 65536 for found in sums])

@@ -724,6 +724,31 @@ def test_soft_feedback_without_weight_equals_none() -> None:
 # All of them
 
 
+OPPOSITES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "totals": ({"ones": 3, "samples": 10}, {"ones": 7, "samples": 10}),
+    "mcp": ({"estimate": 0.3}, {"estimate": 0.7}),
+    "dbbs": (
+        {"ones": 1.0, "zeros": 2.0, "social_ones": 3.0, "social_zeros": 5.0},
+        {"ones": 2.0, "zeros": 1.0, "social_ones": 5.0, "social_zeros": 3.0},
+    ),
+    "three_valued": ({"truth": 2}, {"truth": 0}),
+    "asdf": ({"estimate": 0.3, "confidence": 9.0}, {"estimate": 0.7, "confidence": 9.0}),
+    "bayes_cpf": ({"estimate": 0.3, "confidence": 9.0}, {"estimate": 0.7, "confidence": 9.0}),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_a_faulty_robot_sends_is_the_opposite(name: str) -> None:
+    """Of messages that are no bit; a bit is turned round by the simulator."""
+    opposite = strategy(name).opposite
+    assert (opposite is not None) == (name in OPPOSITES)
+    if opposite is not None:
+        sent, expected = OPPOSITES[name]
+        message = SimpleNamespace(**sent)
+        opposite(message)
+        assert vars(message) == pytest.approx(expected)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_contract_holds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:

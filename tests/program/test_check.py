@@ -121,6 +121,7 @@ def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_cases")
 @pytest.mark.parametrize("name", ["event", "fixed-step", "ideal", "loss", "fill_ratio", "none"])
 def test_what_is_of_the_package_passes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", name]) == 0
@@ -145,7 +146,7 @@ AT_ONCE = NETWORK.replace("tick + 1 + n.count % 40", "tick")
 SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_columns"
 MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
 FEW = (CASES[0], SHORT_CASE)
-"""Cases for motion of a file: ``test_motion_contract.py`` finds what is wrong in all, check by check."""
+"""Cases for motion: ``test_motion_contract.py`` holds our sources to all, and finds what is wrong, check by check."""
 
 
 @pytest.fixture

@@ -187,6 +187,12 @@ import numpy as np
 count = 0
 
 
+class Params:
+    lead: int = 4
+    raises_at: int = 0
+    decides: int = -1
+
+
 class State:
     n: int
 
@@ -197,30 +203,31 @@ def begin(s, a, d, p, w):
 
 def on_sample(s, a, x, out, d, p, w):
     s.n += 1
+    if s.n == p.raises_at:
+        raise ValueError('three')
     return True
 
 
 def decision(s, a, p, w):
-    return -1
+    return p.decides
 
 
 mine = strategy_in(__name__, "mine")
 """
+"""What it does wrong as it runs is a parameter: a kernel is compiled for each text."""
 COUNTS_BITS = GOOD.replace(
     "    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n"
 )
-SAMPLE = "    s.n += 1\n    return True\n"
-RAISES = "    s.n += 1\n    if s.n == 3:\n        raise ValueError('three')\n    return True\n"
 BAD = {
-    "a syntax error": (GOOD.replace("class State:", "class State"), 2, "line 7"),
-    "raises as it is loaded": (GOOD + "\nraise ValueError('no')\n", 2, r"ValueError: no \(line 26\)"),
+    "a syntax error": (GOOD.replace("class State:", "class State"), 2, "line 13"),
+    "raises as it is loaded": (GOOD + "\nraise ValueError('no')\n", 2, r"ValueError: no \(line 34\)"),
     "no strategy": (GOOD.replace("mine = ", "other = "), 2, "'mine' is not there.*the file has other"),
-    "other arguments": (GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2, "line 11.*takes 1 arguments"),
-    "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 16.*s.m: no such field"),
-    "text for a decision": (GOOD.replace("return -1", "return 'yes'"), 2, "cannot be compiled"),
-    "no kind of decision": (GOOD.replace("return -1", "return 7"), 1, "a decision is none of"),
-    "no kind of decision, counting": (COUNTS_BITS.replace("return -1", "return 7"), 1, "a decision is none of"),
-    "raises": (GOOD.replace(SAMPLE, RAISES), 1, "line 18, in on_sample: ValueError: three"),
+    "other arguments": (GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2, "line 17.*takes 1 arguments"),
+    "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 22.*s.m: no such field"),
+    "text for a decision": (GOOD.replace("return p.decides", "return 'yes'"), 2, "cannot be compiled"),
+    "no kind of decision": (GOOD, 1, "a decision is none of", "decides=7"),
+    "no kind of decision, counting": (COUNTS_BITS, 1, "a decision is none of", "decides=7"),
+    "raises": (GOOD, 1, "line 24, in on_sample: ValueError: three", "raises_at=3"),
     "two ways to hear": (
         GOOD.replace("    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n\n\n"
         "def on_message(s, a, m, sender, t_s, d, p, w):\n    s.n += m.bit\n"),
@@ -229,9 +236,9 @@ BAD = {
     "draws bits by itself": (
         "from random import getrandbits\n" + GOOD.replace("s.n = 0", "s.n = getrandbits(1)"), 2, "draws random numbers"
     ),
-    "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 12.*draws random numbers"),
-    "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 16.*the global count"),
-    "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 16.*creates an array"),
+    "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 18.*draws random numbers"),
+    "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 22.*the global count"),
+    "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 22.*creates an array"),
     "a name that is taken": (GOOD.replace("mine = ", "soft = ").replace('"mine"', '"soft"'), 2, "vibroswarm has"),
 }  # fmt: skip
 
@@ -240,12 +247,15 @@ BAD = {
 def test_a_bad_file_is_said_with_its_line(
     what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text, code, words = BAD[what]
+    text, code, words, *values = BAD[what]
     file = tmp_path / "a file.py"
     file.write_text(text, encoding="utf-8")
     name = "soft" if what == "a name that is taken" else "mine"
     out = tmp_path / "out"
-    found = said(capsys, main(["run", "--strategy", f"{file}:{name}", *SHORT, "--out", str(out)]), code)
+    more = [word for value in values for word in ("--set", f"strategy.mine.{value}")]
+    found = said(
+        capsys, main(["run", "--strategy", f"{file}:{name}", *SHORT, *more, "--out", str(out)]), code
+    )
     assert re.search(words, found), found
     last = [line for line in found.splitlines() if line.startswith("vibroswarm: error: ")]
     assert len(last) == 1
@@ -265,7 +275,8 @@ def test_one_that_never_decides_leaves_all_undecided(tmp_path: Path) -> None:
     assert (Result.read(tmp_path / "out").robots["decision"] == -1).all()
 
 
-RARELY = "    s.n += 1\n    if u(d, 0) < 0.002:\n        raise ValueError('rare')\n    return True\n"
+RARELY = GOOD.replace("s.n == p.raises_at", "u(d, 0) < 0.002").replace("'three'", "'rare'")
+RAISES = GOOD.replace("raises_at: int = 0", "raises_at: int = 3")
 
 
 @pytest.mark.slow
@@ -274,13 +285,13 @@ def test_runs_that_fail_in_a_study_are_told_and_nothing_else_is_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = tmp_path / "mine.py", tmp_path / "out"
-    file.write_text(GOOD.replace(SAMPLE, RARELY), encoding="utf-8")
+    file.write_text(RARELY, encoding="utf-8")
     command = ["evaluate", "--strategy", f"none,{file}:mine", *SHORT, "--runs", "40", "--out", str(out)]
     found = said(capsys, main(command), 1)
     failing = [run for run in range(40) if fails(f"{file}:mine", run)]  # each by itself
     assert 2 < len(failing) < 38
     assert f"{len(failing)} runs failed" in found
-    assert "line 18, in on_sample: ValueError: rare" in found
+    assert "line 24, in on_sample: ValueError: rare" in found
     kept = StudyResult.open(out)
     assert {one["first"] for one in kept.store.failures} == set(failing)
     assert kept.runs(1)["run"].to_list() == [run for run in range(40) if run not in failing]
@@ -288,7 +299,7 @@ def test_runs_that_fail_in_a_study_are_told_and_nothing_else_is_lost(
     assert f"{len(failing)} runs of mine failed and are in no figure" in (out / "report.html").read_text(
         encoding="utf-8"
     )
-    file.write_text(GOOD.replace(SAMPLE, RAISES), encoding="utf-8")
+    file.write_text(RAISES, encoding="utf-8")
     forget("mine")
     alone = [*command[:-1], str(tmp_path / "b"), "--no-pictures"]
     assert "40 runs failed" in said(capsys, main(alone), 1)
@@ -311,20 +322,17 @@ def test_check_passes(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_check_fails_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "mine.py"
-    file.write_text(BAD["raises"][0], encoding="utf-8")
+    file.write_text(RAISES, encoding="utf-8")
     assert main(["check", f"{file}:mine"]) == 1
     shown = capsys.readouterr().out
     assert shown.startswith("'mine' fails")
     assert "ValueError: three" in shown
 
 
-COUNTS = GOOD.replace("class State:", "class Params:\n    lead: int = 4\n\n\nclass State:")
-
-
 def test_a_range_of_whole_numbers_is_one_also_without_the_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "mine.py").write_text(COUNTS, encoding="utf-8")
+    (tmp_path / "mine.py").write_text(GOOD, encoding="utf-8")
     study, out = tmp_path / "study.toml", tmp_path / "out"
     study.write_text(
         'runs = 3\nscenario = { strategy = { name = "mine.py:mine" }, run = { t_end_s = 60 } }\n'
@@ -403,7 +411,7 @@ def test_a_size_of_an_array_may_be_a_number(tmp_path: Path, capsys: pytest.Captu
 
 def test_code_is_loaded_in_python(tmp_path: Path) -> None:
     path = tmp_path / "sized.py"
-    path.write_text(ARRAYS.format(size="'robots'"), encoding="utf-8")
+    path.write_text(ARRAYS.format(size="400"), encoding="utf-8")
     code = load_code("sized.py:sized", folder=tmp_path)
     short = preset("text").with_values({"strategy.name": code, "run.t_end_s": 20.0})
     assert short.strategy.code == code

@@ -598,6 +598,7 @@ nested = st.recursive(
         st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=5), inner, max_size=3)
     ),
 )
+nested.validate()  # now: it reads the lambda's source from this file, which may be edited before the first draw
 sections = st.fixed_dictionaries(
     {},
     optional={

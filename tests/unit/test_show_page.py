@@ -248,7 +248,7 @@ def test_long_tables_are_cut_and_say_so_and_vast_numbers_are_left_out():
 
 def test_very_many_runs_make_no_large_page():
     rng = np.random.default_rng(1)
-    count = 30_000  # a mark of each would take more
+    count = 10_000  # a mark of each takes 106 bytes
     frame = pl.DataFrame(
         {
             "cell": "a",

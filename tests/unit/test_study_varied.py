@@ -158,6 +158,7 @@ JUNK = st.recursive(
     ),
     max_leaves=8,
 )  # fmt: skip
+JUNK.validate()  # now: it reads the lambda's source from this file, which may be edited before the first draw
 
 
 @given(st.dictionaries(st.sampled_from(["grid", "zip", "list", "random", "sobol", "x"]), JUNK, max_size=3))
