@@ -22,15 +22,17 @@ from typing import Any, Final
 
 import numba
 import polars as pl
+from numpy.typing import NDArray
 
 from stage_timing import SEED, cpu_model, scenario_of
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.output import print_json
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
-from vibroswarm.motion.source import source
+from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Table, Text
 from vibroswarm.simulation import floors_of
 from vibroswarm.strategies import known
@@ -45,6 +47,8 @@ MOTIONS: Final = {5: 16, 10: 8, 100: 4}
 """Number of robots, and of runs that are timed at once."""
 RUNS: Final = 16
 """Runs of the other stages that are timed at once."""
+KINDS: Final = {"sensor.model": "confusion", "task.name": "majority", "floor.source": "random:0.4,0.36,0.24"}
+"""Fields of the scenario for strategies that decide which kind of tile is most common."""
 ROUNDS: Final = 1_000_000
 """Length of the fixed work: some 10 ms."""
 
@@ -60,11 +64,6 @@ class Ratio:
     least: float
     most: float
     """Smallest and largest ratio of a turn."""
-
-
-def shown() -> list[str]:
-    """Names of the strategies for two kinds of tile."""
-    return [name for name, one in known().items() if not one.answers_kinds]
 
 
 @numba.njit
@@ -99,9 +98,6 @@ def tasks() -> Iterable[tuple[str, int, Callable[[], object]]]:
     chosen = range(RUNS)
     floors = floors_of(scenario, SEED, chosen)
     motion = source("event").batch(scenario, SEED, chosen, False, True)
-    timeline = timeline_of(scenario, motion)
-    seen = observe(scenario, SEED, motion.samples, floors, energies=False)
-    read = seen["observation"].to_numpy()
     yield "observation", RUNS, partial(observe, scenario, SEED, motion.samples, floors, energies=False)
     shaken = scenario.with_values({"sensor.model": "acceleration"})
     yield (
@@ -110,14 +106,20 @@ def tasks() -> Iterable[tuple[str, int, Callable[[], object]]]:
         partial(observe, shaken, SEED, motion.samples, floors, energies=True),
     )
     yield "localisation", RUNS, partial(locate, located, SEED, motion)
-    for name in shown():
-        decided = scenario.with_values({"strategy.name": name})
+    kinds = scenario.with_values({"strategy.name": "dirichlet"} | KINDS)
+    two, three = inferred(scenario, motion), inferred(kinds, motion)
+    for name, one in known().items():
+        timeline, read = three if one.answers_kinds else two
+        decided = (kinds if one.answers_kinds else scenario).with_values({"strategy.name": name})
         # The timeline caches what does not depend on the strategy's own program, such as estimated places.
-        yield (
-            f"inference, {name}",
-            RUNS,
-            partial(replay_to_end, decided, SEED, timeline, read),
-        )
+        yield f"inference, {name}", RUNS, partial(replay_to_end, decided, SEED, timeline, read)
+
+
+def inferred(scenario: Scenario, motion: Motion) -> tuple[Timeline, NDArray[Any]]:
+    """Return what strategies of this scenario are replayed from: the timeline, and the class of each reading."""
+    floors = floors_of(scenario, SEED, range(RUNS))
+    seen = observe(scenario, SEED, motion.samples, floors, energies=False)
+    return timeline_of(scenario, motion), seen["observation"].to_numpy()
 
 
 def measure(chosen: Iterable[tuple[str, int, Callable[[], object]]], turns: int = TURNS) -> list[Ratio]:

@@ -2,7 +2,8 @@
 
     python docs/make_controls.py --runs 500 --out out/controls [--recordings DIR] [--write]
 
-Runs ``vibroswarm reproduce`` without and with each control, for preset ``paper``; run it again to resume.
+Runs ``vibroswarm reproduce`` without and with each control, for preset ``paper``, and the items that have claims of
+another preset only for that one; run it again to resume.
 Exit code 1: a reproduced claim changes under no control and gives no reason (``no_control`` in claims.toml).
 """
 
@@ -11,36 +12,50 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from vibroswarm.documents.reproduction import reproduction_document
 from vibroswarm.paper.claims import Decided, all_claims
 from vibroswarm.paper.columns import CONTROLS
-from vibroswarm.paper.item import Settings
+from vibroswarm.paper.item import Item, Settings
+from vibroswarm.paper.items import all_items
 from vibroswarm.paper.reproduce import reproduce
 from vibroswarm.paper.reproduction_tables import TABLES, write_tables
 from vibroswarm.show.document import without_pictures
 from vibroswarm.show.page import write_page
 
 COLUMN = "paper"
+"""Preset of the verdicts, of claims that are tested in it."""
 PAGE = Path(__file__).parent / "figures" / "paper.md"
 BEGIN, END = "<!-- controls: made by docs/make_controls.py -->", "<!-- controls: end -->"
 HOLDS = "reproduced"
 
 
-def verdicts(settings: Settings, folder: Path) -> dict[str, str]:
-    """Verdict by claim."""
+def others() -> dict[str, list[Item]]:
+    """Items of which no claim is tested in ``COLUMN``, by the first preset of their claims."""
+    found: dict[str, list[Item]] = {}
+    for item in all_items():
+        claims = [claim for claim in all_claims() if claim.item == item.name]
+        if claims and not any(COLUMN in claim.columns for claim in claims):
+            found.setdefault(claims[0].columns[0], []).append(item)
+    return found
+
+
+def verdicts(settings: Settings, folder: Path, items: Sequence[Item] | None = None) -> dict[str, str]:
+    """Verdict by claim, in the one column of the settings."""
+    (column,) = settings.columns
 
     def show(what: str, share: float) -> None:
         print(f"\r{settings.control or 'plain'}: {share:.0%}", end="", file=sys.stderr)
 
-    made = reproduce(settings, folder, progress=show)
+    made = reproduce(settings, folder, items, progress=show)
     write_tables(made, folder / TABLES)
     write_page(folder / "report.html", without_pictures(reproduction_document(made)))
     print(file=sys.stderr)
     decided: list[Decided] = made.decided
-    return {one.claim.id: one.verdict for one in decided if one.column == COLUMN}
+    return {one.claim.id: one.verdict for one in decided if one.column == column}
 
 
 def table(found: Mapping[str | None, Mapping[str, str]], runs: int) -> tuple[str, list[str]]:
@@ -74,7 +89,11 @@ def main() -> int:
     found = {}
     for control in (None, *CONTROLS):
         settings = Settings(arguments.runs, arguments.seed, (COLUMN,), control, recordings)
-        found[control] = verdicts(settings, arguments.out / (control or "plain"))
+        folder = arguments.out / (control or "plain")
+        found[control] = verdicts(settings, folder)
+        for column, items in others().items():
+            of_column = replace(settings, columns=(column,))
+            found[control] |= verdicts(of_column, folder / column, items)
     text, without = table(found, arguments.runs)
     if arguments.write:
         page = PAGE.read_text(encoding="utf-8")

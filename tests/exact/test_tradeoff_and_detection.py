@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import polars as pl
 import pytest
@@ -14,7 +16,7 @@ from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.study.tradeoff import time_error_curve
 
@@ -48,6 +50,23 @@ def test_who_waits_errs_less_and_who_never_decides_errs_never(curve: pl.DataFram
     assert counted["error"][0] == 1.0
     half = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=0.5)
     assert half["error"][0] == 0.5
+
+
+def test_a_mistake_counts_by_its_cost() -> None:
+    """The floor is below the boundary: all mistakes are decisions for "above", of one cost."""
+
+    def of(scenario: Scenario) -> dict[str, Any]:
+        return time_error_curve(scenario, 5, 20, [0.8], [20], undecided_counts=0.5).row(0, named=True)
+
+    equal, cheap, dear = (
+        of(SHORT if costs is None else SHORT.with_values({"task.costs": costs}))
+        for costs in (None, [[0.0, 1.0], [4.0, 0.0]], [[0.0, 4.0], [1.0, 0.0]])
+    )
+    assert equal["robots_wrong"] > 0.05
+    undecided = 0.5 * equal["robots_undecided"]
+    assert cheap["error"] == pytest.approx(0.25 * equal["robots_wrong"] + undecided, rel=1e-12)
+    assert dear["error"] == pytest.approx(equal["error"], rel=1e-12)
+    assert cheap["forced_error"] < dear["forced_error"]
 
 
 def test_wrong_wishes_of_a_curve() -> None:

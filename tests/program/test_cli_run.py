@@ -329,6 +329,31 @@ def test_no_display_and_no_home_are_needed(tmp_path):
     assert Path(tmp_path / "out" / "run.png").stat().st_size > 1000
 
 
+INVALID_PRODUCT = """
+import numpy as np
+from vibroswarm.motion.event.event_run import EventRun
+move_on = EventRun.move_on
+def with_a_product(self, until):
+    np.float64(np.inf) * np.float64(0.0)
+    return move_on(self, until)
+EventRun.move_on = with_a_product
+"""
+
+
+@pytest.mark.parametrize("first", ["", INVALID_PRODUCT], ids=["as it is", "control"])
+def test_plain_python_warns_of_nothing(first: str) -> None:
+    """What compiled code does without a word, NumPy warns of: "invalid value encountered"."""
+    options = ["run", "--plain", "--robots", "10", "--set", "run.t_end_s=40"]
+    program = f"{first}\nimport sys\nfrom vibroswarm.cli import main\nsys.exit(main({options}))"
+    plain = os.environ | {"VIBROSWARM_PLAIN": "1"}
+    process = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=plain, timeout=300, check=False
+    )
+    assert process.returncode == 0, process.stderr
+    warned = any("Warning" in line or "encountered" in line for line in process.stderr.splitlines())
+    assert warned == bool(first), process.stderr
+
+
 def test_help_and_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("vibroswarm 0.")

@@ -100,6 +100,19 @@ def save_with_pictures(
         save_requested_pictures(document, output, folder)
 
 
+def wants_pictures(arguments: Any) -> bool:
+    """Return whether pictures are written as files: the options ask for them, or an earlier command has written some.
+
+    Args:
+        arguments: with ``out``, where earlier pictures are.
+    """
+    from vibroswarm.documents.saved import PICTURES
+    from vibroswarm.show.figures import CAPTIONS
+
+    earlier = (arguments.out / PICTURES / CAPTIONS).is_file()
+    return bool(arguments.pictures or (earlier and not arguments.no_pictures))
+
+
 def save_requested_pictures(
     document: Document,
     arguments: Any,
@@ -118,8 +131,7 @@ def save_requested_pictures(
     from vibroswarm.documents.saved import PICTURES
     from vibroswarm.show.figures import CAPTIONS, write_figures
 
-    earlier = (arguments.out / PICTURES / CAPTIONS).is_file()
-    if arguments.pictures or (earlier and not arguments.no_pictures):
+    if wants_pictures(arguments):
         write_figures(folder / PICTURES, document, arguments.style, progress)
     elif (folder / PICTURES / CAPTIONS).is_file():
         remove_folder(folder / PICTURES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
 from vibroswarm.cli.output import print_line
@@ -13,6 +13,7 @@ from vibroswarm.cli.terminal import report, say
 from vibroswarm.errors import InputError, RunError
 
 if TYPE_CHECKING:
+    from vibroswarm.show.document import Document
     from vibroswarm.study.runner import Job
     from vibroswarm.study.spec import Study
     from vibroswarm.study.study_result import StudyResult
@@ -187,11 +188,12 @@ def print_outcome(
         result: the study with its finished runs; without any, ``outcome_of`` raises ``InputError``.
         second: the repetition of its cells on other seeds, which confirms comparisons; None if it was not run.
     """
-    from vibroswarm.cli.deliver import print_document
+    from vibroswarm.cli.deliver import print_document, wants_pictures
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.saved import REPORT
     from vibroswarm.documents.study import study_document
+    from vibroswarm.show.page_origin import is_made_from
     from vibroswarm.study.summary import outcome_of, write_outcome
 
     # `outcome_of` reports the progress of its replays for the comparison at equal error.
@@ -201,18 +203,49 @@ def print_outcome(
         )
     if output.out is not None:
         write_outcome(outcome, output.out)
-    print_document(study_document(outcome), as_json=output.json)
+    document = study_document(outcome)
+    print_document(document, as_json=output.json)
     sys.stdout.flush()  # the tables are seen before the page's pictures are drawn, which takes a while
     if output.out is not None and not output.no_pictures:
-        _write_page(outcome, output.out, output)
+        content = _content(document, result, second)
+        is_current = is_made_from(output.out / REPORT, _origin(content, output.out))
+        if not is_current or wants_pictures(output):
+            _write_page(outcome, output.out, output, content)
     print_saved(output, None if output.no_pictures else REPORT)
 
 
-def _write_page(outcome: Outcome, out: Path, output: Drawn) -> None:
+def _content(document: Document, result: StudyResult, second: StudyResult | None) -> dict[str, Any]:
+    """Return what decides what is on the page of a study, as plain values: its tables and its stored runs.
+
+    Args:
+        document: without references, which follow from the runs.
+    """
+    from vibroswarm.show.data import document_data
+
+    stored = [
+        [shard.name, dict(shard.made_by)]
+        for part in (result, second)
+        if part is not None
+        for shard in sorted(part.store.shards, key=lambda shard: shard.name)
+    ]
+    return {"document": document_data(document), "runs": stored}
+
+
+def _origin(content: dict[str, Any], out: Path) -> str:
+    """Return what the page of a study is made from; the table of references is made with it."""
+    from vibroswarm.show.page_origin import origin
+
+    return origin(content, (out / "references.csv", out / "references.parquet"))
+
+
+def _write_page(outcome: Outcome, out: Path, output: Drawn, content: dict[str, Any]) -> None:
     """Write the page of a study, its table of references, and its pictures, if they are requested.
 
     A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
     once. References are computed for studies with few cells only.
+
+    Args:
+        content: from ``_content``.
     """
     from vibroswarm.cli.deliver import save_requested_pictures
     from vibroswarm.cli.progress import progress_bar
@@ -228,6 +261,6 @@ def _write_page(outcome: Outcome, out: Path, output: Drawn) -> None:
     write_outcome(outcome, out)
     document = study_document(outcome)
     with progress_bar("drawing") as progress:
-        write_page(out / REPORT, document, progress)
+        write_page(out / REPORT, document, progress, _origin(content, out))
     with progress_bar("writing pictures") as progress:
         save_requested_pictures(document, output, out, progress)

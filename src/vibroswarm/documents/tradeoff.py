@@ -34,6 +34,7 @@ def tradeoff_document(found: Tradeoff) -> Document:
         knew=told([scenario]),
         parts=(
             Text(_setting_of(curve, scenario)),
+            *([] if scenario.task.costs is None else [Text(_COSTS)]),
             Section("The front", (Text(_FRONT), figure, _front_table(front))),
             Section("All settings", (_all_table(curve),), folded=True),
         ),
@@ -41,6 +42,9 @@ def tradeoff_document(found: Tradeoff) -> Document:
     )
 
 
+_COSTS: Final = (
+    "Mistakes differ in cost (`task.costs`): a wrong decision counts by its cost, relative to the dearest."
+)
 _FRONT: Final = (
     "Settings on the front: no other is faster without being wrong more often. An undecided robot counts with the "
     "whole time, and not as wrong. The front is that of the estimates: the best of many settings are partly lucky, and "

@@ -23,6 +23,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.show.cells import Cell, Heading, Written, written
 from vibroswarm.show.document import Document, Figure, Part, Photo, Section, Table
 from vibroswarm.show.markup import code_html, escape, inline_svg, minus_signs
+from vibroswarm.show.page_origin import with_origin
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -45,12 +46,16 @@ PHOTO_ADDRESS: Final = re.compile(r"data:image/(?:jpeg|png);base64,[A-Za-z0-9+/=
 
 
 def write_page(
-    path: Path | str, document: Document, progress: Callable[[float], None] = lambda share: None
+    path: Path | str,
+    document: Document,
+    progress: Callable[[float], None] = lambda share: None,
+    made_from: str | None = None,
 ) -> None:
     """Write a document as an HTML file, completely or not at all; an existing file is replaced.
 
     Args:
         progress: called with the share of figures that are drawn.
+        made_from: what the page shall say that it was made from (``page_origin.origin``).
     Raises:
         InputError: a figure is not a plain SVG or too large, the address of a photograph is not a data URI of a JPEG or
             PNG, or the folder cannot be written.
@@ -60,6 +65,8 @@ def write_page(
         _ = figure.drawn  # it is drawn once
         progress(place / len(document.figures))
     text = page_html(document)
+    if made_from is not None:
+        text = with_origin(text, made_from)
     with whole_file(Path(path)) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
 

@@ -7,7 +7,8 @@ compare them run by run with ``paired.compare``, not by whether their intervals 
 | name | equation |
 |---|---|
 | time | restricted mean decision time, s |
-| error | share of robots wrong + u (share undecided), u from 0 to 1 (``undecided_counts``) |
+| error | share of robots wrong + u (share undecided), u from 0 to 1 (``undecided_counts``); with costs of mistakes \
+(``task.costs``) a mistake counts by its cost relative to the dearest |
 | Pareto front | points for which no other point is at least as good in time and error and better in one of them |
 
 The front is computed from estimates. The best of many points are partly lucky, and will be worse on fresh seeds.
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import summary
@@ -29,6 +31,7 @@ from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, columns
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import Array, costs_of, forced_errors, numbers
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import refuse_steering
 from vibroswarm.study.run import run
@@ -102,7 +105,7 @@ def time_error_curve(
     }
     result = run(Study.of_scenarios(points, runs, seed), **how)
     tables = [result.tables(cell.number) for cell in result.study.cells]
-    rows = [_point(*of_point, base.run.t_end_s, undecided_counts, level) for of_point in tables]
+    rows = [_point(*of_point, base, undecided_counts, level) for of_point in tables]
     table = pl.DataFrame(
         [
             {"credible_threshold": float(p_c), "min_observations": int(o_c), **row}
@@ -117,18 +120,34 @@ def time_error_curve(
 
 
 def _point(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, undecided_counts: float, level: float
+    robots: pl.DataFrame, runs: pl.DataFrame, scenario: Scenario, undecided_counts: float, level: float
 ) -> dict[str, float | int | None]:
     """Compute the error of one point of the curve with its limits, and its figures, as columns of a row.
 
     The error is that of the runs with a truth.
+
+    Args:
+        scenario: its end of the run and its costs of mistakes are used.
     """
-    table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
-    # With u = 0 or 1 each robot counts as an error or not, so the error is a share of robots. With another u it is only
-    # a mean over runs of weighted shares.
-    if undecided_counts in (0.0, 1.0):
+    t_end_s, costs = scenario.run.t_end_s, costs_of(scenario)
+    table = run_figures(robots, runs, t_end_s, costs=costs).filter(pl.col("truth").is_not_null())
+    # With u = 0 or 1, and without costs, each robot counts as an error or not, so the error is a share of robots. With
+    # another u, or with costs, it is only a mean over runs of weighted shares.
+    if costs is None and undecided_counts in (0.0, 1.0):
         count = table["wrong"] + table["undecided"] * int(undecided_counts)
         error = cluster_share(count.to_numpy(), table["robots"].to_numpy(), level)
     else:
-        error = bootstrap_mean(table["wrong_share"] + undecided_counts * table["undecided_share"], level)
-    return columns_of("error", error) | summary(robots, runs, t_end_s, level).as_row()
+        mistakes = table["wrong_share"].to_numpy() if costs is None else _mistakes(robots, runs, costs)
+        error = bootstrap_mean(mistakes + undecided_counts * table["undecided_share"].to_numpy(), level)
+    return columns_of("error", error) | summary(robots, runs, t_end_s, level, costs=costs).as_row()
+
+
+def _mistakes(robots: pl.DataFrame, runs: pl.DataFrame, costs: Array) -> Array:
+    """Return the mean cost of robots' mistakes in each run with a truth, in the order of runs."""
+    decided = robots.join(runs.select("run", "truth"), on="run").filter(pl.col("truth").is_not_null())
+    # With belief 1 in the truth an undecided robot leans to it: it has made no mistake.
+    cost = forced_errors(
+        decided["decision"].to_numpy(), np.ones(decided.height), numbers(decided["truth"]), costs
+    )
+    by_run = decided.select("run", cost=pl.Series(cost)).group_by("run").agg(pl.col("cost").mean())
+    return numbers(by_run.sort("run")["cost"])

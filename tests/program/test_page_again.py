@@ -1,0 +1,65 @@
+"""The page of a study is drawn again only if something of what it shows has changed, or if it is damaged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.show import page, page_origin
+
+OPTIONS = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2",
+           "--strategy", "none,soft", "--runs", "20", "--quiet"]  # fmt: skip
+pytestmark = pytest.mark.slow
+LONG_AGO_S = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("page again") / "study"
+    assert main(["evaluate", *OPTIONS, "--out", str(out)]) == 0
+    return out
+
+
+def is_drawn_again(out: Path, *options: str) -> bool:
+    """Give the same command again, and return whether the page was written."""
+    report = out / "report.html"
+    os.utime(report, (LONG_AGO_S, LONG_AGO_S))
+    assert main(["evaluate", *OPTIONS, "--out", str(out), *options]) == 0
+    return report.stat().st_mtime != LONG_AGO_S
+
+
+def test_a_page_that_shows_the_same_is_not_drawn_again(evaluated, monkeypatch):
+    before = (evaluated / "report.html").read_bytes()
+    monkeypatch.setattr(page, "page_html", lambda document: pytest.fail("the page was made again"))
+    assert not is_drawn_again(evaluated)
+    assert (evaluated / "report.html").read_bytes() == before
+
+
+def changed_letter(out: Path) -> None:
+    report = out / "report.html"
+    report.write_bytes(report.read_bytes().replace(b"swarms", b"Swarms", 1))
+
+
+def without_references(out: Path) -> None:
+    (out / "references.csv").unlink()
+
+
+@pytest.mark.parametrize("damage", [changed_letter, without_references])
+def test_what_is_damaged_is_made_again(evaluated: Path, damage: Callable[[Path], None]) -> None:
+    files = [evaluated / name for name in ("report.html", "references.csv", "references.parquet")]
+    before = [file.read_bytes() for file in files]
+    damage(evaluated)
+    assert is_drawn_again(evaluated)
+    assert [file.read_bytes() for file in files] == before
+
+
+def test_another_program_other_runs_and_requested_pictures_draw_it_again(evaluated, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(page_origin, "program", lambda: "another version")
+        assert is_drawn_again(evaluated)
+    assert is_drawn_again(evaluated, "--no-confirm")
+    assert is_drawn_again(evaluated, "--pictures")
