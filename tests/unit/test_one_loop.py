@@ -20,7 +20,7 @@ SIMULATE = {
 """What simulates runs, by module."""
 SHARE = {
     "concurrent.futures": {"ThreadPoolExecutor", "ProcessPoolExecutor"},
-    "vibroswarm.study.executors": {"do_all"},
+    "vibroswarm.study.work": {"do_all", "results_of"},
 }
 """What shares work among workers, by module."""
 
@@ -54,8 +54,8 @@ OTHERS = {
 }
 SHARING = {
     "study/executors.py": "the workers",
-    "study/runner.py": "batches of a study",
-    "optimize/evaluate.py": "pieces of candidates",
+    "study/runner.py": "gives batches to the loop, and saves what they return",
+    "optimize/evaluate.py": "gives pieces of candidates to the loop",
     "paper/cells.py": "summarises cells while the next study runs",
 }
 

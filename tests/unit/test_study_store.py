@@ -58,7 +58,9 @@ def made_up(store: Store, first: int, last: int, writer: int = 0) -> None:
     frame = frame.select(pl.col(name).cast(kind) for name, kind in ROWS.items())
     data = io.BytesIO()
     frame.write_parquet(data)
-    work = Batch(store.study.hash, 0, (), first, last, 1, "event", ())
+    work = Batch(
+        study=store.study.hash, group=0, observed=(), first=first, last=last, seed=1, motion="event", keep=()
+    )
     store.add(BatchResult(work, {"robots": data.getvalue()}, frame.height, versions()))
 
 

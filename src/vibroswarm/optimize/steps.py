@@ -201,8 +201,8 @@ class SearchFolder:
         """Make the folder if it does not exist, and lock it for this process until the end of the block.
 
         Raises:
-            InputError: another process uses the folder, it holds another search, or a folder or a pipe is in the place of
-                a file. RunError: it cannot be written.
+            InputError: another process uses the folder, it holds another search, or something else is in the place of a
+                file of it. RunError: it cannot be written.
         """
         make_folder(self.folder)
         with folder_lock(self.folder):
