@@ -102,6 +102,13 @@ def undefined(level: float, n: int, how: str) -> Interval:
     return Interval(math.nan, math.nan, math.nan, level, n, how)
 
 
+def jackknife_error(without: ArrayLike) -> float:
+    """Return the standard error of an estimate, from the estimates without each unit (or group of units) in turn."""
+    left_out = np.asarray(without, dtype=np.float64)
+    n = left_out.size
+    return float(np.sqrt((n - 1) / n * ((left_out - left_out.mean()) ** 2).sum()))
+
+
 def generator(seed: int, purpose: str) -> np.random.Generator:
     """Create the random generator for a seed and a purpose, independent of all others."""
     return np.random.Generator(np.random.Philox(key=[seed % 2**64, zlib.crc32(purpose.encode())]))

@@ -32,6 +32,7 @@ from vibroswarm.optimize.pso import shared_run
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.executors import Workers
+from vibroswarm.study.plan import scenario_of
 from vibroswarm.study.work import Work, parts_of, results_of
 
 PIECE: Final = 10
@@ -91,16 +92,10 @@ def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
     return np.stack([np.hstack([o.figures(outcomes) for o in objectives]) for outcomes in cases], axis=1)
 
 
-@lru_cache(maxsize=64)
-def _base(text: str) -> Scenario:
-    """Return the scenario of a TOML text; cached, since all candidates of a search start from the same few texts."""
-    return Scenario.from_toml(text)
-
-
 @lru_cache(maxsize=512)
 def _scenario(text: str, values: tuple[tuple[str, Any], ...]) -> Scenario:
     """Return the scenario of a TOML text with a candidate's values; cached, since a candidate has several pieces."""
-    return _base(text).with_values(dict(values))
+    return scenario_of(text).with_values(dict(values))
 
 
 class Simulations:

@@ -61,6 +61,11 @@ class StudyProgress(NamedTuple):
     wanted: int
     failed: int
 
+    @property
+    def share(self) -> float:
+        """Share of the wanted runs that is done; 0 if none is wanted."""
+        return self.done / max(self.wanted, 1)
+
 
 Progress = Callable[[StudyProgress], None]
 """A function that is called as batches finish."""
