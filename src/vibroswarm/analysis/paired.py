@@ -282,7 +282,12 @@ def confirmed(first: Paired, second: Paired) -> Confirmation:
         says = "not confirmed: the blocks differ in opposite ways"
     else:
         says = f"confirmed: the first cell is {'higher' if sides[0] > 0 else 'lower'} in both blocks"
-    return Confirmation(first, second, confirmed=sides[0] != 0 and sides[0] == sides[1], says=says)
+    return Confirmation(first, second, confirmed=confirms(second.difference, first.difference), says=says)
+
+
+def confirms(again: Interval, first: Interval) -> bool:
+    """Return whether an interval of the second block confirms that of the first: both exclude 0 on the same side."""
+    return side(first) != 0 and side(first) == side(again)
 
 
 def side(interval: Interval) -> int:
