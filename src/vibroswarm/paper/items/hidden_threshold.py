@@ -33,7 +33,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import columns_of, mean_interval
-from vibroswarm.analysis.paired import differences
 from vibroswarm.league.entries import entries_of, frozen_settings, main_entries
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import published
@@ -135,7 +134,7 @@ def compute(work: Work) -> Tables:
             "mean p_c": float(np.mean(matched.thresholds)),
         }
         for name in FIGURES:
-            gain = differences(matched.figures[name], soft[name])
+            gain = matched.figures[name] - soft[name]
             row |= columns_of(name, mean_interval(gain))
             # The claim is about the share of wrong robots with the paper's settings.
             if variant == "soft" and threshold == PUBLISHED and name == "wrong_share":
