@@ -24,7 +24,6 @@ from typing import Any, Final, NamedTuple
 import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
-from vibroswarm.analysis.paired import differences
 from vibroswarm.core.atomic_io import MANIFEST, whole_folder
 from vibroswarm.core.code_version import saved_syntax_hash
 from vibroswarm.core.folders import about_file, has_manifest, manifest_text, read_described
@@ -133,7 +132,7 @@ class Work:
 
     def difference(self, name: str, first: Hashable, second: Hashable) -> Any:
         """Return the difference (first - second) of the figure ``name`` between two cells, run by run, (runs,)."""
-        return differences(self.values(first, name), self.values(second, name))
+        return self.values(first, name) - self.values(second, name)
 
     def change(
         self,

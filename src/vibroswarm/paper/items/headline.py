@@ -18,7 +18,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import columns_of, mean_interval
-from vibroswarm.analysis.paired import differences
 from vibroswarm.paper.cells import Figures
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
@@ -114,7 +113,7 @@ def _against(work: Work, key: tuple[str, str], which: str) -> Any:
         key: parameter set and strategy. which: name of the variant, which may have fewer runs than "first".
     """
     first_s, variant_s = (work.values((*key, name), "decision_time_s") for name in ("first", which))
-    return differences(variant_s, first_s[: variant_s.size])
+    return variant_s - first_s[: variant_s.size]
 
 
 def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:
