@@ -78,7 +78,10 @@ def test_a_field_changes_hash_and_plan(name: str) -> None:
     one, other = pair(name)
     assert one.hash != other.hash
     assert one.to_toml() != other.to_toml(), "what a worker is given, and what is kept by its text"
-    pieces = {Piece((each.to_toml(),), (), 1, "event", 0, 1) for each in (one, other)}
+    pieces = {
+        Piece(cases=(each.to_toml(),), values=(), seed=1, motion="event", first=0, last=1)
+        for each in (one, other)
+    }
     assert len(pieces) == 2
     if value_of(one, name) is None:  # it cannot be said in a grid
         return

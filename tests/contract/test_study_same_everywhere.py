@@ -200,7 +200,14 @@ class Backwards(ThreadPoolExecutor):
 def test_any_executor_may_be_passed_in(alone: StudyResult, tmp_path: Path) -> None:
     with Backwards(3) as pool:
         assert_same(STUDY.run(tmp_path / "s", executor=pool), alone)
-        assert pool.submit(max, Batch("", 0, (), 1, 2, 1, "", ()), key=str) is not None, "it is left open"
+        assert (
+            pool.submit(
+                max,
+                Batch(study="", group=0, observed=(), first=1, last=2, seed=1, motion="", keep=()),
+                key=str,
+            )
+            is not None
+        ), "it is left open"
 
 
 def test_a_pool_of_processes_of_the_caller(alone: StudyResult, tmp_path: Path) -> None:

@@ -26,7 +26,6 @@ from vibroswarm.analysis.intervals import (
     rate_interval,
     share_interval,
     sign_flip,
-    sign_flip_interval,
     wilson,
     wilson_limits,
 )
@@ -73,7 +72,7 @@ def test_hartigan_by_hand() -> None:
 def test_the_interval_is_the_sign_flip_test_turned_round() -> None:
     """m lies inside exactly when the two-sided sign-flip test, by brute force, does not reject it."""
     d = np.array([0.3, -1.2, 2.2, 0.9, 1.7, -0.4, 3.1, 0.6])
-    interval = sign_flip_interval(d, 0.95)
+    interval = sign_flip(d, 0.95).interval
     signs = np.array(list(itertools.product([1, -1], repeat=d.size)))
     for m in np.linspace(-1.5, 3.0, 181):
         sums = signs @ (d - m)
@@ -83,21 +82,21 @@ def test_the_interval_is_the_sign_flip_test_turned_round() -> None:
 
 
 def test_too_few_pairs_set_no_limits() -> None:
-    few = sign_flip_interval([1.0, 2.0, 3.0, 4.0, 5.0])
+    few = sign_flip([1.0, 2.0, 3.0, 4.0, 5.0]).interval
     assert (few.low, few.high) == (-math.inf, math.inf)
     assert not few.excludes(0.0)
     assert few.as_dict()["low"] is None
-    assert math.isnan(sign_flip_interval([]).estimate)
+    assert math.isnan(sign_flip([]).interval.estimate)
     assert sign_flip([0.0] * 30).p_value == 1.0
 
 
 def test_drawn_listed_and_normal_limits_agree() -> None:
     random = generator(5, "test")
     ten = random.normal(1.0, 1.0, 10)
-    listed, drawn = sign_flip_interval(ten), sign_flip_interval(np.append(ten, ten.mean()))
+    listed, drawn = sign_flip(ten).interval, sign_flip(np.append(ten, ten.mean())).interval
     assert drawn.low == pytest.approx(listed.low, abs=0.15)
     many = random.exponential(1.0, 6000)
-    normal, by_draws = sign_flip_interval(many), sign_flip_interval(many[:5000])
+    normal, by_draws = sign_flip(many).interval, sign_flip(many[:5000]).interval
     assert normal.high - normal.low == pytest.approx(
         (by_draws.high - by_draws.low) * math.sqrt(5 / 6), rel=0.1
     )
@@ -224,7 +223,7 @@ def test_paired_differences_hold_the_truth_skewed_ones_too(draw: str) -> None:
         return random.normal(0, 1, 60) if draw == "normal" else random.exponential(1.0, 60)
 
     drawn = [sample() for _ in range(600)]
-    by_pair = coverage(means[draw], [sign_flip_interval(d) for d in drawn])
+    by_pair = coverage(means[draw], [sign_flip(d).interval for d in drawn])
     by_robot = coverage(means[draw], [mean_interval(np.repeat(d, 5)) for d in drawn])
     assert 0.91 <= by_pair <= 0.985, by_pair
     assert by_robot < 0.75, by_robot  # each run counted five times, as if its robots were runs

@@ -12,8 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.intervals import Interval, generator, mean_interval
-from vibroswarm.analysis.paired import COMPARED, compare, confirmed, equivalent, holm
+from vibroswarm.analysis.intervals import Interval, generator, jackknife_error, mean_interval, student_test
+from vibroswarm.analysis.paired import (
+    COMPARED,
+    compare,
+    confirmed,
+    difference,
+    differences,
+    drawn_interval,
+    drawn_means,
+    equivalent,
+    holm,
+)
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import replay, simulate
@@ -50,6 +60,49 @@ def test_by_hand() -> None:
     assert row["difference"] == 0.5
     assert (row["pairs"], row["level"]) == (4, 0.95)
     json.dumps(time_s.as_dict(), allow_nan=False)
+
+
+def test_student_by_hand() -> None:
+    """Differences 1, 2, 3, 4: t = 2.5 / (1.2910 / 2) = 3.873 with 3 degrees of freedom, t_0.975 = 3.1824."""
+    interval, p_value = student_test([1.0, 2.0, 3.0, 4.0, math.nan])
+    assert p_value == pytest.approx(0.0304662, abs=1e-7)
+    assert (interval.low, interval.high) == pytest.approx((2.5 - 2.05426, 2.5 + 2.05426), abs=1e-5)
+    assert [student_test(d).p_value for d in ([0.0, 0.0], [3.0, 3.0])] == [1.0, 0.0]
+    assert math.isnan(student_test([3.0]).p_value)
+    first, second = figures([2.0, 4.0, 6.0, 8.0], [0.0] * 4), figures([1.0, 2.0, 3.0, 4.0], [0.0] * 4)
+    assert compare(first, second, ["decision_time_s"], test=student_test)[0].p_value == p_value
+    assert compare(first, second, ["decision_time_s"])[0].p_value != p_value  # control: by sign flips
+
+
+def test_rounding_is_no_difference() -> None:
+    assert differences([0.1 + 0.2, 1.0, math.nan], [0.3, 0.5, 1.0])[:2].tolist() == [0.0, 0.5]
+    assert difference([0.1 + 0.2] * 8, [0.3] * 8).p_value == 1.0
+
+
+def test_rows_are_drawn_together() -> None:
+    values = generator(1, "test").normal(size=(2, 400))
+    values[1] = values[0] + 5.0
+    drawn = drawn_means(values, 0, "test")
+    assert drawn[:, 0].tolist() == values.mean(axis=1).tolist()
+    assert np.ptp(drawn[1] - drawn[0]) < 1e-12
+    assert drawn[0, 1:].std() == pytest.approx(values[0].std() / 20, rel=0.1)
+    assert not np.array_equal(drawn, drawn_means(values, 0, "other"))  # control
+
+
+def test_limits_of_draws_need_nearly_all() -> None:
+    drawn = np.append(10.0, np.linspace(0.0, 1.0, 1001))
+    found = drawn_interval(drawn, 7, "how")
+    assert found == (10.0, pytest.approx(0.025), pytest.approx(0.975), 0.95, 7, "how")
+    drawn[1:50] = math.nan
+    assert not math.isnan(drawn_interval(drawn, 7, "how").low)
+    drawn[1:60] = math.nan
+    assert math.isnan(drawn_interval(drawn, 7, "how").low)
+
+
+def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:
+    values = generator(2, "test").normal(size=30)
+    without = (values.sum() - values) / 29
+    assert jackknife_error(without) == pytest.approx(values.std(ddof=1) / math.sqrt(30))
 
 
 def test_holm_by_hand() -> None:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+
+import vibroswarm
+
+ROOT = Path(vibroswarm.__file__).parent
 
 
 class Source(NamedTuple):
@@ -33,3 +38,20 @@ def _source(text: str) -> Source:
         ),
         frozenset(node.attr for node in nodes if isinstance(node, ast.Attribute)),
     )
+
+
+def imported(path: Path, wanted: dict[str, set[str]]) -> set[str]:
+    """Names of ``wanted`` that a module imports, wherever in it."""
+    found = (names & wanted[module] for module, names in source_of(path).imports if module in wanted)
+    return set().union(*found)
+
+
+def called(path: Path, wanted: set[str]) -> bool:
+    """Whether a module names an attribute of ``wanted``."""
+    return not wanted.isdisjoint(source_of(path).attributes)
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    """Yield name and path of each module of the package."""
+    for path in sorted(ROOT.rglob("*.py")):
+        yield path.relative_to(ROOT).as_posix(), path

@@ -5,13 +5,10 @@ Everything else lists cells and gives them to ``study.run``; a module that needs
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import vibroswarm
-from helpers.sources import source_of
+from helpers.sources import called, imported, modules
 
-ROOT = Path(vibroswarm.__file__).parent
 SIMULATE = {
     "vibroswarm.simulation": {"simulate", "replay"},
     "vibroswarm.motion.source": {"source"},
@@ -23,7 +20,7 @@ SIMULATE = {
 """What simulates runs, by module."""
 SHARE = {
     "concurrent.futures": {"ThreadPoolExecutor", "ProcessPoolExecutor"},
-    "vibroswarm.study.executors": {"do_all"},
+    "vibroswarm.study.work": {"do_all", "results_of"},
 }
 """What shares work among workers, by module."""
 
@@ -57,30 +54,14 @@ OTHERS = {
 }
 SHARING = {
     "study/executors.py": "the workers",
-    "study/runner.py": "batches of a study",
-    "optimize/evaluate.py": "pieces of candidates",
+    "study/runner.py": "gives batches to the loop, and saves what they return",
+    "optimize/evaluate.py": "gives pieces of candidates to the loop",
     "paper/cells.py": "summarises cells while the next study runs",
 }
 
 
-def imported(path: Path, wanted: dict[str, set[str]]) -> set[str]:
-    """Names of ``wanted`` that a module imports, wherever in it."""
-    found = (names & wanted[module] for module, names in source_of(path).imports if module in wanted)
-    return set().union(*found)
-
-
 FILES = {"read_parquet", "scan_parquet", "write_parquet", "read_parquet_metadata"}
 """Functions of polars that read or write tables."""
-
-
-def called(path: Path, wanted: set[str]) -> bool:
-    """Whether a module names an attribute of ``wanted``."""
-    return not wanted.isdisjoint(source_of(path).attributes)
-
-
-def modules() -> Iterator[tuple[str, Path]]:
-    for path in sorted(ROOT.rglob("*.py")):
-        yield path.relative_to(ROOT).as_posix(), path
 
 
 def test_only_these_simulate_runs() -> None:

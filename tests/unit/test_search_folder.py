@@ -147,6 +147,8 @@ def test_a_damaged_step_is_said_and_its_runs_repeated(
     said = capsys.readouterr().out
     assert "to resume" in said
     if path.is_dir():
+        with pytest.raises(InputError, match=r"is in the place of a file"):
+            run_search(search, tmp_path)
         path.rmdir()
     assert candidate_table(run_search(search, tmp_path)).equals(whole)
     assert steps_of(tmp_path) == before

@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import BLOCKS_OF_A_SIZE, Group, missing, plan_of
 from vibroswarm.study.runner import Job
 from vibroswarm.study.spec import Study
+from vibroswarm.study.work import Work, parts_of, results_of
 
 RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted).map(tuple), max_size=8)
 
@@ -106,3 +108,23 @@ def test_runs_of_a_slow_source_are_kept_one_by_one():
     assert plan_of(Study(five, motion="mujoco")).groups[0].block == 1
     assert plan_of(Study(five, motion="mujoco-planar")).groups[0].block == 10
     assert plan_of(Study(five)).groups[0].block > 10
+
+
+def test_work_is_divided_into_parts_of_nearly_equal_size():
+    work = Work(first=5, last=12, seed=1, motion="event")
+    assert [(part.first, part.last) for part in parts_of(work, 3)] == [(5, 7), (7, 9), (9, 12)]
+    assert [part.runs for part in parts_of(work, 20)] == [1] * 7
+
+
+def test_results_come_in_the_order_of_the_work_and_failures_as_texts():
+    works, told = [Work(first=k, last=k + 2, seed=0, motion="") for k in range(5)], []
+    with workers_for("threads", 3) as crew:
+        found = results_of(crew, _unless_odd, works, "of run", progress=told.append)
+    assert found == ["of run 0", "ValueError: 1 is odd", "of run 2", "ValueError: 3 is odd", "of run 4"]
+    assert told[-1] == 10
+
+
+def _unless_odd(work: Work, words: str) -> str:
+    if work.first % 2:
+        raise ValueError(f"{work.first} is odd")
+    return f"{words} {work.first}"

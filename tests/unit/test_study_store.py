@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -57,7 +58,9 @@ def made_up(store: Store, first: int, last: int, writer: int = 0) -> None:
     frame = frame.select(pl.col(name).cast(kind) for name, kind in ROWS.items())
     data = io.BytesIO()
     frame.write_parquet(data)
-    work = Batch(store.study.hash, 0, (), first, last, 1, "event", ())
+    work = Batch(
+        study=store.study.hash, group=0, observed=(), first=first, last=last, seed=1, motion="event", keep=()
+    )
     store.add(BatchResult(work, {"robots": data.getvalue()}, frame.height, versions()))
 
 
@@ -159,6 +162,27 @@ def test_a_damaged_shard_is_found_and_said_and_made_again(harm: str, copy: Path,
     assert again.store.damaged == []
     assert_frame_equal(again.rows().collect(), StudyResult.open(filled).rows().collect())
     assert Store.open(copy).damaged == []
+
+
+@pytest.mark.parametrize("what", ["folder", "pipe"])
+@pytest.mark.parametrize("kind", ["*.parquet", "*.json"])
+def test_something_else_in_the_place_of_a_shard_is_refused_and_stays(
+    kind: str, what: str, copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its runs are missing, but nothing that somebody put there is removed, and nothing simulated in vain."""
+    file = one_of(copy, kind)
+    whole = file.read_bytes()
+    file.unlink()
+    file.mkdir() if what == "folder" else os.mkfifo(file)
+    assert len(Store.open(copy).damaged) == 1
+    with monkeypatch.context() as patch:
+        patch.setattr("vibroswarm.study.batch.simulate_batch", None)
+        with pytest.raises(InputError, match=f"{file.name}: is in the place of a file: move it away"):
+            STUDY.run(copy, workers=1)
+    assert file.exists()
+    file.rmdir() if what == "folder" else file.unlink()
+    assert STUDY.run(copy, workers=1).store.damaged == []
+    assert one_of(copy, kind).read_bytes() == whole or kind == "*.json"  # which names versions
 
 
 def test_files_of_writers_that_were_killed_do_not_count(copy: Path) -> None:

@@ -37,9 +37,9 @@ from vibroswarm.analysis.intervals import (
     check_level,
     plain,
     share_interval,
-    sign_flip_interval,
     wilson,
 )
+from vibroswarm.analysis.paired import difference
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -168,8 +168,8 @@ def pooled_counting(
         strategy_wrong=share_interval(wrong[judged], level),
         strategy_undecided=share_interval(undecided[judged], level),
         strategy_error=share_interval(strategy_error, level),
-        time_difference_s=sign_flip_interval(strategy_time_s - time_s, level, seed),
-        error_difference=sign_flip_interval(strategy_error - error, level, seed),
+        time_difference_s=difference(strategy_time_s, time_s, level, seed).interval,
+        error_difference=difference(strategy_error, error, level, seed).interval,
     )
 
 

@@ -28,7 +28,6 @@ lucky, so both fronts are somewhat too good.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -37,17 +36,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.analysis.intervals import Interval, generator
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.paired import DRAWS, drawn_interval, drawn_means
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.scenario.scenario import Scenario
 
-DRAWS: Final = 1000
-"""Bootstrap draws of runs."""
-LEAST_KNOWN: Final = 0.95
-"""Smallest share of defined draws for which limits are given."""
 DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
     "decision.credible_threshold": (0.7, 0.8, 0.9, 0.95, 0.98, 0.995),
     "decision.min_observations": (0, 100, 250, 417),
@@ -82,6 +78,10 @@ class MatchedError(NotebookView):
     """First - reference, at equal time; nan if a front does not reach it."""
 
 
+METHOD: Final = "bootstrap of fronts"
+"""Name of the method by which limits are computed."""
+
+
 def front_settings() -> dict[str, dict[str, Any]]:
     """Read ``fronts.toml``: for each strategy the fields that trade time against error, and the values to try."""
     text = files("vibroswarm.analysis").joinpath("fronts.toml").read_text(encoding="utf-8")
@@ -111,12 +111,9 @@ def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedE
         first, reference: on the same runs. seed: seed of the bootstrap.
     """
     runs = reference.time_s.shape[1]
-    rng = generator(seed, "matched error")
-    weights = rng.multinomial(runs, np.full(runs, 1.0 / runs), size=DRAWS) / runs  # (draws, runs)
 
     def means_of(values: Array) -> Array:
-        """Return means over all runs (column 0) and over each bootstrap draw, (points, 1 + draws)."""
-        return np.column_stack([values.mean(axis=1), values @ weights.T])
+        return drawn_means(values, seed, "matched error")
 
     time_means = [means_of(strategy.time_s) for strategy in (first, reference)]
     error_means = [means_of(strategy.error) for strategy in (first, reference)]
@@ -142,25 +139,14 @@ def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedE
         of_first=of_first,
         error=float(error_as_given[0]),
         time_s=float(time_as_given[0]),
-        time_difference_s=_limits(time_differences_s, runs),
-        error_difference=_limits(error_differences, runs),
+        time_difference_s=drawn_interval(time_differences_s, runs, METHOD),
+        error_difference=drawn_interval(error_differences, runs, METHOD),
     )
 
 
 def _least(value: float, x: Array, y: Array) -> float:
     """Return the smallest y of a front at x of at most ``value``; nan if all x are larger. ``x`` rises, ``y`` falls."""
     return float(y[-1]) if value > x[-1] else on_line(value, x, y)
-
-
-def _limits(values: Array, runs: int) -> Interval:
-    """Return the estimate ``values[0]`` with the 95 % percentile interval of its bootstrap draws ``values[1:]``.
-
-    The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws are defined.
-    """
-    drawn = values[1:][~np.isnan(values[1:])]
-    is_enough = drawn.size >= LEAST_KNOWN * DRAWS and not math.isnan(values[0])
-    low, high = np.quantile(drawn, (0.025, 0.975)) if is_enough else (np.nan, np.nan)
-    return Interval(float(values[0]), float(low), float(high), 0.95, runs, "bootstrap of fronts")
 
 
 def front_of(time_s: Array, error: Array) -> tuple[Array, Array]:

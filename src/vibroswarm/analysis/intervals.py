@@ -10,6 +10,7 @@ Garwood 1936; McCullagh & Nelder 1989, 6.2 |
 | ``bootstrap_mean`` | mean over runs | percentiles of means of resampled runs | Efron 1979 |
 | ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
+| ``student_test`` | mean of differences | Student's limits and paired t-test | Student 1908 |
 | ``quantile_interval`` | quantile over runs | order statistics, binomial | Thompson 1936 |
 
 Random numbers come from Philox with a key of (seed, purpose), so that they do not depend on other draws.
@@ -99,6 +100,13 @@ def finite_limits(found: Interval | None) -> dict[str, float] | None:
 def undefined(level: float, n: int, how: str) -> Interval:
     """Make the interval of an undefined figure."""
     return Interval(math.nan, math.nan, math.nan, level, n, how)
+
+
+def jackknife_error(without: ArrayLike) -> float:
+    """Return the standard error of an estimate, from the estimates without each unit (or group of units) in turn."""
+    left_out = np.asarray(without, dtype=np.float64)
+    n = left_out.size
+    return float(np.sqrt((n - 1) / n * ((left_out - left_out.mean()) ** 2).sum()))
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
@@ -371,7 +379,7 @@ def _independent_robots(count: Values, of: Values, runs: NDArray[np.int64], shar
     return min(share * (1.0 - share) / variance, robots)
 
 
-class SignFlip(NamedTuple):
+class Tested(NamedTuple):
     """The interval of a mean of paired differences, and the two-sided p-value of "no difference"."""
 
     interval: Interval
@@ -381,7 +389,7 @@ class SignFlip(NamedTuple):
         return html_view(self)
 
 
-def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> SignFlip:
+def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> Tested:
     """Estimate the mean of paired differences, one for each run, by inverting the sign-flip test.
 
     If the differences are symmetric about m, each d - m is equally likely to be positive or negative. Flipping the
@@ -402,7 +410,7 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     check_level(level)
     d = without_nan(differences)
     if d.size == 0:
-        return SignFlip(undefined(level, 0, "sign flip"), math.nan)
+        return Tested(undefined(level, 0, "sign flip"), math.nan)
     mean = _mean(d)
     distinct, counts = np.unique(d, return_counts=True)
     if distinct.size > _MANY_VALUES:
@@ -421,7 +429,27 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     p_value = min(1.0, 2.0 * (1 + beyond) / (means.size + 1))
     if beyond < _TAIL and d.size > _EXACT:  # too few draws beyond 0 to estimate a small p-value
         p_value = min(p_value, _normal_p_value(d))
-    return SignFlip(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
+    return Tested(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
+
+
+def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> Tested:
+    """Estimate the mean of paired differences with Student's limits, and test it by a paired t-test.
+
+    The p-value is nan for fewer than 2 pairs. If all differences are equal, it is 1 if they are 0, and 0 otherwise.
+
+    Args:
+        seed: not used, as nothing is drawn; other tests of differences need one.
+    """
+    from scipy.stats import ttest_1samp  # which takes long to import
+
+    d = without_nan(differences)
+    if d.size < 2:
+        p_value = math.nan
+    elif np.ptp(d) == 0.0:
+        p_value = 1.0 if d[0] == 0.0 else 0.0
+    else:
+        p_value = float(ttest_1samp(d, 0.0).pvalue)
+    return Tested(mean_interval(d, level), p_value)
 
 
 def _normal_p_value(d: Values) -> float:
@@ -463,7 +491,7 @@ def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int
     return np.concatenate(drawn)
 
 
-def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
+def _sign_flip_of_many(d: Values, mean: float, level: float) -> Tested:
     """Compute the interval and p-value of ``sign_flip`` from the normal limit.
 
     The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d. It is
@@ -473,12 +501,7 @@ def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error
     p_value = float(2.0 * ndtr(-abs(mean) / error))
-    return SignFlip(Interval(mean, mean - half, mean + half, level, d.size, "sign flip"), p_value)
-
-
-def sign_flip_interval(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
-    """Compute the interval of ``sign_flip``, without the p-value."""
-    return sign_flip(differences, level, seed).interval
+    return Tested(Interval(mean, mean - half, mean + half, level, d.size, "sign flip"), p_value)
 
 
 def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95) -> Interval:

@@ -6,6 +6,7 @@ A cell is the runs of one scenario.
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
 | interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
+| floor by floor | - | Student's limits and paired t-test instead, see ``intervals.student_test`` |
 | corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
 
@@ -28,8 +29,9 @@ No significant difference is not equality: that requires an interval inside a ma
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -37,7 +39,16 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES
-from vibroswarm.analysis.intervals import Interval, check_level, columns_of, plain, sign_flip
+from vibroswarm.analysis.intervals import (
+    Interval,
+    Tested,
+    Values,
+    check_level,
+    columns_of,
+    generator,
+    plain,
+    sign_flip,
+)
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 
@@ -45,6 +56,14 @@ COMPARED: Final = tuple(figure.by_run for figure in FIGURES if figure.compared)
 """Columns of ``figures.run_figures`` that are compared by default."""
 ESTIMATED: Final = tuple(name for name in ESTIMATES if BY_COLUMN[name].better)
 """Those that are compared where the task asks for a number."""
+
+
+DRAWS: Final = 1000
+"""Bootstrap draws of runs, where a figure is computed from the means of several cells."""
+LEAST_KNOWN: Final = 0.95
+"""Smallest share of draws in which a figure is defined for which it has limits."""
+Test = Callable[[Values, float, int], Tested]
+"""A test of paired differences: it takes them, a level of confidence and a seed."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +111,14 @@ def compare(
     figures: Sequence[str] = COMPARED,
     level: float = 0.95,
     seed: int = 0,
+    test: Test = sign_flip,
 ) -> tuple[Paired, ...]:
     """Compare two cells figure by figure; p-values are Holm-corrected over the figures.
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
         figures: columns of both tables that can be compared (``RunFigure.better``).
-        level: confidence level of the intervals. seed: of the sign flips.
+        level: confidence level of the intervals. seed: of the sign flips. test: gives interval and p-value.
     Returns: one comparison per figure, in the order of ``figures``.
     Raises:
         InputError: a figure that cannot be compared, no run in both cells, or a level outside (0, 1).
@@ -115,25 +135,44 @@ def compare(
     if both.is_empty():
         raise InputError("the two cells have no run in common; give cells of one seed", field="second")
     in_one_only = first.height + second.height - 2 * both.height  # number of runs that only one cell has
-    compared = [_compare_one(both, figure, in_one_only, level, seed) for figure in figures]
+    compared = [_compare_one(both, figure, in_one_only, level, seed, test) for figure in figures]
     corrected = holm([paired.p_value for paired in compared])
     return tuple(replace(paired, p_holm=p) for paired, p in zip(compared, corrected, strict=True))
 
 
-def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float, seed: int) -> Paired:
+def differences(first: ArrayLike, second: ArrayLike) -> Values:
+    """Return first - second of paired values; 0 for pairs that differ by rounding alone, nan where one is nan."""
+    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    d: Values = a - b
+    d[np.isclose(a, b, rtol=1e-12, atol=1e-12)] = 0.0
+    return d
+
+
+def difference(
+    first: ArrayLike, second: ArrayLike, level: float = 0.95, seed: int = 0, test: Test = sign_flip
+) -> Tested:
+    """Estimate and test the mean of first - second, of values that no table of figures has, (runs,) each.
+
+    The other arguments are those of ``compare``.
+    """
+    return test(differences(first, second), level, seed)
+
+
+def _compare_one(
+    both: pl.DataFrame, figure: str, in_one_only: int, level: float, seed: int, test: Test
+) -> Paired:
     """Compare one figure over the runs that have it in both cells; ``p_holm`` is the p-value, not corrected yet.
 
     Args:
         both: one row for each run that both cells have. Columns of the first cell have the names of their figures;
             those of the second cell end in ``_second``.
         in_one_only: number of runs that only one cell has.
-        level: confidence level of the interval. seed: seed of the sign flips.
+        level, seed, test: as of ``compare``.
     """
     values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
     a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
-    d = a - b
-    d[np.isclose(a, b, rtol=1e-12, atol=1e-12)] = 0.0  # rounding is no difference
-    interval, p_value = sign_flip(d, level, seed)
+    d = differences(a, b)
+    interval, p_value = test(d, level, seed)
     better = d * BY_COLUMN[figure].better
     return Paired(
         figure=figure,
@@ -148,6 +187,40 @@ def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float
         p_value=p_value,
         p_holm=p_value,
     )
+
+
+def drawn_means(values: Values, seed: int, purpose: str) -> Values:
+    """Return the mean of each row over the runs, and over the runs of each bootstrap draw: (rows, 1 + draws).
+
+    All rows get the same draws, and so do calls with the same seed, purpose and number of runs. So differences between
+    rows, and what is computed from several rows of a draw, stay paired run by run.
+
+    Args:
+        values: (rows, runs). seed, purpose: of the draws.
+    """
+    weights = _weights(values.shape[1], seed, purpose)
+    return np.column_stack([values.mean(axis=1), values @ weights.T])
+
+
+@lru_cache(maxsize=1)  # several figures of the same runs are drawn one after the other
+def _weights(runs: int, seed: int, purpose: str) -> Values:
+    """Return the share of each run in each bootstrap draw, (draws, runs)."""
+    return generator(seed, purpose).multinomial(runs, np.full(runs, 1.0 / runs), size=DRAWS) / runs
+
+
+def drawn_interval(drawn: Values, runs: int, how: str) -> Interval:
+    """Return an estimate with the 95 % percentile interval of its bootstrap draws.
+
+    The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws are defined.
+
+    Args:
+        drawn: the estimate, then its draws, nan where it is undefined, (1 + draws,). runs: their number.
+        how: name of the method.
+    """
+    known = drawn[1:][~np.isnan(drawn[1:])]
+    is_enough = known.size >= LEAST_KNOWN * (drawn.size - 1) and not math.isnan(drawn[0])
+    low, high = np.quantile(known, (0.025, 0.975)) if is_enough else (np.nan, np.nan)
+    return Interval(float(drawn[0]), float(low), float(high), 0.95, runs, how)
 
 
 def holm(p_values: ArrayLike) -> list[float]:
@@ -209,7 +282,12 @@ def confirmed(first: Paired, second: Paired) -> Confirmation:
         says = "not confirmed: the blocks differ in opposite ways"
     else:
         says = f"confirmed: the first cell is {'higher' if sides[0] > 0 else 'lower'} in both blocks"
-    return Confirmation(first, second, confirmed=sides[0] != 0 and sides[0] == sides[1], says=says)
+    return Confirmation(first, second, confirmed=confirms(second.difference, first.difference), says=says)
+
+
+def confirms(again: Interval, first: Interval) -> bool:
+    """Return whether an interval of the second block confirms that of the first: both exclude 0 on the same side."""
+    return side(first) != 0 and side(first) == side(again)
 
 
 def side(interval: Interval) -> int:

@@ -100,7 +100,7 @@ def effects(
 
         def report(now: StudyProgress, block: int = block) -> None:
             if progress is not None:
-                progress((block + now.done / max(now.wanted, 1)) / 2)
+                progress((block + now.share) / 2)
 
         blocks.append(run(Study.of_scenarios(cells, runs, seed + block), progress=report))
     return [

@@ -30,6 +30,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.intervals import jackknife_error
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
@@ -284,11 +285,7 @@ def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
         raise InputError("standard errors need at least two receivers", field="windows")
     names = ("bad_share", "bad_s", "lost_in_bad", "lost_in_good")
     left_out = [fit_bursts([w for w in windows if w is not one], found) for one in windows]
-    count = len(windows)
-    values = {name: np.array([getattr(fit, name) for fit in left_out]) for name in names}
-    return {
-        name: float(np.sqrt((count - 1) / count * ((v - v.mean()) ** 2).sum())) for name, v in values.items()
-    }
+    return {name: jackknife_error([getattr(fit, name) for fit in left_out]) for name in names}
 
 
 def _weights(spread: float) -> NDArray[np.float64]:

@@ -197,6 +197,19 @@ def write_described(
     return {table: folder / file for table, file in names.items()}
 
 
+def check_places(folder: Path) -> None:
+    """Refuse a folder of described tables in which a folder, a pipe or a device has the name of a file of them.
+
+    Damaged files are written again, but nothing that somebody put in the place of one is removed for that.
+
+    Raises:
+        InputError: there is one; the message names it.
+    """
+    for path in sorted(folder.glob("[!.]*")):
+        if path.suffix in (".json", ".parquet") and path.exists() and not path.is_file():
+            raise InputError("is in the place of a file: move it away", field=str(path))
+
+
 def read_described(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Path]]:
     """Read the description of tables; check size and SHA-256 of their files, which lie beside it.
 

@@ -114,8 +114,9 @@ def parsed_toml(text: str, name: str) -> dict[str, Any]:
     check_keys(text, name)
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        # The text is not TOML, is nested too deeply, or holds a number of thousands of digits.
+    except RecursionError:
+        raise InputError("is not TOML: its lists or tables are nested too deeply", field=name) from None
+    except ValueError as error:  # the text is not TOML, or holds a number of thousands of digits
         raise InputError(f"is not TOML: {error}", field=name) from None
 
 

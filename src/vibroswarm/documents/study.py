@@ -48,7 +48,7 @@ from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table
 from vibroswarm.study.study_outputs import Comparison
-from vibroswarm.study.summary import CellOutcome, Outcome
+from vibroswarm.study.summary import CellOutcome, Outcome, outcome_tables
 
 MOST_SENTENCES: Final = 12
 """Most comparisons, or cells, that are described in sentences; and most rows of differences on the first screen."""
@@ -555,15 +555,7 @@ def _made_by(outcome: Outcome) -> Mapping[str, str]:
 
 def _data(outcome: Outcome) -> dict[str, pl.DataFrame]:
     """Return the tables of a study for JSON, those of its folder among them."""
-    data = {"cells": outcome.result.cells, "summary": outcome.table, "decidability": _decidable(outcome)}
-    if outcome.comparisons:
-        data["comparisons"] = comparison_table(outcome.comparisons)
-    if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
-        data["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
-    if outcome.reported.height:
-        data["reported"] = outcome.reported
-    if outcome.references:
-        data["references"] = reference_table(list(outcome.references))
+    data = {"cells": outcome.result.cells, **outcome_tables(outcome), "decidability": _decidable(outcome)}
     if settled := [
         {"cell": one.cell.number, "name": one.cell.name, **one.settled._asdict()}
         for one in outcome.cells

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.stats import betabinom, binom
 from scipy.stats import t as student
 
+from vibroswarm.analysis.intervals import jackknife_error
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
@@ -204,7 +205,5 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
     if top.size < 2 or (rest <= 0.0).any():
         return estimate, np.nan, np.nan
     without = (top.sum() - top) / rest  # the ratio without each unit
-    units = top.size
-    error = float(np.sqrt((units - 1) / units * ((without - without.mean()) ** 2).sum()))
-    reach = float(student.ppf(0.975, units - 1)) * error
+    reach = float(student.ppf(0.975, top.size - 1)) * jackknife_error(without)
     return estimate, max(estimate - reach, 0.0), min(estimate + reach, 1.0)

@@ -26,7 +26,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import columns_of, mean_interval, share_interval
+from vibroswarm.analysis.intervals import columns_of, share_interval, student_test
+from vibroswarm.analysis.paired import difference
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.best import guess_level
@@ -169,7 +170,7 @@ def _row(case: Case, errors: dict[Case, Errors], guess: float) -> dict[str, Any]
     )
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
     row |= columns_of("forced_error", share_interval(of_run))
-    row |= columns_of("rise", mean_interval(of_run - before))
+    row |= columns_of("rise", difference(of_run, before, test=student_test).interval)
     row["bears"] = _verdict(row) if count > 0 and share_interval(before).high < guess else None
     return row
 

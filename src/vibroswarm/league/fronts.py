@@ -27,9 +27,11 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis import paired
 from vibroswarm.analysis.best_group import best_group
-from vibroswarm.analysis.forced_error import DRAWS, LEAST_KNOWN, front_of, on_line
-from vibroswarm.analysis.intervals import columns_of, generator, plain
+from vibroswarm.analysis.forced_error import METHOD, front_of, on_line
+from vibroswarm.analysis.intervals import columns_of, plain
+from vibroswarm.analysis.paired import LEAST_KNOWN
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.standings import Standings
 
@@ -53,9 +55,7 @@ FRONTS: Final[dict[str, Any]] = {
 def drawn_means(standings: Standings, figure: str, seed: int = 0) -> Array:
     """Return the mean of a figure of each entry, (entries, 1 + draws): over all units, then of each bootstrap draw."""
     values = np.array([standings.by_unit(k, figure) for k in range(len(standings.league.entries))])
-    units = values.shape[1]
-    weights = generator(seed, "league front").multinomial(units, np.full(units, 1.0 / units), size=DRAWS)
-    return np.column_stack([values.mean(axis=1), values @ (weights.T / units)])
+    return paired.drawn_means(values, seed, "league front")
 
 
 def times_at_levels(standings: Standings, seed: int = 0) -> tuple[list[str], Array]:
@@ -110,11 +110,9 @@ def _rows(level: float, names: list[str], times: Array, units: int) -> list[dict
     if reached.any():
         group = best_group(times[reached], units)
         for place, row in enumerate(np.flatnonzero(reached)):
-            low, high = np.nanquantile(times[row, 1:], (0.025, 0.975))
             behind = group.difference[place]
             rows[row] |= {
-                "time_s_low": float(low),
-                "time_s_high": float(high),
+                **columns_of("time_s", paired.drawn_interval(times[row], units, METHOD)),
                 **columns_of("behind_s", behind.tolist()),
                 "in_group": bool(group.member[place]),
             }

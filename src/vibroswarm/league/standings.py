@@ -24,7 +24,7 @@ units chooses the floor and the other half estimates its error, since the larges
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,12 +33,11 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.stats import ttest_1samp
 
 from vibroswarm.analysis.figures import BY_NAME
-from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain
+from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain, sign_flip, student_test
 from vibroswarm.analysis.map_figures import MAPPED
-from vibroswarm.analysis.paired import compare, holm
+from vibroswarm.analysis.paired import Paired, Test, compare, holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import InputError, check_choice, shown
@@ -221,10 +220,33 @@ class Standings(NotebookView):
         mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
         return mean
 
-    def _by_unit(self, entry: int) -> pl.DataFrame:
-        """Return the figures ``COMPARED`` of an entry by unit, with its number as ``run``."""
-        figures = pl.DataFrame({figure: self.by_unit(entry, figure) for figure in COMPARED}, nan_to_null=True)
-        return figures.with_row_index("run")
+    def _compared(
+        self, reference: str | None, parts: Sequence[Sequence[int] | None], test: Test
+    ) -> Iterator[tuple[dict[str, str], int, Paired]]:
+        """Compare each entry with a reference on parts of the floors, unit by unit; see ``paired.compare``.
+
+        Args:
+            reference: see ``reference_named``. parts: indices of the floors of each part; None: all floors. test: of
+                the differences.
+        Yields: figure by figure, entry by entry and part by part: what names the row of a table; the part's place;
+            the comparison, whose ``p_holm`` is corrected over entries and parts, for each figure by itself.
+        """
+        names = [entry.label for entry in self.league.entries]
+        against = self.reference_named(reference)
+        of_reference = [self._by_unit(names.index(against), part) for part in parts]
+        places = [(k, j) for k, name in enumerate(names) if name != against for j in range(len(parts))]
+        compared = [
+            compare(self._by_unit(k, parts[j]), of_reference[j], COMPARED, test=test) for k, j in places
+        ]
+        for found in zip(*compared, strict=True):  # of each figure
+            corrected = holm([one.p_value for one in found])
+            for (k, j), one, p_holm in zip(places, found, corrected, strict=True):
+                yield {"name": names[k], "reference": against}, j, replace(one, p_holm=p_holm)
+
+    def _by_unit(self, entry: int, floors: Sequence[int] | None) -> pl.DataFrame:
+        """Return the figures ``COMPARED`` of an entry by unit, with its number as ``run``; see ``by_unit``."""
+        of_figures = {figure: self.by_unit(entry, figure, floors) for figure in COMPARED}
+        return pl.DataFrame(of_figures, nan_to_null=True).with_row_index("run")
 
     def boundary_of(self, entry: Entry) -> str:
         """Return the value of the scenario field ``decision.boundary_of`` that an entry runs with."""
@@ -359,25 +381,16 @@ class Standings(NotebookView):
         Raises:
             InputError: no entry is so named.
         """
-        names = [entry.label for entry in self.league.entries]
-        against = self.reference_named(reference)
-        tables = [self._by_unit(k) for k in range(len(names))]
-        base, others = tables[names.index(against)], [k for k, name in enumerate(names) if name != against]
-        rows = []
-        of_others = [compare(tables[k], base, COMPARED) for k in others]
-        for found in zip(*of_others, strict=True):  # of each figure
-            corrected = holm([one.p_value for one in found])
-            for k, one, p_holm in zip(others, found, corrected, strict=True):
-                rows.append(
-                    {
-                        "name": names[k],
-                        "reference": against,
-                        "figure": one.figure,
-                        **columns_of("difference", one.difference),
-                        "p_value": plain(one.p_value),
-                        "p_holm": plain(p_holm),
-                    }
-                )
+        rows = [
+            {
+                **named,
+                "figure": one.figure,
+                **columns_of("difference", one.difference),
+                "p_value": plain(one.p_value),
+                "p_holm": plain(one.p_holm),
+            }
+            for named, _, one in self._compared(reference, [None], sign_flip)
+        ]
         return pl.DataFrame(rows, schema=DIFFERENCES)
 
     def floor_differences(self, reference: str | None = None) -> pl.DataFrame:
@@ -391,43 +404,22 @@ class Standings(NotebookView):
         Raises:
             InputError: no entry is so named.
         """
-        names = [entry.label for entry in self.league.entries]
-        against = self.reference_named(reference)
-        others = [k for k, name in enumerate(names) if name != against]
-        rows = []
-        for figure in COMPARED:
-            values = self.values[figure]
-            differences = values[others] - values[names.index(against)]  # entries, floors, units
-            p_values = np.array([[_p_of_mean(d) for d in of_entry] for of_entry in differences])
-            corrected = np.array(holm(p_values.ravel().tolist())).reshape(p_values.shape)
-            for place, k in enumerate(others):
-                for number, floor in enumerate(self.league.floors):
-                    rows.append(
-                        {
-                            "name": names[k],
-                            "reference": against,
-                            "pattern": floor.pattern,
-                            "fill_ratio": floor.fill_ratio,
-                            "figure": figure,
-                            "difference": plain(float(differences[place, number].mean())),
-                            "p_value": plain(float(p_values[place, number])),
-                            "p_holm": plain(float(corrected[place, number])),
-                        }
-                    )
+        floors = self.league.floors
+        rows = [
+            {
+                **named,
+                "pattern": floors[place].pattern,
+                "fill_ratio": floors[place].fill_ratio,
+                "figure": one.figure,
+                "difference": plain(one.difference.estimate),
+                "p_value": plain(one.p_value),
+                "p_holm": plain(one.p_holm),
+            }
+            for named, place, one in self._compared(
+                reference, [[k] for k in range(len(floors))], student_test
+            )
+        ]
         return pl.DataFrame(rows, schema=FLOOR_DIFFERENCES)
-
-
-def _p_of_mean(differences: Array) -> float:
-    """Return the two-sided p-value of a paired t-test, from the differences of the pairs.
-
-    It is nan for fewer than 2 pairs or with a difference of nan. If all differences are equal, it is 1 if they are 0,
-    and 0 otherwise.
-    """
-    if differences.size < 2 or np.isnan(differences).any():
-        return np.nan
-    if np.ptp(differences) == 0.0:
-        return 1.0 if differences[0] == 0.0 else 0.0
-    return float(ttest_1samp(differences, 0.0).pvalue)
 
 
 def standings_of(league: League, study: StudyResult) -> Standings:

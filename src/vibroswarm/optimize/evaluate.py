@@ -15,16 +15,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.errors import CodeError, InputError, RunError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.objective import Objective, Rows
@@ -32,7 +31,9 @@ from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
 from vibroswarm.optimize.pso import shared_run
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.executors import Workers, do_all
+from vibroswarm.study.executors import Workers
+from vibroswarm.study.plan import scenario_of
+from vibroswarm.study.work import Work, parts_of, results_of
 
 PIECE: Final = 10
 """Runs in a piece: about 20 ms of work, hundreds of times the cost of submitting it."""
@@ -43,24 +44,14 @@ RUN_LIMIT: Final = 2**32
 """Run numbers are below this."""
 
 
-@dataclass(frozen=True)
-class Piece:
-    """Successive runs of one candidate, described by plain values that can be sent to a worker process."""
+@dataclass(frozen=True, kw_only=True)
+class Piece(Work):
+    """Successive runs of one candidate, in plain values, to be sent to a worker."""
 
     cases: tuple[str, ...]
     """Scenarios as TOML; each run is simulated in all of them."""
     values: tuple[tuple[str, Any], ...]
     """Names and values of the fields that the candidate sets in each scenario."""
-    seed: int
-    """Seed of all runs."""
-    motion: str
-    """Name of the motion source."""
-    first: int
-    """Number of the first run."""
-    last: int
-    """Number behind that of the last run: the runs are ``first`` to ``last`` - 1."""
-    code: tuple[tuple[str, str], ...] = ()
-    """Names of user code and its text."""
     crashed: bool = False
     """Whether the runs count as crashed, as some runs of the paper's program did; they are not simulated."""
 
@@ -101,16 +92,10 @@ def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
     return np.stack([np.hstack([o.figures(outcomes) for o in objectives]) for outcomes in cases], axis=1)
 
 
-@lru_cache(maxsize=64)
-def _base(text: str) -> Scenario:
-    """Return the scenario of a TOML text; cached, since all candidates of a search start from the same few texts."""
-    return Scenario.from_toml(text)
-
-
 @lru_cache(maxsize=512)
 def _scenario(text: str, values: tuple[tuple[str, Any], ...]) -> Scenario:
     """Return the scenario of a TOML text with a candidate's values; cached, since a candidate has several pieces."""
-    return _base(text).with_values(dict(values))
+    return scenario_of(text).with_values(dict(values))
 
 
 class Simulations:
@@ -220,9 +205,7 @@ def do_asks(
     """Run the pieces of requests, and return the results of the pieces of each; see ``do_pieces``."""
     pieces = [piece for _, of_ask in asks for piece in of_ask]
     done = zip(pieces, do_pieces(pieces, objectives, pool, progress), strict=True)
-    results = iter(
-        (rows, piece.last - piece.first) if isinstance(rows, str) else rows for piece, rows in done
-    )
+    results = iter((rows, piece.runs) if isinstance(rows, str) else rows for piece, rows in done)
     return [[next(results) for _ in of_ask] for _, of_ask in asks]
 
 
@@ -244,17 +227,10 @@ def do_pieces(
         InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: the workers are gone.
     """
     undivided = len(pieces) - len(pieces) % pool.width
-    divided = [_parts_of(piece, 1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
-    results = iter(_do_each([part for parts in divided for part in parts], objectives, pool, progress))
-    return [_joined([next(results) for _ in parts]) for parts in divided]
-
-
-def _parts_of(piece: Piece, count: int) -> list[Piece]:
-    """Divide a piece into ``count`` pieces of nearly equal size; into one per run if it has fewer runs than that."""
-    runs = piece.last - piece.first
-    count = min(count, runs)
-    bounds = [piece.first + runs * k // count for k in range(count + 1)]
-    return [replace(piece, first=first, last=last) for first, last in pairwise(bounds)]
+    divided = [parts_of(piece, 1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
+    parts = [part for of_piece in divided for part in of_piece]
+    results = iter(results_of(pool, do_piece, parts, objectives, progress=progress))
+    return [_joined([next(results) for _ in of_piece]) for of_piece in divided]
 
 
 def _joined(results: Sequence[Rows | str]) -> Rows | str:
@@ -266,39 +242,6 @@ def _joined(results: Sequence[Rows | str]) -> Rows | str:
     if len(rows) == len(results):
         return np.concatenate(rows)
     return next(result for result in results if isinstance(result, str))
-
-
-def _do_each(
-    pieces: Sequence[Piece],
-    objectives: tuple[Objective, ...],
-    pool: Workers,
-    progress: Callable[[int], None],
-) -> list[Rows | str]:
-    """Run each piece and return the results (see ``do_piece``) in the order of the pieces.
-
-    The text of the exception of a piece that failed for good (``do_all``) is its result. ``progress`` is called with
-    the number of finished runs.
-    """
-    results: dict[int, Rows | str] = {}
-
-    def failed(k: int, error: BaseException) -> list[int]:
-        """Store why the piece with index ``k`` failed; a failure of user code ends the search."""
-        if isinstance(error, CodeError):
-            raise error
-        results[k] = f"{type(error).__name__}: {error}"
-        return []
-
-    do_all(
-        pool,
-        range(len(pieces)),
-        submit=lambda k: pool.executor.submit(do_piece, pieces[k], objectives),
-        take=lambda rows, k: results.update({k: rows}),
-        failed=failed,
-        # pieces submitted at a time: several per worker, so that none becomes idle
-        ahead=lambda: 4 * pool.width,
-        progress=lambda: progress(sum(pieces[k].last - pieces[k].first for k in results)),
-    )
-    return [results[k] for k in range(len(pieces))]
 
 
 @dataclass(frozen=True)
@@ -350,6 +293,6 @@ def figures_of(
     return RunFigures(
         rows=np.concatenate([rows for _, rows in good]),
         runs=np.concatenate([np.arange(piece.first, piece.last) for piece, _ in good]),
-        failed=sum(piece.last - piece.first for piece, _ in bad),
+        failed=sum(piece.runs for piece, _ in bad),
         why=bad[0][1] if bad else "",
     )

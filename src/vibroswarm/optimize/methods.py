@@ -202,6 +202,11 @@ class SearchProgress:
     stage: str = "search"
     """Either "search" or "race"."""
 
+    @property
+    def share(self) -> float:
+        """Share of the wanted runs that is done."""
+        return self.runs / max(self.wanted, 1)
+
 
 BATCH: Final = 10
 """Default batch size: enough points to keep workers busy, few enough to learn from each batch."""

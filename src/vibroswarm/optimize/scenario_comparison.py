@@ -18,7 +18,7 @@ import polars as pl
 
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.paired import Paired, compare, side
+from vibroswarm.analysis.paired import Paired, compare, confirms, side
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
@@ -56,7 +56,7 @@ class Checked(NotebookView):
     @property
     def confirmed(self) -> bool:
         """Whether both blocks show a significant difference of the same sign."""
-        return side(self.difference) != 0 and side(self.difference) == side(self.replicate)
+        return confirms(self.replicate, self.difference)
 
     @property
     def says(self) -> str:

@@ -47,6 +47,7 @@ from vibroswarm.core.atomic_io import (
 from vibroswarm.core.folders import (
     check_definition,
     check_not_older,
+    check_places,
     has_manifest,
     manifest_text,
     read_described,
@@ -200,11 +201,14 @@ class SearchFolder:
         """Make the folder if it does not exist, and lock it for this process until the end of the block.
 
         Raises:
-            InputError: another process uses the folder, or it holds another search. RunError: it cannot be written.
+            InputError: another process uses the folder, it holds another search, or something else is in the place of a
+                file of it. RunError: it cannot be written.
         """
         make_folder(self.folder)
         with folder_lock(self.folder):
             remove_leftovers(self.folder)
+            for place in (STEPS, FRESH):
+                check_places(self.folder / place)
             # ``__init__`` checked this before the folder was locked: another process may have made a search since.
             if not self._is_there():
                 self._make()

@@ -180,7 +180,7 @@ def run_cells(
 
             # The default values keep this study's ``before`` and ``weight``.
             def report_progress(now: StudyProgress, before: float = before, weight: float = weight) -> None:
-                progress((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
+                progress((before + weight * now.share) / sum(weights))
 
             result = run(study, folder / study.hash, workers=workers, progress=report_progress)
             *_, group_runs = group_key

@@ -74,6 +74,7 @@ from vibroswarm.study.batch_table import (
 )
 from vibroswarm.study.plan import Group, Texts, scenario_of
 from vibroswarm.study.spec import Study
+from vibroswarm.study.work import Work
 
 SAMPLES: Final[dict[str, Any]] = {
     "cell": pl.UInt32,
@@ -386,27 +387,18 @@ STANDING_MS: Final = 1000.0
 """Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
 
 
-@dataclass(frozen=True)
-class Batch:
-    """A batch in plain values, to be sent to a worker.
-
-    Args:
-        study: hash of the study. group: number of the group.
-        observed: scenarios as TOML and the cells that they stand for, see ``plan.Texts``.
-        first, last: number of the first run, and one past the last.
-        seed, motion, keep: the study's seed, its source of motion, and the further tables that it saves (``samples``).
-    """
+@dataclass(frozen=True, kw_only=True)
+class Batch(Work):
+    """A batch in plain values, to be sent to a worker."""
 
     study: str
+    """Hash of the study."""
     group: int
+    """Number of the group."""
     observed: Texts
-    first: int
-    last: int
-    seed: int
-    motion: str
+    """Scenarios as TOML and the cells that they stand for."""
     keep: tuple[str, ...]
-    code: tuple[tuple[str, str], ...] = ()
-    """The files of user code that the cells need: reference to code (``plugins``) and text of each."""
+    """The further tables that the study saves (``samples``)."""
 
     @property
     def name(self) -> str:

@@ -97,7 +97,7 @@ def _reached(
 
     def report(now: StudyProgress) -> None:
         if progress is not None:
-            progress(now.done / max(now.wanted, 1))
+            progress(now.share)
 
     try:
         found = reached([cell.scenario for cell in cells], seed, runs, progress=report)

@@ -14,31 +14,25 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
-    wait,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from vibroswarm.core import numbers
 from vibroswarm.core.child_python import MOST_WORKERS, safe_start
-from vibroswarm.errors import CodeError, InputError, RunError, check_kind, nearest, whole_number_of
+from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
-
-T = TypeVar("T")
-R = TypeVar("R")
+from vibroswarm.study.work import GO_ON
 
 NAMES: Final = ("threads", "processes")
 """Executors that are given by a name."""
@@ -50,8 +44,6 @@ WITHOUT_WORKERS_S: Final = 30.0
 """A cluster that has had no worker for longer than this is an error."""
 ASK_EVERY_S: Final = 5.0
 """Interval at which the number of a cluster's workers is updated."""
-GO_ON: Final = "finished work is saved; run the same command again to continue"
-"""End of messages about workers that are gone: how to go on."""
 
 
 class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
@@ -123,94 +115,6 @@ def workers_for(
             "Dask scheduler file (.json)",
             field="executor",
         )
-
-
-TRIES: Final = 2
-"""How often a task is tried before it counts as failed."""
-
-
-def do_all(
-    workers: Workers,
-    tasks: Sequence[T],
-    submit: Callable[[T], Future[R]],
-    take: Callable[[R, T], None],
-    failed: Callable[[T, BaseException], list[T]],
-    *,
-    ahead: Callable[[], int],
-    progress: Callable[[], None],
-    rescue: Callable[[R], None] = lambda result: None,
-) -> None:
-    """Submit tasks and process their results in the order in which they finish.
-
-    A task that fails is tried again, ``TRIES`` times in all, unless user code fails in it, which would fail again.
-
-    Args:
-        workers: checked if no task has finished for a second.
-        tasks: submitted in this order.
-        submit: starts a task. take: processes the result of a task.
-        failed: called with a task that failed for good, and why; returns tasks to do in its place, first of all others.
-        ahead: returns how many tasks should be submitted and unfinished now, at least 1; it may change while the work
-            runs.
-        progress: called each time that tasks have finished, and at least once a second.
-        rescue: if an exception ends the work, called with each result that was not yet given to ``take``, so that it
-            can be saved.
-    Raises:
-        RunError: the executor is closed, no worker is left, or a task raised it.
-        InputError: a task raised it.
-    """
-    pending: dict[Future[R], tuple[T, int]] = {}
-    left = [(task, 1) for task in reversed(tasks)]  # with the number of the try; the last one is next
-    try:
-        while left or pending:
-            while left and len(pending) < ahead():
-                task, tries = left.pop()
-                try:
-                    pending[submit(task)] = task, tries
-                except Exception as error:  # an executor that is closed or disconnected may raise anything
-                    raise workers_gone(error) from error
-            finished = wait(pending, timeout=1.0, return_when=FIRST_COMPLETED).done
-            if not finished:
-                workers.check()
-            for future in finished:
-                left += _taken(future, *pending.pop(future), take, failed)
-            progress()
-    except BaseException:
-        for future in pending:
-            was_cancelled = future.cancel()  # impossible if it runs or is done
-            if not was_cancelled and future.done():
-                with suppress(Exception):
-                    rescue(future.result())
-        raise
-
-
-def _taken(
-    future: Future[R],
-    task: T,
-    tries: int,
-    take: Callable[[R, T], None],
-    failed: Callable[[T, BaseException], list[T]],
-) -> list[tuple[T, int]]:
-    """Take the result of a finished task; return what is to be done in its place if it failed, the first one last."""
-    try:
-        result = future.result()
-    except (BrokenExecutor, CancelledError) as error:
-        raise workers_gone(error) from error
-    except CodeError as error:
-        return [(other, 1) for other in reversed(failed(task, error))]
-    except (InputError, RunError, KeyboardInterrupt, SystemExit):
-        raise  # another try would not help, or the user wants to stop
-    except BaseException as error:  # a panic in polars is a BaseException, but not an Exception
-        if tries < TRIES:
-            return [(task, tries + 1)]
-        return [(other, 1) for other in reversed(failed(task, error))]
-    take(result, task)
-    return []
-
-
-def workers_gone(error: BaseException) -> RunError:
-    """Return the error to raise when an executor broke or was closed."""
-    cause = f"{type(error).__name__}: {error}".rstrip(": ")
-    return RunError(f"the workers are gone ({cause}); {GO_ON}")
 
 
 def processors() -> int:

@@ -1,6 +1,6 @@
 """Run a study: submit the batches whose runs are missing in its store to workers, and save what they return.
 
-A batch that fails is tried again (``executors.do_all``). A batch in which user code fails is halved instead, so that
+A batch that fails is tried again (``work.do_all``). A batch in which user code fails is halved instead, so that
 only the runs in which it fails are lost. A study with a precision runs up to a number of runs (a look, see
 ``precision``), and adds runs until the figure is precise enough. Another part estimates the duration of a study from a
 few trial runs.
@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -22,12 +21,13 @@ from vibroswarm.core.jit import is_cached
 from vibroswarm.core.numbers import count
 from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
-from vibroswarm.study.executors import Workers, check_worker, do_all, workers_for
+from vibroswarm.study.executors import Workers, check_worker, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of
 from vibroswarm.study.precision import FIRST_LOOK, Precision
 from vibroswarm.study.settled import settled
 from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.store import Store
+from vibroswarm.study.work import do_all, parts_of
 
 MOST_HALVINGS: Final = 100
 """Most halvings of batches to find the runs in which user code fails."""
@@ -60,6 +60,11 @@ class StudyProgress(NamedTuple):
     done: int
     wanted: int
     failed: int
+
+    @property
+    def share(self) -> float:
+        """Share of the wanted runs that is done; 0 if none is wanted."""
+        return self.done / max(self.wanted, 1)
 
 
 Progress = Callable[[StudyProgress], None]
@@ -204,7 +209,7 @@ class _Runner:
                 all.
         """
         batches = list(_missing_batches(self.store, wanted, job))
-        self.wanted += sum(batch.last - batch.first for batch in batches)
+        self.wanted += sum(batch.runs for batch in batches)
         self.progress(StudyProgress(self.done, self.wanted, self.failed))
         do_all(
             self.crew,
@@ -222,7 +227,7 @@ class _Runner:
     def _take(self, done: BatchResult, work: Batch) -> None:
         """Save a finished batch, and count its runs."""
         self._save(done)
-        self.done += work.last - work.first
+        self.done += work.runs
 
     def _failed(self, work: Batch, error: BaseException) -> list[Batch]:
         """Return the halves of a batch in which user code failed; otherwise record that it failed for good."""
@@ -243,10 +248,9 @@ class _Runner:
 
     def _halves(self, work: Batch, why: str) -> list[Batch]:
         """Return the halves of a batch in which user code failed; a batch of one run is a failure."""
-        middle = (work.first + work.last) // 2
-        if middle > work.first and self.halvings < MOST_HALVINGS:
+        if work.runs > 1 and self.halvings < MOST_HALVINGS:
             self.halvings += 1
-            return [replace(work, last=middle), replace(work, first=middle)]
+            return parts_of(work, 2)
         self._fail(work, why)
         return []
 

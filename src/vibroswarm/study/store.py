@@ -28,6 +28,7 @@ from vibroswarm.core.folders import (
     DAMAGED,
     check_definition,
     check_not_older,
+    check_places,
     has_manifest,
     manifest_text,
     read_described,
@@ -135,13 +136,14 @@ class Store:
         """Open the store of this study, or make it; temporary files that killed writers left are removed.
 
         Raises:
-            InputError: the folder holds something else, another study, or a study of another format; or it cannot be
-                made.
+            InputError: the folder holds something else, another study, or a study of another format; a folder or a
+                pipe is in the place of a file; or the folder cannot be made.
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
         for place in (folder, folder / SHARDS, folder / FAILURES):
             remove_leftovers(place)
+        check_places(folder / SHARDS)
         store = cls.existing(folder, study)
         if store is None:
             make_folder(folder / SHARDS)

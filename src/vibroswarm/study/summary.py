@@ -238,15 +238,11 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     return columns
 
 
-def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write the tables of a summary as CSV and Parquet into a study's folder.
+def outcome_tables(outcome: Outcome) -> dict[str, pl.DataFrame]:
+    """Return the tables of a summary by name.
 
     These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared;
-    ``equal_error``, if they are compared at equal error; and ``references``, if these are computed. Earlier files of
-    ``comparisons`` and ``equal_error`` that are not of this summary are removed.
-
-    Raises:
-        InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
+    ``equal_error``, if they are compared at equal error; and ``references``, if these are computed.
     """
     tables = {"summary": outcome.table}
     if outcome.reported.height:
@@ -257,6 +253,18 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
         tables["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
     if outcome.references:
         tables["references"] = reference_table(list(outcome.references))
+    return tables
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> None:
+    """Write the tables of a summary as CSV and Parquet into a study's folder.
+
+    Earlier files of ``comparisons`` and ``equal_error`` that are not of this summary are removed.
+
+    Raises:
+        InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
+    """
+    tables = outcome_tables(outcome)
     for name, table in tables.items():
         write_table(table, folder / name)
     for name in {"comparisons", "equal_error"} - set(tables):

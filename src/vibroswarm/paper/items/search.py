@@ -95,7 +95,7 @@ def compute(work: Work) -> Tables:
         work.folder / search.hash,
         workers=workers,
         mixed=True,  # a search that another version began is continued
-        progress=lambda now: work.progress(0.8 * now.runs / max(now.wanted, 1)),  # the rest is the validation
+        progress=lambda now: work.progress(0.8 * now.share),  # the rest is the validation
     )
     # ``truth_of`` itself adds the winner, and P0 as the search's start.
     others = [("P*", parameters("P_star")), (ELSEWHERE, search.space.values_of(preset(ELSEWHERE)))]
@@ -278,7 +278,7 @@ def compute_repeats(work: Work) -> Tables:
             mixed=True,  # a search that another version began is continued
             # The default value keeps this search's ``place``.
             progress=lambda now, place=place: work.progress(  # type: ignore[misc]
-                (place + now.runs / max(now.wanted, 1)) / len(searches)
+                (place + now.share) / len(searches)
             ),
         )
         histories.append(_history(search_result, place))
