@@ -49,7 +49,8 @@ DRAWN: Final = 499
 """Surfaces drawn for the p-values."""
 LEVEL: Final = 0.05
 """A law is refused if the smallest corrected p-value is below this."""
-LAW_CHECKS: Final = ("law of still places", "robots against each other", "drift")
+BETWEEN: Final = "robots against each other"
+LAW_CHECKS: Final = ("law of still places", BETWEEN, "drift")
 PLACES: Final = "places"
 CHECKS: Final[Any] = {
     "check": pl.String,
