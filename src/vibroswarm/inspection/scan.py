@@ -24,6 +24,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
+from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import drawn_values, judged, ratios_at
 from vibroswarm.inspection.patches import (
     Form,
@@ -243,9 +244,23 @@ def intact_statistics(
 ) -> Floats:
     """Return T of intact surfaces drawn at the samples' own places, (replicates,)."""
     random = generator(seed, "intact surfaces")
+    return drawn_statistics(random, samples, patches, shares, replicates, looks=looks)
+
+
+def drawn_statistics(
+    random: np.random.Generator, samples: Samples, patches: Patches, shares: Shares, replicates: int,
+    damage: Patch | None = None, *, looks: int = 1,
+) -> Floats:  # fmt: skip
+    """Return T of surfaces drawn at the samples' own places, (replicates,).
+
+    Args:
+        damage: of each replicate; None: they are intact.
+    """
     parts = []
     for begin in range(0, replicates, 256):  # so that memory stays small
-        values = drawn_values(random, samples, min(256, replicates - begin))
+        end = min(begin + 256, replicates)
+        part = None if damage is None else damage.some(slice(begin, end))
+        values = drawn_values(random, samples, end - begin, part)
         parts.append(statistic_of(samples, patches, shares, values, looks=looks))
     return np.concatenate(parts)
 
