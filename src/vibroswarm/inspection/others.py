@@ -118,7 +118,7 @@ def by_patches(
         boxes, cells = called_patches(samples, patches, shares, critical, prior, there)
         close = np.zeros_like(cells, dtype=bool)
         for box in boxes:
-            close |= within(box, x_m, y_m, CLEAR_M)
+            close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)
         maps[one] = np.where(close, cells, 0.0).ravel()
     return _judged(replace(samples, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 

@@ -216,22 +216,18 @@ def _regions(
         there = there & ~near(samples, box)
 
 
-def within(box: Box, x_m: Floats, y_m: Floats, margin_m: Floats | float) -> NDArray[np.bool_]:
-    """Return which places are on a patch, or within a margin of it; the margin may be one for each place."""
-    across = np.abs(x_m - box.left_m - 0.5 * box.width_m) < 0.5 * box.width_m + margin_m
-    return np.asarray(
-        across & (np.abs(y_m - box.bottom_m - 0.5 * box.height_m) < 0.5 * box.height_m + margin_m)
-    )
+def within(
+    box: Box, x_m: Floats, y_m: Floats, margin_x_m: Floats | float, margin_y_m: Floats | float
+) -> NDArray[np.bool_]:
+    """Return which places are on a patch, or within margins of it; margins may be one for each place."""
+    across_m, up_m = np.abs(x_m - box.centre_m[0]), np.abs(y_m - box.centre_m[1])
+    return np.asarray((across_m < 0.5 * box.width_m + margin_x_m) & (up_m < 0.5 * box.height_m + margin_y_m))
 
 
 def near(samples: Samples, box: Box) -> NDArray[np.bool_]:
     """Return which samples may be on a patch: within ``CLEAR_M`` and 3 standard deviations of their place."""
-    inside = np.ones(samples.frame.height, dtype=bool)
-    for axis, low, side in (("x", box.left_m, box.width_m), ("y", box.bottom_m, box.height_m)):
-        margin = CLEAR_M + 3.0 * samples.column(f"spread_{axis}_m")
-        at = samples.column(f"{axis}_m")
-        inside &= (at > low - margin) & (at < low + side + margin)
-    return inside
+    margins_m = (CLEAR_M + 3.0 * samples.column(f"spread_{axis}_m") for axis in "xy")
+    return within(box, samples.column("x_m"), samples.column("y_m"), *margins_m)
 
 
 def p_value(statistic: float, drawn: Floats) -> float:
