@@ -34,7 +34,7 @@ from vibroswarm.inspection.damage import (
 )
 from vibroswarm.inspection.laws import law_of_measured, law_of_scenario
 from vibroswarm.inspection.missed import Trials, pooled_trials
-from vibroswarm.inspection.others import by_tiles
+from vibroswarm.inspection.others import by_tiles, correlated
 from vibroswarm.inspection.patches import (
     SIZES_M,
     Form,
@@ -47,6 +47,7 @@ from vibroswarm.inspection.patches import (
     scan_statistic,
     shares_of,
 )
+from vibroswarm.inspection.pod import INTACT
 from vibroswarm.inspection.region import Region, posterior_of, region_of
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.scan import BLOCK_S, called_patches, intact_statistics, near, p_value, statistic_of
@@ -57,6 +58,7 @@ from vibroswarm.observation.energy_model import energy_of
 
 Floats = NDArray[np.float64]
 LOOKS = 40
+FLOORS = "random:0.0", "random:0.08", "random:0.48"
 
 
 def scenario_of(name: str, t_end_s: float, floor: str) -> Scenario:
@@ -109,14 +111,17 @@ def measure_map(count: int) -> None:
 
 
 def fits_of_plates(trials: Trials, count: int, repeats: int, **how: bool) -> tuple[Floats, Floats]:
-    """Return a90 and a90/95 of repeats with one plate in each inspection, its size at random, m."""
-    found = trials.found.reshape(count, -1)
-    sizes = trials.size_m.reshape(count, -1)
+    """Return a90 and a90/95 of repeats with 200 plates, one in each of as many inspections, its size at random, m.
+
+    The false calls of each repeat are of 2,000 intact inspections of its own.
+    """
+    found, sizes = trials.found.reshape(count, -1), trials.size_m.reshape(count, -1)
     random = generator(1, "plates of inspections")
     fits = []
     for _ in range(repeats):
-        one = np.arange(count), random.integers(found.shape[1], size=count)
-        some = Trials(sizes[one], found[one], trials.false, trials.intact).fit(**how)
+        one = random.choice(count, 200, replace=False), random.integers(found.shape[1], size=200)
+        false = int(random.binomial(INTACT, trials.false / trials.intact))
+        some = Trials(sizes[one], found[one], false, INTACT).fit(**how)
         fits.append((some.a90_m, some.a90_95_m))
     a90_m, limit_m = np.array(fits).T
     return a90_m, limit_m
@@ -136,7 +141,7 @@ def measure_pod(count: int) -> None:
             low, middle, high = 100 * np.nanquantile(limit_m, (0.05, 0.5, 0.95))
             print(
                 f"{'bits' if bits else 'energies'} {until_s:g} s: a50 {100 * pod.a50_m:.1f}, "
-                f"a90 {100 * pod.a90_m:.1f}, a90/95 {100 * pod.a90_95_m:.1f} cm of {pod.trials} surfaces; of {count} "
+                f"a90 {100 * pod.a90_m:.1f}, a90/95 {100 * pod.a90_95_m:.1f} cm of {pod.trials} surfaces; of 200 "
                 f"plates {middle:.1f} cm (5 to 95 %: {low:.1f} to {high:.1f}); false calls "
                 f"{share(trials.false, trials.intact)}",
                 flush=True,
@@ -169,28 +174,35 @@ def some_of(trials: Trials, which: NDArray[np.int64]) -> Trials:
 
 
 def measure_isotonic(count: int) -> None:
-    """Compare fits of plates, one in each inspection, with an isotonic fit to many surfaces, with and without p_f."""
+    """Compare fits of 200 plates with an isotonic fit to damage in all inspections, with and without p_f."""
     even_m, wide_m = np.arange(0.03, 0.305, 0.01).round(3), np.geomspace(0.01, 0.3, 18).round(4)
     for name, until_s in (("optimised-places", 300.0), ("paper", 600.0), ("calibrated", 600.0)):
-        damaged, fresh = (list(inspections(name, count, until_s, "random:0.0", seed)) for seed in (2, 3))
-        for level, sides_m, each in ((0.05, even_m, 10), (0.2, wide_m, 5)):
+        damaged = list(inspections(name, count, until_s, "random:0.0", 21))
+        fresh = list(inspections(name, INTACT, until_s, "random:0.0", 22))
+        for level, sides_m, some in ((0.05, even_m, damaged), (0.2, wide_m, damaged[: count // 3])):
             trials = pooled_trials(
-                damaged, fresh, until_s=until_s, each=each, sides_m=sides_m.tolist(), level=level
+                some, fresh, until_s=until_s, each=1, sides_m=sides_m.tolist(), level=level
             )
-            rates = [trials.found[trials.size_m == side].mean() for side in sides_m]
-            truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
-            print(
-                f"{name}, {until_s:g} s, {level:.0%} false calls: isotonic a90 {100 * truth_m:.2f} cm, fitted "
-                f"{100 * trials.fit().a90_m:.2f} cm, of {trials.found.size} surfaces"
-            )
-            for floor in (True, False):
-                a90_m, limit_m = fits_of_plates(trials, count, 200, floor=floor)
-                above = int(np.sum(~(limit_m < truth_m)))  # a limit that does not exist is above
-                print(
-                    f"  {'with' if floor else 'without'} p_f: a90 of {count} plates {100 * np.nanmean(a90_m):.2f} cm "
-                    f"on average, a90/95 above the truth in {share(above, 200)}",
-                    flush=True,
-                )
+            print(f"{name}, {until_s:g} s, {level:.0%} false calls:")
+            compare_with_isotonic(trials, len(some), sides_m)
+
+
+def compare_with_isotonic(trials: Trials, count: int, sides_m: Floats) -> None:
+    """Print a90 of an isotonic fit to all trials, beside a90 and a90/95 of 200 repeats."""
+    rates = [trials.found[trials.size_m == side].mean() for side in sides_m]
+    truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
+    print(
+        f"  isotonic a90 {100 * truth_m:.2f} cm, fitted {100 * trials.fit().a90_m:.2f} cm, "
+        f"without p_f {100 * trials.fit(floor=False).a90_m:.2f} cm, of {trials.found.size} surfaces"
+    )
+    for floor in (True, False):
+        a90_m, limit_m = fits_of_plates(trials, count, 200, floor=floor)
+        above = int(np.sum(~(limit_m < truth_m)))  # a limit that does not exist is above
+        print(
+            f"  {'with' if floor else 'without'} p_f: a90 of 200 plates {100 * np.nanmean(a90_m):.2f} cm on average, "
+            f"a90/95 {100 * np.nanmedian(limit_m):.2f} cm in the median, above the truth in {share(above, 200)}",
+            flush=True,
+        )
 
 
 def measure_scan(count: int) -> None:
@@ -318,16 +330,14 @@ def measure_power(count: int) -> None:
             f"{what} {k:g}": 0 for what, ks in (("gain", gains), ("drift", drifts)) for k in ks
         }
         for number, samples in enumerate(inspections(name, count, 1200.0, "random:0.0", 11)):
-            value, time_s, is_first = (
-                samples.column("value"),
-                samples.column("time_s"),
-                samples.frame["robot"] == 0,
-            )
-            factors = {"right": np.ones(value.size)} | {f"gain {k:g}": np.full(value.size, k) for k in gains}
-            factors |= {f"drift {k:g}": 1.0 + k * time_s / time_s.max() for k in drifts}
+            time_s, is_first = samples.column("time_s"), samples.frame["robot"].to_numpy() == 0
+            factors = {"right": np.ones(time_s.size)}
+            factors |= {f"gain {k:g}": np.where(is_first, k, 1.0) for k in gains}
+            factors |= {
+                f"drift {k:g}": np.where(is_first, 1.0 + k * time_s / time_s.max(), 1.0) for k in drifts
+            }
             for what, factor in factors.items():
-                changed = samples.with_columns(value=np.where(is_first, factor * value, value))
-                refused[what] += checked(changed, number) != set()
+                refused[what] += checked(multiplied(samples, factor), number) != set()
         print(f"{name}: {'; '.join(f'{what} {share(k, count)}' for what, k in refused.items())}", flush=True)
 
 
@@ -430,38 +440,52 @@ def measure_risk(count: int, name: str, surfaces: int, strict: bool) -> None:
             )
 
 
-def measure_checks(count: int) -> None:
+def measure_checks(count: int, name: str) -> None:
     """Print how often right laws and right places are refused, and how often wrong ones.
 
     A robot is lost if more than 5 % of its samples are further than 4 stated standard deviations from where they were
-    taken: its places are wrong.
+    taken: its places are wrong. Places are right if their errors are drawn, with the stated standard deviations.
     """
-    for name in ("optimised-places", "calibrated"):
-        for floor in ("random:0.0", "random:0.08", "random:0.48"):
-            refused = dict.fromkeys(
-                ("law", "places", "places, no robot lost", "mirrored", "gain", "drift"), 0
-            )
-            lost = 0
-            for number, samples in enumerate(inspections(name, count, 1200.0, floor, 6)):
-                is_lost, robot = bool(lost_robots(samples).any()), samples.frame["robot"].to_numpy()
-                lost += is_lost
-                checks = checked(samples, number)
-                refused["law"] += checks - {PLACES} != set()
-                refused["places"] += PLACES in checks
-                refused["places, no robot lost"] += PLACES in checks and not is_lost
-                mirrored_m = np.where(
-                    robot == 0, samples.size_m[0] - samples.column("x_m"), samples.column("x_m")
+    for floor in FLOORS:
+        refused = dict.fromkeys(("law", "places", "law, no robot lost", "places, no robot lost"), 0)
+        refused |= dict.fromkeys(("right places", "mirrored", "gain", "drift"), 0)
+        lost = 0
+        for number, samples in enumerate(inspections(name, count, 1200.0, floor, 16)):
+            is_lost = bool(lost_robots(samples).any())
+            lost += is_lost
+            checks = checked(samples, number)
+            for words, counted in (("", True), (", no robot lost", not is_lost)):
+                refused["law" + words] += counted and checks - {PLACES} != set()
+                refused["places" + words] += counted and PLACES in checks
+            refused["right places"] += PLACES in checked(with_right_places(samples, number), number)
+            is_first, x_m = samples.frame["robot"].to_numpy() == 0, samples.column("x_m")
+            mirrored = samples.with_columns(x_m=np.where(is_first, samples.size_m[0] - x_m, x_m))
+            refused["mirrored"] += PLACES in checked(mirrored, number)
+            time_s = samples.column("time_s")
+            for what, factor in (("gain", 1.5), ("drift", 1.0 + 0.2 * time_s / time_s.max())):
+                refused[what] += (
+                    checked(multiplied(samples, np.where(is_first, factor, 1.0)), number) != set()
                 )
-                refused["mirrored"] += PLACES in checked(samples.with_columns(x_m=mirrored_m), number)
-                value, time_s = samples.column("value"), samples.column("time_s")
-                for what, factor in (
-                    ("gain", 1.5 + 0.0 * time_s),
-                    ("drift", 1.0 + 0.2 * time_s / time_s.max()),
-                ):
-                    changed = samples.with_columns(value=np.where(robot == 0, factor * value, value))
-                    refused[what] += checked(changed, number) != set()
-            shares = (f"{what} {share(k, count - lost * ('no' in what))}" for what, k in refused.items())
-            print(f"{name}, {floor}: {'; '.join(shares)}; a robot lost in {share(lost, count)}", flush=True)
+        shares = (f"{what} {share(k, count - lost * ('no' in what))}" for what, k in refused.items())
+        print(f"{name}, {floor}: {'; '.join(shares)}; a robot lost in {share(lost, count)}", flush=True)
+
+
+def with_right_places(samples: Samples, seed: int) -> Samples:
+    """Return samples at places whose errors have the stated standard deviations, correlated as those of robots are."""
+    random, robot = generator(seed, "right places"), samples.frame["robot"].to_numpy()
+    columns = {}
+    for axis in "xy":
+        error = np.empty(robot.size)
+        for one in samples.robots:
+            error[robot == one] = correlated(random, int((robot == one).sum()), 1)[:, 0]
+        columns[f"{axis}_m"] = samples.column(f"true_{axis}_m") + error * samples.column(f"spread_{axis}_m")
+    return samples.with_columns(**columns)
+
+
+def multiplied(samples: Samples, factor: Floats) -> Samples:
+    """Return samples whose values are multiplied."""
+    value = factor * samples.column("value")
+    return samples.with_columns(value=value, log_ratio=ratios_at(samples.law, value))
 
 
 def checked(samples: Samples, seed: int) -> set[str]:
@@ -520,7 +544,7 @@ if __name__ == "__main__":
     measures = [name.removeprefix("measure_") for name in list(globals()) if name.startswith("measure_")]
     parser.add_argument("what", choices=measures)
     parser.add_argument("--inspections", type=int, default=200)
-    parser.add_argument("--preset", default="optimised-places", help="of risk")
+    parser.add_argument("--preset", default="optimised-places", help="of risk and checks")
     parser.add_argument("--surfaces", type=int, default=1, help="of each sort in each inspection, for risk")
     parser.add_argument(
         "--strict", action="store_true", help="the risk must be tolerated at every place, for risk"
@@ -528,5 +552,7 @@ if __name__ == "__main__":
     options = parser.parse_args()
     if options.what == "risk":
         measure_risk(options.inspections, options.preset, options.surfaces, options.strict)
+    elif options.what == "checks":
+        measure_checks(options.inspections, options.preset)
     else:
         globals()[f"measure_{options.what}"](options.inspections)

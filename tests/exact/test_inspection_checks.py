@@ -134,10 +134,10 @@ def test_readings_are_compared_with_the_rates_of_the_floors_own_grid() -> None:
     }
     scenario = preset("paper").with_values(grid)
     place = grid_of(scenario)
-    read = np.full((40, 1), error_rates(scenario.sensor, place)[0])
-    robot, time_s = np.repeat([0, 1], 20).astype(np.uint16), np.arange(40.0)
+    read, vibrates = np.full((40, 1), error_rates(scenario.sensor, place)[0]), np.zeros(40, dtype=bool)
     laws = [Law(scenario.sensor, "", bits=True, place=known) for known in (place, None)]
-    apart = [_statistics(law, read, False, robot, time_s)[0, 0] for law in laws]
+    samples = drawn_samples(1, count=40, spread_m=0.0)
+    apart = [_statistics(replace(samples, law=law), read, vibrates)[0, 0] for law in laws]
     assert apart[0] == pytest.approx(0.0, abs=1e-12)
     assert apart[1] > 0.05
 

@@ -62,6 +62,8 @@ def test_the_declared_set_covers_the_surface_and_stays_within_it() -> None:
     assert patches.weights.sum() == pytest.approx(1.0)
     with pytest.raises(InputError, match="not within the surface"):
         declared((0.6, 0.15), SIDES_M)
+    with pytest.raises(InputError, match="size of the surface in m"):  # 1.2 m x 0.8 m, given in mm
+        declared((1200.0, 800.0), SIDES_M)
 
 
 @pytest.mark.parametrize("spread_m", [0.0, 0.03])

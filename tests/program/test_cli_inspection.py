@@ -105,6 +105,7 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("valueless.csv", "robot,time_min,x_mm,y_mm,weight"),
     ):
         (tmp_path / name).write_text(text.replace("robot,time_min,x_mm,y_mm,value", head))
+    (tmp_path / "semicolons.csv").write_text(text.replace(",", ";"))
     (tmp_path / "few.csv").write_text("\n".join(text.splitlines()[:6]))
     sized = (*laws, "--size", "1x1")
     assert "--size" in error_of(capsys, csv, *laws)
@@ -114,6 +115,8 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
     assert "not a unit" in error_of(capsys, tmp_path / "odd.csv", *sized)
     assert "one unit" in error_of(capsys, tmp_path / "mixed.csv", *sized)
     assert "column of values" in error_of(capsys, tmp_path / "valueless.csv", *sized)
+    assert "use ','" in error_of(capsys, tmp_path / "semicolons.csv", *sized)
+    assert "size of the surface in m" in error_of(capsys, csv, *laws, "--size", "1000x1000")
     assert "nothing can be said" in error_of(capsys, tmp_path / "few.csv", *sized)
     assert "outside the surface" in error_of(capsys, csv, *laws, "--size", "0.1x0.1")
     assert "no such file" in error_of(capsys, tmp_path / "missing.csv", *sized)

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom
 
 from vibroswarm.inspection.checks import PLACES, law_checks
-from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
+from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at, values_where
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.missed import pooled_trials
 from vibroswarm.inspection.others import by_tiles
@@ -77,6 +77,11 @@ def test_intact_surfaces_without_the_spreads_of_the_law_call_too_often(calibrate
     assert called / 240 > 0.15
 
 
+def measured(samples: Samples, value: np.ndarray) -> Samples:
+    """Return samples with other values."""
+    return samples.with_columns(value=value, log_ratio=ratios_at(samples.law, value))
+
+
 def refused(samples: Samples, seed: int) -> set[str]:
     checks = law_checks(samples, by_tiles(samples), drawn=99, seed=seed)
     return set(checks.filter(pl.col("outcome") == "refused")["check"])
@@ -96,21 +101,33 @@ def test_right_laws_are_seldom_refused_and_a_wrong_gain_is(
         assert wrong / len(inspections) >= power
 
 
-def test_laws_are_seldom_refused_where_half_vibrates_at_estimated_places_and_mirrored_places_are() -> None:
-    """Selected by a map to which they had added, samples of right laws were refused in a quarter of inspections."""
+def test_laws_are_seldom_refused_where_half_vibrates_and_a_wrong_gain_and_mirrored_places_are() -> None:
+    """Selected by a map to which they had added, samples of right laws were refused in a quarter of inspections.
+
+    Compared on still places alone, a gain of 1.5 was found in two thirds.
+    """
     scenario = preset("optimised-places").with_values({"run.t_end_s": 600.0, "floor.source": "random:0.48"})
-    of_law, of_places, mirrored = 0, 0, 0
+    of_law, of_places, mirrored, gained, weaker = 0, 0, 0, 0, 0
     for run in range(16):
         samples = inspect(scenario, seed=77, run=run).samples
         checks = refused(samples, run)
         of_law, of_places = of_law + bool(checks - {PLACES}), of_places + (PLACES in checks)
-        mirrored_m = np.where(
-            samples.frame["robot"].to_numpy() == 0, 1.0 - samples.column("x_m"), samples.column("x_m")
-        )
-        mirrored += PLACES in refused(samples.with_columns(x_m=mirrored_m), run)
+        is_first, x_m = samples.frame["robot"].to_numpy() == 0, samples.column("x_m")
+        mirrored += PLACES in refused(samples.with_columns(x_m=np.where(is_first, 1.0 - x_m, x_m)), run)
+        more = measured(samples, np.where(is_first, 1.5, 1.0) * samples.column("value"))
+        gained += bool(refused(more, run) - {PLACES})
+        # Weaker damage is another law, but no difference between robots.
+        assert samples.floor is not None
+        tile = samples.floor.tile_at(samples.column("true_x_m"), samples.column("true_y_m"))
+        vibrates = np.append(samples.floor.tiles.ravel(), 0)[tile, None] == 1
+        half = values_where(np.random.default_rng(run), samples, 1, vibrates, 0.7)[:, 0]
+        read = measured(samples, half)
+        weaker += bool(refused(read, run) & {"robots against each other", "drift"})
     assert of_law <= binom.ppf(0.999, 16, 0.05)
     assert of_places <= 6  # in a tenth of such inspections a robot is lost, and its places are wrong
     assert mirrored >= 14
+    assert gained >= 14
+    assert weaker <= binom.ppf(0.999, 16, 0.05)
 
 
 def test_told_risks_are_not_below_true_ones_except_at_weaker_contrast(plain: list[Samples]) -> None:

@@ -47,6 +47,11 @@ class Patch(NamedTuple):
             np.abs(x_m - self.x_m), np.abs(y_m - self.y_m), self.width_m, self.height_m, self.is_disc
         )
 
+    def some(self, part: slice) -> Patch:
+        """Return some of several patches."""
+        x_m, y_m, width_m, height_m, contrast = (column[part] for column in self[:5])
+        return Patch(x_m, y_m, width_m, height_m, contrast, self.is_disc)
+
     def overlaps(self, other: Patch) -> bool:
         """Return whether the rectangles around two patches overlap."""
         apart_x = abs(self.x_m - other.x_m) >= 0.5 * (self.width_m + other.width_m)

@@ -11,9 +11,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, listed, p_value
+from vibroswarm.core.numbers import count, p_value
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.checks import PLACES, law_checks
+from vibroswarm.inspection.checks import BETWEEN, LAW_CHECKS, PLACES, law_checks
 from vibroswarm.inspection.missed import (
     CRACKS_M,
     SIDES_M,
@@ -162,15 +162,14 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
             "is the mean over floors on which all kinds are mixed in equal shares: on others still tiles measure "
             "more or less than it says"
         )
-    unmade = checks.filter(pl.col("outcome") == "not made")
-    if unmade.height:
-        words.append(
-            f"{listed(unmade['check'])} could not be checked: only {count(unmade['samples'][0], 'sample')} on still "
-            "places"
-        )
+    one_robot = len(samples.robots) == 1
+    unmade = checks.filter(pl.col("outcome") == "not made", (pl.col("check") != BETWEEN) | (not one_robot))
+    for check, number in unmade.select("check", "samples").iter_rows():
+        where = "still places" if check == LAW_CHECKS[0] else "places of a known kind"
+        words.append(f"{check} could not be checked: only {count(number, 'sample')} on {where}")
     if samples.warning:
         words.append(samples.warning[:1].lower() + samples.warning[1:].rstrip("."))
-    if len(samples.robots) == 1:
+    if one_robot:
         words.append("one robot took all samples, so that its sensor cannot be compared with another")
     return tuple(words)
 

@@ -3,19 +3,22 @@
 | check | statistic |
 |---|---|
 | law of still places | largest difference between the distribution of values there and that of the law (Kolmogorov) |
-| robots against each other | largest difference of a robot's mean score from that of all, in standard errors |
-| drift | largest correlation of a robot's scores with time, in standard errors |
+| robots against each other | largest mean of a robot's scores less those of all, in standard errors |
+| drift | largest correlation of these with time, in standard errors |
 | places | how far a robot's values fit the map of the others less at its places than they should: largest (m - S) / s |
 
-The score of a value is Phi^-1(F_still(value)), or a reading of 0 or 1 itself. Each statistic is compared with those of
-surfaces drawn at the same places, by the law with its error and the differences between robots and tiles that it
-states: without these a law with such differences would be refused nearly always. The p-values are corrected by Holm's
-method, so that at most 5 % of right laws are refused by any check.
+The score of a value is Phi^-1(F(value)), with F that of the place's kind, or a reading of 0 or 1 itself. Each statistic
+is compared with those of surfaces drawn at the same places, by the law with its error and the differences between
+robots and tiles that it states: without these a law with such differences would be refused nearly always. The p-values
+are corrected by Holm's method, so that at most 5 % of right laws are refused by any check.
 
 **Still places** are those at which the other robots feel nothing (``others``), so that no value says by itself where it
-counts. Where something vibrates and places are not exact, some samples were taken there all the same. Values that are
-more likely where it vibrates are then left out, of the samples as of the drawn ones: what remains of such samples is
-few. Their score is F_still(value) among the values that remain, so that these few do not count much.
+counts. Robots are compared with each other, and with time, also on places that vibrate by the others' map: there
+only with scores on the same tile, so that it does not matter how strong damage is.
+
+Where something vibrates and places are not exact, some samples were taken on the other kind of place all the same.
+Values that are more likely there are then left out, of the samples as of the drawn ones, and F is that of the values
+that remain.
 
 **Places** of a robot: S is the sum of ln (1 + (r - 1) q) - ln (1 + (r - 1) mean q), with r the likelihood ratio of a
 sample and q the probability that it feels vibration by the map of the others; m and s are its mean and standard
@@ -37,7 +40,7 @@ from scipy.special import ndtri
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.paired import holm
-from vibroswarm.inspection.damage import drawn_values, judged, ratios_at, tables_of, values_where
+from vibroswarm.inspection.damage import judged, ratios_at, tables_of, tiles_below, values_where
 from vibroswarm.inspection.others import Others
 from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples
 from vibroswarm.observation.energy_model import error_rates
@@ -46,7 +49,8 @@ DRAWN: Final = 499
 """Surfaces drawn for the p-values."""
 LEVEL: Final = 0.05
 """A law is refused if the smallest corrected p-value is below this."""
-LAW_CHECKS: Final = ("law of still places", "robots against each other", "drift")
+BETWEEN: Final = "robots against each other"
+LAW_CHECKS: Final = ("law of still places", BETWEEN, "drift")
 PLACES: Final = "places"
 CHECKS: Final[Any] = {
     "check": pl.String,
@@ -61,8 +65,8 @@ refused", "refused", "not made" (too few samples are on still places) or "not te
 without a test. ``power``: of places."""
 LEAST_PER_ROBOT: Final = 10
 """Robots with fewer samples are not compared."""
-STILL: Final = 0.02
-"""A place is still if vibration is felt there with this probability at most."""
+SURE: Final = 0.02
+"""A place is still if vibration is felt there with this probability at most, and vibrates if it is not felt with it."""
 LEAST_POWER: Final = 0.5
 """With less power places count as not testable."""
 
@@ -77,14 +81,15 @@ def law_checks(
             besides; None: all, by what the others say.
     """
     random = generator(seed, "checks of the law")
-    quiet = others.felt <= STILL if still is None else still & (others.felt <= STILL)
-    some = samples.with_frame(samples.frame.filter(pl.Series(quiet)))
+    quiet = others.felt <= SURE if still is None else still & (others.felt <= SURE)
+    known = quiet | (others.felt >= 1.0 - SURE)
+    some = samples.with_frame(samples.frame.filter(pl.Series(known)))
     exact = not (samples.column("spread_x_m").any() or samples.column("spread_y_m").any())
     compared = (some.frame["robot"].value_counts()["count"] >= LEAST_PER_ROBOT).sum()
     possible = (quiet.sum() >= FEWEST, compared >= 2, compared >= 1)
     p: dict[str, float] = {}
     if any(possible):
-        found = _of_law(some, others.found and not exact, drawn, random)
+        found = _of_law(some, ~quiet[known], others.found and not exact, drawn, random)
         p = {check: value for check, value, may in zip(LAW_CHECKS, found, possible, strict=True) if may}
     power = 0.0
     if len(others.maps) > 1 and others.found:
@@ -93,7 +98,8 @@ def law_checks(
     corrected = dict(zip(p, holm(list(p.values())), strict=True))
     outcome = dict.fromkeys(LAW_CHECKS, "not made") | {PLACES: "not testable"}
     outcome |= {check: "refused" if value < LEVEL else "not refused" for check, value in corrected.items()}
-    read = dict.fromkeys(LAW_CHECKS, int(quiet.sum())) | {PLACES: samples.frame.height}
+    numbers = int(quiet.sum()), some.frame.height, some.frame.height, samples.frame.height
+    read = dict(zip((*LAW_CHECKS, PLACES), numbers, strict=True))
     rows = [
         (check, read[check], p.get(check), corrected.get(check), word, power if check == PLACES else None)
         for check, word in outcome.items()
@@ -106,67 +112,86 @@ def _p_values(observed: Floats, null: Floats) -> list[float]:
     return [float((1 + (row >= one).sum()) / (row.size + 1)) for one, row in zip(observed, null, strict=True)]
 
 
-def _of_law(some: Samples, only_still: bool, drawn: int, random: np.random.Generator) -> list[float]:
+def _of_law(
+    some: Samples, vibrates: NDArray[np.bool_], only_likely: bool, drawn: int, random: np.random.Generator
+) -> list[float]:
     """Return the p-values of ``LAW_CHECKS``.
 
     Args:
-        some: samples on still places. only_still: leave out values that are more likely where it vibrates.
+        some: samples on places that are still or vibrate. vibrates: on which they do, (samples,).
+        only_likely: leave out values that are more likely on places of the other kind.
     """
-    robot, time_s = some.frame["robot"].to_numpy(), some.column("time_s")
-    ranks = partial(_ranks, only_still=only_still)
-    of_drawn = judged(some.law, drawn_values(random, some, drawn), ranks)
+    ranks = partial(_ranks, vibrates=vibrates, only_likely=only_likely)
+    values = values_where(random, some, drawn, vibrates[:, None])
     observed, null = (
-        _statistics(some.law, rank, only_still, robot, time_s)
-        for rank in (ranks(some.law, some.column("value")[:, None]), of_drawn)
+        _statistics(some, rank, vibrates)
+        for rank in (ranks(some.law, some.column("value")[:, None]), judged(some.law, values, ranks))
     )
     return _p_values(observed, null)
 
 
-def _ranks(law: Law, values: Floats, only_still: bool) -> Floats:
-    """Return the share of still values that are smaller, of each value, or a reading itself; nan: it is left out."""
+def _ranks(law: Law, values: Floats, vibrates: NDArray[np.bool_], only_likely: bool) -> Floats:
+    """Return the share of values of the place's kind that are smaller, of each value; nan: it is left out.
+
+    The rank of a reading is the reading itself.
+    """
     if law.bits:
         return values
-    table = tables_of(law)
-    kept = ratios_at(law, table.still) < 0.0 if only_still else np.ones(table.u.size, dtype=bool)
-    share = np.cumsum(kept * np.gradient(table.u))
-    rank = np.interp(values, table.still, share / share[-1])
-    return np.where(ratios_at(law, values) < 0.0, rank, np.nan) if only_still else rank
+    table, ranks = tables_of(law), np.empty(values.shape)
+    for own, quantiles, sign in ((~vibrates, table.still, -1.0), (vibrates, table.vibrating, 1.0)):
+        kept = sign * ratios_at(law, quantiles) > 0.0 if only_likely else np.ones(quantiles.size, dtype=bool)
+        share = np.cumsum(kept * np.gradient(table.u))
+        ranks[own] = np.interp(values[own], quantiles, share / share[-1])
+        if only_likely:
+            ranks[own] = np.where(sign * ratios_at(law, values[own]) > 0.0, ranks[own], np.nan)
+    return ranks
 
 
-def _statistics(
-    law: Law, rank: Floats, only_still: bool, robot: NDArray[np.uint16], time_s: Floats
-) -> Floats:
+def _statistics(some: Samples, rank: Floats, vibrates: NDArray[np.bool_]) -> Floats:
     """Return the statistics of ``LAW_CHECKS`` for each replicate, (checks, replicates).
 
     Args:
-        rank: (samples, replicates), as ``_ranks`` returns them. robot, time_s: of each sample.
+        rank: (samples, replicates), as ``_ranks`` returns them.
     """
-    counted = np.isfinite(rank)
-    number = np.maximum(counted.sum(axis=0), 1)
+    law, counted = some.law, np.isfinite(rank)
     if law.bits:
         score = rank - error_rates(law.sensor, law.place)[0]
-        apart_from_law = np.abs(score.mean(axis=0))
+        apart_from_law = np.abs(score[~vibrates].mean(axis=0))
     else:
-        at = (np.arange(rank.shape[0])[:, None] + 0.5) / number
-        # nan is sorted to the end
-        apart_from_law = np.nanmax(np.abs(np.sort(rank, axis=0) - at), axis=0, initial=0.0)
-        score = np.nan_to_num(rank - 0.5) if only_still else ndtri(np.clip(rank, 1e-6, 1.0 - 1e-6))
-    scale = np.maximum(np.sqrt((score**2).sum(axis=0) / number), 1e-9)
+        still = np.sort(rank[~vibrates], axis=0)  # nan is sorted to the end
+        at = (np.arange(still.shape[0])[:, None] + 0.5) / np.maximum(counted[~vibrates].sum(axis=0), 1)
+        apart_from_law = np.nanmax(np.abs(still - at), axis=0, initial=0.0)
+        score = np.nan_to_num(ndtri(np.clip(rank, 1e-6, 1.0 - 1e-6)))
+    score = _against_the_place(some, score, counted, vibrates)
+    robot, time_s = some.frame["robot"].to_numpy(), some.column("time_s")
     between, drift = np.zeros(rank.shape[1]), np.zeros(rank.shape[1])
     for one in np.unique(robot):
         own = robot == one
         count = counted[own].sum(axis=0)
-        enough = (count >= LEAST_PER_ROBOT) & (number > count)
-        mean = score[own].sum(axis=0) / np.maximum(count, 1)
-        rest = score[~own].sum(axis=0) / np.maximum(number - count, 1)
-        between = np.maximum(between, enough * np.sqrt(count) * np.abs(mean - rest) / scale)
+        enough = count >= LEAST_PER_ROBOT
+        between = np.maximum(between, enough * np.abs(score[own].sum(axis=0)) / np.sqrt(np.maximum(count, 1)))
         when = np.where(counted[own], time_s[own, None], np.nan)
         when = np.nan_to_num(when - np.nansum(when, axis=0) / np.maximum(count, 1))
         length = np.maximum(np.sqrt((when**2).sum(axis=0)), 1e-9)
-        drift = np.maximum(
-            drift, (count >= LEAST_PER_ROBOT) * np.abs((when * score[own]).sum(axis=0)) / length / scale
-        )
+        drift = np.maximum(drift, enough * np.abs((when * score[own]).sum(axis=0)) / length)
     return np.stack([apart_from_law, between, drift])
+
+
+def _against_the_place(
+    some: Samples, score: Floats, counted: NDArray[np.bool_], vibrates: NDArray[np.bool_]
+) -> Floats:
+    """Return scores less their mean on all still places, or on the same vibrating tile, in standard deviations.
+
+    What all robots measure alike on a tile, such as damage of another contrast, so is no difference between robots.
+    """
+    place = np.unique(np.where(vibrates, 1 + tiles_below(some), 0), return_inverse=True)[1]
+    of_place = (np.arange(place.max() + 1)[:, None] == place).astype(np.float64)
+    mean = (of_place @ score) / np.maximum(of_place @ counted, 1.0)
+    apart = np.where(counted, score - mean[place], 0.0)
+    for own in (vibrates, ~vibrates):
+        number = np.maximum(counted[own].sum(axis=0), 1)
+        apart[own] /= np.maximum(np.sqrt((apart[own] ** 2).sum(axis=0) / number), 1e-9)
+    return apart
 
 
 def _of_places(

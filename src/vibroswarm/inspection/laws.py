@@ -95,19 +95,10 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     seen = chosen.corrected(camera)
     fitted = fit_sensor(seen, draws=draws)
     base = found.results[0].scenario
-    return FittedLaw(
-        Law(
-            _sensor_of(base, fitted.values),
-            words,
-            hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16],
-            _hashes(found, sessions),
-            _with_law(
-                _sensor_of(base, fitted.values),
-                [_sensor_of(base, one) for one in _drawn(fitted, seen, draws)],
-            ),
-        ),
-        camera,
-    )
+    sensor = _sensor_of(base, fitted.values)
+    drawn = [_sensor_of(base, one) for one in _drawn(fitted, seen, draws)]
+    digest = hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16]
+    return FittedLaw(Law(sensor, words, digest, _hashes(found, sessions), _with_law(sensor, drawn)), camera)
 
 
 def _is_seen(found: Dataset) -> bool:
@@ -171,9 +162,7 @@ def law_for_session(
         InputError: there is no such session, or all samples lie on one kind of tile.
     """
     if others:
-        found = dataset_of(others)
-        words = f"fitted to {count(len(found.sessions), 'session')} of other recordings, whose floor is known"
-        return law_of_sessions(found, found.sessions, words, draws=draws)
+        return _law_of_all(others, " of other recordings", draws)
     assert recording is not None
     runs = recording.runs["run"].to_list()
     if run not in runs:
@@ -200,9 +189,7 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
     """
     path = Path(text)
     if path.is_dir():
-        found = dataset_of([Recording.read(path)])
-        words = f"fitted to {count(len(found.sessions), 'session')} of '{path.name}', whose floor is known"
-        return law_of_sessions(found, found.sessions, words, draws=draws)
+        return _law_of_all([Recording.read(path)], f" of '{path.name}'", draws)
     if path.suffix == ".csv":
         vibrating, still = (np.array(energies) for energies in read_energies(path))
         fitted = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
@@ -351,9 +338,14 @@ def law_of_recording(recording: Recording) -> FittedLaw:
     Raises:
         InputError: all samples lie on one kind of tile.
     """
-    found = dataset_of([recording])
-    words = f"fitted to {count(len(found.sessions), 'session')}, whose floor is known"
-    return law_of_sessions(found, found.sessions, words, draws=KEPT)
+    return _law_of_all([recording], "", KEPT)
+
+
+def _law_of_all(recordings: Sequence[Recording], of: str, draws: int) -> FittedLaw:
+    """Return the law of all sessions of recordings; ``of`` says of which, in words."""
+    found = dataset_of(recordings)
+    words = f"fitted to {count(len(found.sessions), 'session')}{of}, whose floor is known"
+    return law_of_sessions(found, found.sessions, words, draws=draws)
 
 
 def write_law(fitted: FittedLaw, base: Scenario, path: Path, *, replace: bool = False) -> None:

@@ -16,7 +16,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import Patch
-from vibroswarm.inspection.damage import drawn_patches, drawn_values, random_places
+from vibroswarm.inspection.damage import drawn_patches, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
     Patches,
@@ -26,7 +26,7 @@ from vibroswarm.inspection.patches import (
 )
 from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
 from vibroswarm.inspection.samples import SAMPLES, Floats, Samples
-from vibroswarm.inspection.scan import intact_statistics, statistic_of
+from vibroswarm.inspection.scan import drawn_statistics, intact_statistics
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -94,13 +94,10 @@ def own_trials(
         sides_m: sizes of damage. each: surfaces of each size. seed: of what is drawn. shape: of ``damage.SHAPES``.
         looks: how often is looked, as for ``critical``.
     """
-    random = generator(seed, f"damage of contrast {contrast:g}")
-    found = []
-    for side_m in sides_m:
-        patch = drawn_patches(random, np.full(each, side_m), samples.size_m, contrast, shape)
-        values = drawn_values(random, samples, each, patch)
-        found.append(statistic_of(samples, patches, shares, values, looks=looks) >= critical)
-    return Trials(np.repeat(sides_m, each), np.concatenate(found).astype(np.float64), *false)
+    random, size_m = generator(seed, f"damage of contrast {contrast:g}"), np.repeat(sides_m, each)
+    patch = drawn_patches(random, size_m, samples.size_m, contrast, shape)
+    drawn = drawn_statistics(random, samples, patches, shares, size_m.size, patch, looks=looks)
+    return Trials(size_m, (drawn >= critical).astype(np.float64), *false)
 
 
 def weakest_found(
@@ -121,9 +118,8 @@ def weakest_found(
         x_m, y_m = random_places(random, np.full(contrast.size, side_m), samples.size_m)
         side = np.full(contrast.size, side_m)
         patch = Patch(x_m, y_m, side, side, contrast)
-        values = drawn_values(random, samples, contrast.size, patch)
-        found = statistic_of(samples, patches, shares, values, looks=looks) >= critical
-        pod = Trials(contrast, found.astype(np.float64), *false).fit()
+        drawn = drawn_statistics(random, samples, patches, shares, contrast.size, patch, looks=looks)
+        pod = Trials(contrast, (drawn >= critical).astype(np.float64), *false).fit()
         rows.append((side_m, side_m**2, pod.a90_m, pod.a90_95_m if pod.a90_95_m <= 1.0 else float("nan")))
     names = ["side_m", "area_m2", "c90", "c90_95"]
     return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64), orient="row").fill_nan(None)

@@ -68,7 +68,7 @@ class Others(NotebookView):
             at_m = []
             for axis in "xy":
                 error = (
-                    _correlated(random, own.size, replicates) * samples.column(f"spread_{axis}_m")[own, None]
+                    correlated(random, own.size, replicates) * samples.column(f"spread_{axis}_m")[own, None]
                 )
                 blur = (sensor.edge_blur_m or 0.0) * random.standard_normal(error.shape)
                 at_m.append(samples.column(f"{axis}_m")[own, None] + error + blur)
@@ -85,7 +85,7 @@ class Others(NotebookView):
         return felt
 
 
-def _correlated(random: np.random.Generator, count: int, replicates: int) -> Floats:
+def correlated(random: np.random.Generator, count: int, replicates: int) -> Floats:
     """Draw standard normal numbers, each correlated with the one before by ``LAG_ONE``, (count, replicates)."""
     white = random.standard_normal((count, replicates))
     white[1:] *= np.sqrt(1.0 - LAG_ONE**2)
@@ -118,7 +118,7 @@ def by_patches(
         boxes, cells = called_patches(samples, patches, shares, critical, prior, there)
         close = np.zeros_like(cells, dtype=bool)
         for box in boxes:
-            close |= within(box, x_m, y_m, CLEAR_M)
+            close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)
         maps[one] = np.where(close, cells, 0.0).ravel()
     return _judged(replace(samples, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -40,6 +41,10 @@ LARGEST: Final = 1e300
 """Limit of likelihoods over those of an intact surface."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
+
+
+MOST: Final = 300_000
+"""Most patches of a declared set: those of squares of 7 to 28 cm on 65 m2."""
 
 
 class Form(NamedTuple):
@@ -111,19 +116,29 @@ def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> 
     Args:
         size_m: width and height of the surface.
     Raises:
-        InputError: a patch is larger than the surface, or has no size.
+        InputError: a patch is larger than the surface, or has no size, or there are too many places.
     """
     forms = tuple(Form(side, side) if isinstance(side, int | float) else Form(*side) for side in sides_m)
-    parts = []
-    for index, form in enumerate(forms):
+    for form in forms:
         if not all(0.0 < side <= whole for side, whole in zip(form[:2], size_m, strict=True)):
             raise InputError(
                 f"a patch of {form.width_m:g} m x {form.height_m:g} m is not within the surface",
                 field="--sizes",
             )
+    numbers = [
+        [math.ceil((whole - side) / form.step_m) + 1 for side, whole in zip(form[:2], size_m, strict=True)]
+        for form in forms
+    ]
+    if (total := sum(across * up for across, up in numbers)) > MOST:
+        raise InputError(
+            f"damage has {total:,} places on {size_m[0]:g} m x {size_m[1]:g} m, more than {MOST:,}; is the size of the "
+            "surface in m? If it is, declare larger damage (--sizes)",
+            field="--size",
+        )
+    parts = []
+    for index, (form, number) in enumerate(zip(forms, numbers, strict=True)):
         along = [
-            np.linspace(0.0, whole - side, max(int(np.ceil((whole - side) / form.step_m)), 0) + 1)
-            for side, whole in zip(form[:2], size_m, strict=True)
+            np.linspace(0.0, whole - side, n) for side, whole, n in zip(form[:2], size_m, number, strict=True)
         ]
         x, y = (places.ravel() for places in np.meshgrid(*along))
         parts.append((x, y, np.full(x.size, index, dtype=np.int64)))

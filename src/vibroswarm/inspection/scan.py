@@ -24,6 +24,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
+from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import drawn_values, judged, ratios_at
 from vibroswarm.inspection.patches import (
     Form,
@@ -215,22 +216,18 @@ def _regions(
         there = there & ~near(samples, box)
 
 
-def within(box: Box, x_m: Floats, y_m: Floats, margin_m: Floats | float) -> NDArray[np.bool_]:
-    """Return which places are on a patch, or within a margin of it; the margin may be one for each place."""
-    across = np.abs(x_m - box.left_m - 0.5 * box.width_m) < 0.5 * box.width_m + margin_m
-    return np.asarray(
-        across & (np.abs(y_m - box.bottom_m - 0.5 * box.height_m) < 0.5 * box.height_m + margin_m)
-    )
+def within(
+    box: Box, x_m: Floats, y_m: Floats, margin_x_m: Floats | float, margin_y_m: Floats | float
+) -> NDArray[np.bool_]:
+    """Return which places are on a patch, or within margins of it; margins may be one for each place."""
+    across_m, up_m = np.abs(x_m - box.centre_m[0]), np.abs(y_m - box.centre_m[1])
+    return np.asarray((across_m < 0.5 * box.width_m + margin_x_m) & (up_m < 0.5 * box.height_m + margin_y_m))
 
 
 def near(samples: Samples, box: Box) -> NDArray[np.bool_]:
     """Return which samples may be on a patch: within ``CLEAR_M`` and 3 standard deviations of their place."""
-    inside = np.ones(samples.frame.height, dtype=bool)
-    for axis, low, side in (("x", box.left_m, box.width_m), ("y", box.bottom_m, box.height_m)):
-        margin = CLEAR_M + 3.0 * samples.column(f"spread_{axis}_m")
-        at = samples.column(f"{axis}_m")
-        inside &= (at > low - margin) & (at < low + side + margin)
-    return inside
+    margins_m = (CLEAR_M + 3.0 * samples.column(f"spread_{axis}_m") for axis in "xy")
+    return within(box, samples.column("x_m"), samples.column("y_m"), *margins_m)
 
 
 def p_value(statistic: float, drawn: Floats) -> float:
@@ -243,9 +240,23 @@ def intact_statistics(
 ) -> Floats:
     """Return T of intact surfaces drawn at the samples' own places, (replicates,)."""
     random = generator(seed, "intact surfaces")
+    return drawn_statistics(random, samples, patches, shares, replicates, looks=looks)
+
+
+def drawn_statistics(
+    random: np.random.Generator, samples: Samples, patches: Patches, shares: Shares, replicates: int,
+    damage: Patch | None = None, *, looks: int = 1,
+) -> Floats:  # fmt: skip
+    """Return T of surfaces drawn at the samples' own places, (replicates,).
+
+    Args:
+        damage: of each replicate; None: they are intact.
+    """
     parts = []
     for begin in range(0, replicates, 256):  # so that memory stays small
-        values = drawn_values(random, samples, min(256, replicates - begin))
+        end = min(begin + 256, replicates)
+        part = None if damage is None else damage.some(slice(begin, end))
+        values = drawn_values(random, samples, end - begin, part)
         parts.append(statistic_of(samples, patches, shares, values, looks=looks))
     return np.concatenate(parts)
 

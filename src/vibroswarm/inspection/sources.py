@@ -13,7 +13,7 @@ import polars as pl
 
 from vibroswarm.calibrate.camera import corrected
 from vibroswarm.core.numbers import listed, stated
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import FittedLaw, hash_of_run
 from vibroswarm.inspection.samples import (
@@ -255,8 +255,8 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
         if not fitting:
             example = f"{use}_{units[0]}"
             raise InputError(
-                f"has no column for {use} with its unit, such as {example} (units: {', '.join(units)})"
-                f"{nearest(example, lower.values())}; it has {', '.join(names[:12])}",
+                f"has no column for {use} with its unit, such as {example} (units: {', '.join(units)}); "
+                f"it has {', '.join(names[:12])}",
                 field=str(path),
             )
         if len(fitting) > 1:

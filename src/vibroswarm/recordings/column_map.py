@@ -104,6 +104,8 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     rows: list[list[str]] = []
     try:
         head = [cell.strip() for cell in next(reader)]
+        if len(head) == 1 and ";" in head[0]:
+            raise InputError("has ';' between columns; use ',' there, and '.' in numbers", field=name)
         begins = reader.line_num + 1  # a quoted cell may have line breaks
         for row in reader:
             if row:
