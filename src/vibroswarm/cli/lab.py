@@ -56,16 +56,17 @@ def import_logs(
     """
     from vibroswarm.cli.deliver import Destination, print_with_place
     from vibroswarm.cli.options import Paged
-    from vibroswarm.cli.scenario_options import check_one_floor, scenario_from, stated_fields
+    from vibroswarm.cli.scenario_options import scenario_from, words_of
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.recording import import_document, write_pages
     from vibroswarm.documents.saved import save
     from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.study.scenario_words import check_one_floor, stated_fields
 
     output = Paged(out=out, force=force, json=json, open=page.open)
     made = scenario_from(scenario)
-    check_one_floor(scenario, made)
-    stated = stated_fields(scenario)
+    check_one_floor(made, **words_of(scenario))
+    stated = stated_fields(**words_of(scenario))
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
     robots = None if known_robots is None else list(known_robots)
     settings = (made.hash, stated, reader, robots, any_floor, files)
@@ -170,11 +171,11 @@ def replay(
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
-    from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.documents.recording import replay_document
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import replay_strategies, replayed_settings
+    from vibroswarm.study.scenario_words import chosen
 
     for name in strategy:
         chosen("strategy", name)  # refuses an unknown name

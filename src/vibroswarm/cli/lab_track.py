@@ -107,12 +107,13 @@ def track(
           --floor world.txt --tiles 5x5 --out tracked
     """
     from vibroswarm.cli.deliver import Destination, print_with_place
-    from vibroswarm.cli.scenario_options import scenario_from, stated_fields
+    from vibroswarm.cli.scenario_options import scenario_from, words_of
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.study.scenario_words import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables
 
@@ -120,7 +121,9 @@ def track(
     made = scenario_from(scenario)
     markers = marked.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
-    stated = stated_fields(scenario)  # `recording_of` prefers their values to those that the log implies
+    stated = stated_fields(
+        **words_of(scenario)
+    )  # `recording_of` prefers their values to those that the log implies
     # The video is identified by its path, not by its content; the log by its samples.
     settings = (
         made.hash, stated, markers.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
@@ -154,13 +157,14 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     Raises:
         InputError: the log cannot be read, or the floor is not stated or random.
     """
-    from vibroswarm.cli.scenario_options import check_one_floor
+    from vibroswarm.cli.scenario_options import words_of
+    from vibroswarm.study.scenario_words import check_one_floor
     from vibroswarm.tracking.track import read_robot_log
 
     if log is None:
         return None
     samples = read_robot_log(log)
-    check_one_floor(options, scenario)
+    check_one_floor(scenario, **words_of(options))
     return samples
 
 

@@ -32,11 +32,12 @@ def run(
     from vibroswarm.cli.deliver import print_with_place
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import print_paragraph
-    from vibroswarm.cli.scenario_options import chosen, scenario_from
+    from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.documents.run import result_document
     from vibroswarm.documents.run_folder import write_run_folder
     from vibroswarm.documents.saved import refuse_other_run
     from vibroswarm.run_page.write import why_no_page
+    from vibroswarm.study.scenario_words import chosen
 
     made, out = scenario_from(scenario), output.out
     if pictures and out is None:

@@ -43,7 +43,7 @@ def tradeoff(
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.documents.saved import REPORT
+    from vibroswarm.core.folders import REPORT
     from vibroswarm.documents.tradeoff import tradeoff_document
     from vibroswarm.study.summary import write_table
     from vibroswarm.study.tradeoff import tradeoff as computed

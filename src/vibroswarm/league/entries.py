@@ -30,7 +30,7 @@ from typing import Any, Final
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, number_of
+from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of
 from vibroswarm.floors.source import is_random, pattern
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names, parse_values
@@ -131,13 +131,11 @@ def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
     found: list[Entry] = []
     for name, given in codes.items():
         check_choice(name, "strategy", plugins.known_for("strategy", name))
-        tables = settings.get(name, {})
-        several = [tables] if isinstance(tables, Mapping) else [*tables]
+        several = tables_of(settings.get(name, {}))
         for number, table in enumerate(several):
             values = dict(table)
             aim = _aim_in(values, name)
-            for field in values:
-                check_choice(field, f"settings of {name}", fields)
+            check_known_keys(values, f"settings of {name}", fields)
             found.append(
                 Entry(
                     label=_label(name, aim, number if len(several) > 1 else None),
@@ -149,6 +147,11 @@ def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
                 )
             )
     return tuple(found)
+
+
+def tables_of(given: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the tables of a strategy in settings, of which it may have one or several."""
+    return [given] if isinstance(given, Mapping) else [*given]
 
 
 def _aim_in(table: dict[str, Any], name: str) -> float | None:
@@ -210,7 +213,7 @@ def varied(
     Raises:
         InputError: the field is unknown, or no entry has the strategy.
     """
-    check_choice(field, "vary", field_names())
+    check_known_keys([field], "vary", field_names())
     if strategy_name is not None:
         check_choice(strategy_name, "vary", [entry.strategy for entry in entries])
     found: list[Entry] = []
