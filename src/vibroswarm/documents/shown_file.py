@@ -1,11 +1,12 @@
-"""The document of a file: a scenario, settings of strategies, study, search, floor or table."""
+"""The documents of a file or folder: a scenario, settings of strategies, study, search, floor, table or result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import polars as pl
     from numpy.typing import NDArray
 
+    from vibroswarm.documents.saved import Printed
     from vibroswarm.show.document import Document
 
 TABLES: Final = (".csv", ".parquet")
@@ -98,9 +100,12 @@ def _cells_of_grid(path: Path) -> int:
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
-    """Return whether a file is one of ``league tune``: a table for each strategy, whose keys are names of fields."""
-    return bool(tables) and all(
-        isinstance(table, dict) and all("." in field for field in table) for table in tables.values()
+    """Return whether a file is one of ``league tune``: tables for each strategy, whose keys are names of fields."""
+    from vibroswarm.league.entries import AIM
+
+    several = [one for value in tables.values() for one in (value if isinstance(value, list) else [value])]
+    return bool(several) and all(
+        isinstance(table, dict) and all("." in field or field == AIM for field in table) for table in several
     )
 
 
@@ -167,6 +172,76 @@ def _frame(path: Path) -> pl.DataFrame:
 def _first_line(error: Exception) -> str:
     """Return the first line of an error's message; the name of its type if the message is empty."""
     return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+class Shown(NamedTuple):
+    """What a folder holds."""
+
+    state: dict[str, Any]
+    """Of a study or search: how much is done, for JSON; otherwise empty."""
+    documents: tuple[Document, ...]
+    """The state, if there is one, and the results."""
+    command: str = ""
+    """The command whose results were saved; empty: not known."""
+
+
+def shown_folder(folder: Path) -> Shown:
+    """Return what a folder holds: the state of a study or search, and the results.
+
+    Results are those that the command saved. If there are none, or they are damaged, a study is summarised again, and
+    runs, recordings and tables are described.
+
+    Raises:
+        InputError: the folder holds a damaged search, or nothing that a command writes.
+    """
+    from vibroswarm.core.folders import kind_of
+    from vibroswarm.documents.saved import read_printed
+
+    printed, damaged = None, ""
+    try:
+        printed = read_printed(folder)
+    except InputError as error:
+        damaged = f"damaged, not used: {error}"
+    found = _of_kind(folder, kind_of(folder), printed)
+    if damaged:
+        first, *rest = found.documents
+        first = replace(first, warnings=(damaged, *first.warnings))
+        return found._replace(documents=(first, *rest))
+    return found
+
+
+def _of_kind(folder: Path, kind: str | None, printed: Printed | None) -> Shown:
+    """Return what a folder of a kind holds; ``printed``: what its command has saved."""
+    command, saved = ("", ()) if printed is None else (printed.command, (printed.document,))
+    if kind == "search":
+        from vibroswarm.documents.search import search_state_document
+        from vibroswarm.optimize.steps import held
+
+        about = held(folder)
+        return Shown(about, (search_state_document(about, is_validated=printed is not None), *saved), command)
+    if kind == "study":
+        from vibroswarm.documents.study_results import results_or_need
+        from vibroswarm.documents.study_state import state_document, study_state
+        from vibroswarm.study.store import Store
+
+        store = Store.open(folder)
+        about, needed = study_state(store), ""
+        if printed is None:
+            results, needed = results_or_need(store)
+            saved = () if results is None else (results,)
+        state = about | ({"results_need": needed} if needed else {})
+        return Shown(state, (state_document(about, needed), *saved), command)
+    return Shown({}, saved or (_result_document(folder, kind),), command)
+
+
+def _result_document(folder: Path, kind: str | None) -> Document:
+    """Return the document of a result or recording; of any other folder, the names of its tables and pictures."""
+    if kind not in ("result", "recording"):
+        return tables_document(folder)
+    from vibroswarm.documents.run import result_document
+    from vibroswarm.recordings.recording import read_result
+
+    return result_document(read_result(folder))
 
 
 def tables_document(folder: Path) -> Document:
