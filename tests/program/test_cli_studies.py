@@ -19,7 +19,7 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from helpers.dask_cluster import Cluster
-from vibroswarm.cli import main, scenario_options
+from vibroswarm.cli import main, studies
 from vibroswarm.core import folders
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study import executors, runner
@@ -112,7 +112,7 @@ def test_evaluate_varies_presets(capsys):
 
 def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
     warned = []
-    monkeypatch.setattr(scenario_options, "warn_of", warned.extend)
+    monkeypatch.setattr(studies, "warn_of", warned.extend)
     line = [
         "evaluate",
         "--robots",

@@ -7,8 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
+from vibroswarm.cli.scenario_options import warned, words_of
+from vibroswarm.cli.studies import run_parts
+from vibroswarm.cli.terminal import report
+from vibroswarm.core.numbers import stated
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
@@ -71,8 +76,6 @@ def detect(
       vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
       vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.scenario_options import warned, words_of
     from vibroswarm.documents.detection import detection_document
     from vibroswarm.study.words import detection_scenario
 
@@ -93,9 +96,6 @@ def _searched(
     output: Drawn,
 ) -> Detection | None:
     """Search with a plan and progress of each study; None if only a part of the runs was done."""
-    from vibroswarm.cli.studies import run_parts
-    from vibroswarm.cli.terminal import report
-    from vibroswarm.core.numbers import stated
     from vibroswarm.study.detection import detect_by
 
     def run_study(study: Study, place: Path | None) -> StudyResult | None:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import Compared, Comparisons, Drawn, Execution, Parts, Unsaved
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.scenario_options import words_of
 from vibroswarm.cli.studies import confirm_and_print, do_study
 
 
@@ -53,7 +55,6 @@ def evaluate(
       "strategy.name" = ["none", "positive", "soft"]
       "decision.credible_threshold" = { from = 0.9, to = 0.99, steps = 4 }
     """
-    from vibroswarm.cli.scenario_options import words_of
     from vibroswarm.study.words import study_of
 
     made = study_of(
@@ -85,7 +86,6 @@ def merge(
     example:
       vibroswarm evaluate merge out/whole out/part1 out/part2
     """
-    from vibroswarm.cli.out_folder import claim
     from vibroswarm.study.cell_comparison import pairs_of
     from vibroswarm.study.run import jobs_of_one_study
     from vibroswarm.study.run import merge as merge_shards

@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination, print_with_place
 from vibroswarm.cli.option_values import pair_of
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
+from vibroswarm.cli.progress import progress_bar
+from vibroswarm.cli.scenario_options import scenario_from, words_of
+from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,9 +110,6 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.cli.deliver import Destination, print_with_place
-    from vibroswarm.cli.scenario_options import scenario_from, words_of
-    from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
@@ -157,7 +158,6 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     Raises:
         InputError: the log cannot be read, or the floor is not stated or random.
     """
-    from vibroswarm.cli.scenario_options import words_of
     from vibroswarm.study.scenario_words import check_one_floor
     from vibroswarm.tracking.track import read_robot_log
 
@@ -170,7 +170,6 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
 
 def _tracking(video: Path, markers: Markers, camera: CameraOptions, *, partial: bool) -> Tracking:
     """Track the robots in the video, with the lens of a chessboard's video if one is given."""
-    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.tracking.camera import lens_from_chessboard
     from vibroswarm.tracking.track import track
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import deliver, print_document
+from vibroswarm.cli.interruption import folder_of_runs, saves_in
 from vibroswarm.cli.options import (
     Execution,
     Force,
@@ -22,7 +24,13 @@ from vibroswarm.cli.options import (
     SeveralSizes,
     SeveralStrategies,
 )
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.progress import STAGES, progress_bar
+from vibroswarm.cli.scenario_options import warned, words_of
+from vibroswarm.cli.studies import print_plan
 from vibroswarm.cli.terminal import say
+from vibroswarm.core.atomic_io import remove_folder, whole_file, write_files
 
 
 @dataclass(kw_only=True)
@@ -110,12 +118,6 @@ def league(
       vibroswarm league --own-motion --runs 300 --out out/own-motion
       vibroswarm league --shares 0.4,0.36,0.24
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.progress import STAGES
-    from vibroswarm.cli.scenario_options import warned, words_of
-    from vibroswarm.cli.studies import print_plan
-    from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
     from vibroswarm.league.tables import check_tests
@@ -179,12 +181,6 @@ def tune(
       vibroswarm league tune --strategy none,soft --out settings.toml
       vibroswarm league --strategy none,soft --settings settings.toml --seed 2
     """
-    from vibroswarm.cli.deliver import print_document
-    from vibroswarm.cli.interruption import folder_of_runs, saves_in
-    from vibroswarm.cli.output import print_saved_file
-    from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.cli.scenario_options import warned, words_of
-    from vibroswarm.core.atomic_io import remove_folder, whole_file
     from vibroswarm.documents.tune import tune_document
     from vibroswarm.league.tuning import read_spaces
     from vibroswarm.league.tuning import spaces as shipped_spaces

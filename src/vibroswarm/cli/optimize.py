@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination, deliver, print_document
 from vibroswarm.cli.options import Drawn, Execution, Json
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.progress import STAGES, say_compiling, search_progress
+from vibroswarm.cli.scenario_options import scenario_named, warn_of
+from vibroswarm.cli.studies import print_plan
 from vibroswarm.cli.terminal import report
 from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
@@ -74,8 +79,6 @@ def optimize(
 
 def _start(search: Search) -> None:
     """Print warnings about the scenarios of a search, and a note if kernels must be compiled first."""
-    from vibroswarm.cli.progress import say_compiling
-    from vibroswarm.cli.scenario_options import warn_of
 
     warn_of(cell.scenario for cell in search.cases)
     say_compiling(search.study.motion)
@@ -83,9 +86,6 @@ def _start(search: Search) -> None:
 
 def _search(file: Path | None, options: SearchOptions, execution: Execution, output: Drawn) -> None:
     """Run a search, score its winner or its Pareto front on fresh runs, print and save the result."""
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.progress import STAGES, search_progress
     from vibroswarm.documents.search import plan_sentences, search_document
     from vibroswarm.optimize.loop import check_libraries
     from vibroswarm.optimize.steps import SearchFolder
@@ -105,10 +105,6 @@ def _search(file: Path | None, options: SearchOptions, execution: Execution, out
 
 def _grid(file: Path | None, options: SearchOptions, execution: Execution, output: Drawn) -> None:
     """Run a grid, score its cell of lowest cost on fresh runs, print and save the result."""
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.progress import STAGES
-    from vibroswarm.cli.studies import print_plan
     from vibroswarm.documents.grid import grid_document
     from vibroswarm.optimize.words import grid_of, grid_searched
     from vibroswarm.study.store import Store
@@ -136,8 +132,6 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.cli.deliver import Destination
-    from vibroswarm.cli.progress import STAGES
     from vibroswarm.documents.sensitivity import sensitivity_document
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
     from vibroswarm.optimize.words import counting, search_of
@@ -176,9 +170,6 @@ def compare(
     example:
       vibroswarm optimize compare out/pso/best.toml paper
     """
-    from vibroswarm.cli.deliver import print_document
-    from vibroswarm.cli.progress import STAGES
-    from vibroswarm.cli.scenario_options import scenario_named
     from vibroswarm.documents.scenario_comparison import checked_document
     from vibroswarm.optimize.scenario_comparison import compare_scenarios
     from vibroswarm.optimize.words import counting, search_of

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Json, run_plain
-from vibroswarm.cli.output import open_page
+from vibroswarm.cli.output import open_page, print_json, print_line
 from vibroswarm.cli.terminal import printing
+from vibroswarm.core.folders import kind_of
 from vibroswarm.errors import InputError
 
 PAGES = ("report.html", "run.html", "run-1.html")
@@ -33,7 +35,6 @@ def show(
       vibroswarm show out/league --open
       vibroswarm show mine.toml        a scenario: what differs from preset paper
     """
-    from vibroswarm.cli.deliver import print_document
 
     if printing.own_process and _is_result(path) and not _needs_kernels(path):
         run_plain()
@@ -57,7 +58,6 @@ MOST_CHARACTERS: Final = 1_000_000
 
 def _is_result(folder: Path) -> bool:
     """Return whether a folder holds a result and nothing else that this command shows."""
-    from vibroswarm.core.folders import kind_of
     from vibroswarm.documents.saved import PRINTED
 
     return kind_of(folder) in ("result", "recording") and not os.path.lexists(folder / PRINTED)
@@ -77,8 +77,6 @@ def _needs_kernels(folder: Path) -> bool:
 
 def _show_folder(folder: Path, json: bool) -> None:
     """Print what a folder holds: the state of a study or search, and the results."""
-    from vibroswarm.cli.deliver import print_document
-    from vibroswarm.cli.output import print_json, print_line
     from vibroswarm.documents.shown_file import shown_folder
     from vibroswarm.show.data import document_data
 

@@ -6,9 +6,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vibroswarm.cli.deliver import print_document, save_requested_pictures
 from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
-from vibroswarm.cli.output import print_line
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.output import print_line, print_saved
+from vibroswarm.cli.progress import STAGES, say_compiling
+from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.cli.terminal import report, say
+from vibroswarm.core.folders import REPORT
 
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Job
@@ -43,7 +48,6 @@ def confirm_and_print(
     Raises:
         RunError: runs failed. The error is raised at the end, when everything is saved and printed.
     """
-    from vibroswarm.cli.progress import STAGES
     from vibroswarm.study.evaluation import outcome_after, raise_failures
 
     outcome = None
@@ -63,10 +67,6 @@ def confirm_and_print(
 
 def _print_outcome(outcome: Outcome, output: Drawn) -> None:
     """Print a study; with ``--out``, also write its page, and pictures on request."""
-    from vibroswarm.cli.deliver import print_document, save_requested_pictures
-    from vibroswarm.cli.output import print_saved
-    from vibroswarm.cli.progress import STAGES
-    from vibroswarm.core.folders import REPORT
     from vibroswarm.documents.study import study_document
     from vibroswarm.study.evaluation import write_report
 
@@ -100,9 +100,6 @@ def run_parts(
         InputError: options conflict, or ``--out`` holds something else.
         RunError: runs failed, and ``allow_failures`` is False or only a shard is run.
     """
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.progress import STAGES
-    from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.documents.plan import batch_sentence, shard_sentences
     from vibroswarm.study.evaluation import check_part
     from vibroswarm.study.run import run
@@ -150,7 +147,6 @@ def print_plan(
         job: the shard that will be run; None if the whole study will be run.
         again, page_cells, tests: as ``documents.plan.work_sentence`` needs them.
     """
-    from vibroswarm.cli.progress import say_compiling
     from vibroswarm.documents.plan import plan_sentence, work_sentence
     from vibroswarm.study.plan import plan_of
     from vibroswarm.study.runner import expected

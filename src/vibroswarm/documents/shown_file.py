@@ -62,31 +62,27 @@ def _toml_document(path: Path) -> Document:
     is read as a scenario. Of a search or a study, it is a summary.
     """
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
+    from vibroswarm.documents import file
 
     text = read_text(path, "a file in TOML")
     tables = parsed_toml(text, str(path))
     if {"space", "objective", "search"} & set(tables):  # entries of files for `optimize` only
-        from vibroswarm.documents.file import search_file_document
         from vibroswarm.optimize.spec import Search
 
         # ``optimize --method grid`` writes such a file without settings of a search, which can be read as both.
         cells = _cells_of_grid(path) if "search" not in tables else 0
-        return search_file_document(Search.read(path), cells)
+        return file.search_file_document(Search.read(path), cells)
     # entries that no scenario has; a search may have some of them, so it is detected first
     if {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
-        from vibroswarm.documents.file import study_file_document
         from vibroswarm.study.spec import Study
 
-        return study_file_document(Study.read(path), str(path))
+        return file.study_file_document(Study.read(path), str(path))
     if _is_settings(tables):
-        from vibroswarm.documents.file import settings_document
-
         comments = takewhile(lambda line: line.startswith("#"), text.splitlines())
-        return settings_document([line.lstrip("# ") for line in comments], tables)
-    from vibroswarm.documents.file import scenario_file_document
+        return file.settings_document([line.lstrip("# ") for line in comments], tables)
     from vibroswarm.scenario.scenario import Scenario
 
-    return scenario_file_document(Scenario.read(path), str(path))
+    return file.scenario_file_document(Scenario.read(path), str(path))
 
 
 def _cells_of_grid(path: Path) -> int:
