@@ -31,7 +31,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of
-from vibroswarm.floors.source import is_random, pattern
+from vibroswarm.floors.source import is_random, pattern, source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names, parse_values
 from vibroswarm.strategies import known
@@ -278,16 +278,13 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
                     f"{fill:g} is not between 0 and 0.5; give fill ratios below 1/2, to which mirrors are added",
                     field="fills",
                 )
-            source = f"{name}:{fill:g}"
+            source, above, inverse = source_of(name, fill), source_of(name, 1.0 - fill), None
+            if not is_random(source):  # each run draws its own random floor, so there is none to invert
+                inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
+                above = f"inverse-{above.replace(':', '-')}"
             # ``round``: in floating point 1 - f may differ a little from the decimal number.
             fill_above = round(1.0 - fill, 6)
             found.append(LeagueFloor(pattern=name, fill_ratio=fill, source=source))
-            if is_random(source):  # each run draws its own floor, so there is none to invert
-                above = f"{name}:{1.0 - fill:g}"
-                found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above))
-                continue
-            inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
-            above = f"inverse-{name}-{1.0 - fill:g}"
             found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above, tiles=inverse))
     return tuple(found)
 
@@ -306,5 +303,5 @@ def floors_of_kinds(shares: Sequence[float]) -> tuple[LeagueFloor, ...]:
             field="--shares",
         )
     turned = ([*shares[-k:], *shares[:-k]] if k else [*shares] for k in range(len(shares)))
-    sources = [(f"random:{','.join(f'{share:g}' for share in one)}", one[1]) for one in turned]
+    sources = [(source_of("random", *one), one[1]) for one in turned]
     return tuple(LeagueFloor(pattern="random", fill_ratio=share, source=source) for source, share in sources)

@@ -40,7 +40,7 @@ import tomli_w
 
 from vibroswarm.analysis.forced_error import front_of
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, listed
+from vibroswarm.core.numbers import count, listed, rounded
 from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, read_settings, shipped
@@ -402,5 +402,5 @@ def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) 
         settings[field] = value
         if isinstance(value, float):
             low, high = float(ranges[field]["from"]), float(ranges[field]["to"])
-            settings[field] = min(max(float(f"{value:.{DIGITS}g}"), low), high)
+            settings[field] = min(max(rounded(value, DIGITS), low), high)
     return settings

@@ -18,6 +18,7 @@ from vibroswarm.core.atomic_io import OURS, whole_folder
 from vibroswarm.core.displayed import document_of
 from vibroswarm.core.folders import PICTURES, REPORT
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.progress_line import ProgressLine, is_watched
 from vibroswarm.errors import InputError, check_choice, check_keywords
 from vibroswarm.plots.picture import Picture
@@ -58,7 +59,7 @@ def run_with_bar(
 
 def _failed(now: StudyProgress) -> str:
     """Write how many batches failed; empty if none did."""
-    return f"{now.failed} batch{'es' * (now.failed != 1)} failed" if now.failed else ""
+    return f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
 
 
 def summarised(result: StudyResult) -> pl.DataFrame:
