@@ -193,15 +193,18 @@ def shown_folder(folder: Path) -> Shown:
     from vibroswarm.core.folders import kind_of
     from vibroswarm.documents.saved import read_printed
 
-    printed, damaged = None, ""
+    printed, damaged = None, None
     try:
         printed = read_printed(folder)
     except InputError as error:
-        damaged = f"damaged, not used: {error}"
-    found = _of_kind(folder, kind_of(folder), printed)
-    if damaged:
+        damaged = error
+    try:
+        found = _of_kind(folder, kind_of(folder), printed)
+    except InputError as error:  # there is nothing else
+        raise damaged or error from None
+    if damaged is not None:
         first, *rest = found.documents
-        first = replace(first, warnings=(damaged, *first.warnings))
+        first = replace(first, warnings=(f"damaged, not used: {damaged}", *first.warnings))
         return found._replace(documents=(first, *rest))
     return found
 
