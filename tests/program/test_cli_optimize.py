@@ -18,8 +18,8 @@ from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.cli.command_line import bound
 from vibroswarm.cli.commands import parsed
-from vibroswarm.cli.optimize import search_of
 from vibroswarm.optimize.steps import SearchFolder
+from vibroswarm.optimize.words import search_of
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"
@@ -322,7 +322,7 @@ def test_bad_input_is_told_and_ends_with_2(
 def searched(line: list[str]) -> vibroswarm.optimize.Search:
     command, values = parsed(line)
     arguments = bound(command.function(), vars(values)).arguments
-    return search_of(arguments["search"], arguments["settings"])
+    return search_of(arguments["search"], **vars(arguments["settings"]))
 
 
 def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:

@@ -19,14 +19,13 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from helpers.dask_cluster import Cluster
-from vibroswarm.cli import main, scenario_warnings
-from vibroswarm.cli.evaluate import study_of
-from vibroswarm.cli.options import Compared
+from vibroswarm.cli import main, studies
 from vibroswarm.core import folders
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study import executors, runner
 from vibroswarm.study.spec import FORMAT, Study
 from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.words import study_of
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
 QUIET = ["--no-pictures", "--no-confirm"]
@@ -113,8 +112,20 @@ def test_evaluate_varies_presets(capsys):
 
 def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
     warned = []
-    monkeypatch.setattr(scenario_warnings, "warn_of", warned.extend)
-    study = study_of(Compared(robots=(3,)), vary=["preset=text,calibrated"])
+    monkeypatch.setattr(studies, "warn_of", warned.extend)
+    line = [
+        "evaluate",
+        "--robots",
+        "3",
+        "--vary",
+        "preset=text,calibrated",
+        "--runs",
+        "2",
+        "--no-confirm",
+        "-q",
+    ]
+    assert main(line) == 0
+    study = study_of(robots=(3,), vary=["preset=text,calibrated"])
     assert {scenario.hash for scenario in warned} <= {cell.scenario.hash for cell in study.cells}
 
 

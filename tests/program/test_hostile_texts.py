@@ -247,30 +247,47 @@ def test_a_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(tmp_path / "hostile", tmp_path / "plain", IMAGE)
 
 
+LEAGUE = ["--patterns", "stripe", "--fills", "0.48", "--runs", "3", "--belief-runs", "2", "--fault-runs", "2"]
+
+
+def league_played(folder: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Play a league in whose code, file of settings and labels of entries a text is, and show all of it."""
+    folder.mkdir()
+    name = in_a_file_name(text)
+    code, settings, out = folder / f"{name}.py", folder / f"{name}.toml", folder / "out"
+    code.write_text(OWN.format(text=text), encoding="utf-8")
+    tables = {"mine": '"decision.credible_threshold" = 0.9', text: '"decision.min_observations" = 9'}
+    settings.write_text(
+        f"# {in_a_comment(text)}\n" + "".join(f"[{json.dumps(key)}]\n{row}\n" for key, row in tables.items()),
+        encoding="utf-8",
+    )
+    players = ["--strategy", f"none,{code}:mine", "--settings", str(settings)]
+    varied = ["--vary", f"none:task.name={code}:asked"]
+    try:
+        assert main(["league", *SHORT, *LEAGUE, *players, *varied, "--trust", "-q", "--out", str(out)]) == 0
+        printed_plainly(capsys)
+        for shown in (out, settings):
+            for how in ([], ["--wide"], ["--json"]):
+                assert main(["show", str(shown), *how]) == 0
+                printed_plainly(capsys)
+        assert main(["league", *LEAGUE, *players, "--trust", "--reference", text]) == 2
+        printed_plainly(capsys)
+    finally:
+        strategies.base.forget("mine")
+        tasks.base.forget("asked")
+        sensors.base.forget("felt")
+
+
+def in_a_comment(text: str) -> str:
+    return "".join(filter(str.isprintable, text))
+
+
 @pytest.mark.usefixtures("svg_alone")
 def test_a_league(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    played = [
-        "league",
-        *SHORT,
-        "--strategy",
-        "none",
-        "--patterns",
-        "random",
-        "--runs",
-        "3",
-        "--untuned",
-        "-q",
-    ]
-    for root, text in (("hostile", HOSTILE), ("plain", "name")):
-        varied = ["--vary", f"network.name={text}"]
-        out = ["--fault-runs", "0", "--belief-runs", "0", "--out", str(tmp_path / root)]
-        assert main([*played, *varied, *out]) == 2  # there is no such network
-        printed_plainly(capsys)
-        settings = tmp_path / f"{root}.toml"
-        settings.write_text(f'[{json.dumps(text)}]\n"decision.credible_threshold" = 0.9\n', encoding="utf-8")
-        assert main([*played, "--settings", str(settings), *out]) == 2  # conflicts with --untuned
-        assert main(["show", str(settings)]) == 0
-        assert IMAGE in printed_plainly(capsys) or root == "plain"
+    league_played(tmp_path / "hostile", f"{' '.join(TEXTS)}{CONTROL}", capsys)
+    league_played(tmp_path / "plain", "name", capsys)
+    for text in TEXTS:
+        check(tmp_path / "hostile" / "out", tmp_path / "plain" / "out", in_a_file_name(text))
 
 
 def test_the_check_sees_markup_that_is_not_escaped(tmp_path: Path) -> None:

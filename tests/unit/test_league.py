@@ -36,6 +36,7 @@ from vibroswarm.league.entries import (
 )
 from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
+from vibroswarm.league.words import players_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
@@ -483,27 +484,23 @@ def test_what_guesses_plays_only_when_named(capsys: pytest.CaptureFixture[str]) 
     assert "Left out" not in said
 
 
-def test_a_league_of_shares_chooses_a_sensor_and_a_task_and_says_so(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    from vibroswarm.cli.league import Players, players_of
-
+def test_a_league_of_shares_chooses_a_sensor_and_a_task_and_says_so() -> None:
     shares = (0.4, 0.3, 0.2, 0.1)
-    _, base, _, _ = players_of(Players(shares=shares))
+    players = players_of(shares=shares)
+    base = players.base
     assert (base.sensor.model, base.sensor.kinds, base.task.name) == ("confusion", 4, "majority")
-    said = capsys.readouterr().err
-    assert "with --set sensor.model=confusion --set sensor.confusion.kinds=4 --task majority." in said
+    assert "with --set sensor.model=confusion --set sensor.confusion.kinds=4 --task majority." in players.note
     own = (
         "sensor.model=confusion",
         "sensor.confusion.kinds=4",
         "sensor.confusion.accuracy=0.7",
         "task.name=majority",
     )
-    _, base, _, _ = players_of(Players(shares=shares, settings=own))
-    assert base.sensor.params.accuracy == 0.7  # type: ignore[attr-defined]
-    assert capsys.readouterr().err == ""
+    players = players_of(shares=shares, settings=own)
+    assert players.base.sensor.params.accuracy == 0.7  # type: ignore[attr-defined]
+    assert players.note == ""
     with pytest.raises(InputError, match="knows 3 kinds"):
-        players_of(Players(shares=shares, settings=("sensor.model=confusion",)))
+        players_of(shares=shares, settings=("sensor.model=confusion",))
 
 
 def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -152,6 +153,58 @@ def test_the_command_writes_settings_that_a_league_reads(
     assert file.read_text(encoding="utf-8") == text, "the same seed finds the same settings"
     assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 0
     assert list(tmp_path.iterdir()) == [file]
+    capsys.readouterr()
+    assert main(["show", str(file)]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("Settings of 1 strategy: none.")
+    for words in ("8 settings for each tuned", "decision.min_observations", "forced error, %"):
+        assert words in shown
+    assert main(["show", str(file), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["tables"]["none"]
+    assert {AIM, "decision.min_observations", "decision.credible_threshold"} == set(rows[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[none]\n"decision.credible_treshold" = 0.9\n', "did you mean 'decision.credible_threshold'?"),
+        ('[none]\n"decision.credible_threshold" = 3\n', "decision.credible_threshold: 3.0 is wrong"),
+        ("[[none]]\nforced_error = 3\n", "settings of none.forced_error: 3 is wrong"),
+        ("none = 3\n", "must be the table of a strategy's fields"),
+        ("[[none]\n", "is not TOML"),
+    ],
+)
+def test_a_mistake_in_settings_names_their_file(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text(text, encoding="utf-8")
+    assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert str(file) in err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[none]\n"decision.credible_treshold" = { from = 0.5, to = 0.9 }\n', "did you mean"),
+        ('[none]\n"decision.credible_threshold" = { from = 0.9, to = 0.5 }\n', "decision.credible_threshold"),
+        (
+            '[[none]]\n"decision.credible_threshold" = { from = 0.5, to = 0.9 }\n',
+            "table of a strategy's fields",
+        ),
+    ],
+)
+def test_a_mistake_in_spaces_names_their_file(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "spaces.toml"
+    file.write_text(text, encoding="utf-8")
+    assert main(["league", "tune", *SMALL, *QUICK, "--spaces", str(file)]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert str(file) in err
 
 
 def test_rounded_settings_stay_within_the_bounds() -> None:

@@ -30,7 +30,7 @@ def test_the_line_is_rewritten_and_always_ends_at_the_last_run(monkeypatch: pyte
     line.show(120, 120, "1 batches failed")
     line.end()
     first, last = out.getvalue().removesuffix("\n").split("\r")[1:]
-    assert first == f"simulating [{'#' * 7}{'.' * 23}] 30 of 120 runs, 30 per second, 3 s left"
+    assert first == f"simulating [{'#' * 7}{'.' * 23}] 30 of 120 runs, 30 per second, 3.0 s left"
     assert last.startswith(f"simulating [{'#' * 30}] 120 of 120 runs, ")
     assert last.endswith("1 batches failed")
     assert len(last) >= len(first)

@@ -22,6 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -57,8 +58,9 @@ class Camera(NotebookView):
     def words(self) -> str:
         """A description for people: the magnification, and the shift in mm."""
         return (
-            f"magnification {self.magnification:.4g}, shift {1000 * self.shift_x_m:+.1f} mm to the right, "
-            f"{1000 * self.shift_y_m:+.1f} mm up"
+            f"magnification {number(self.magnification, digits=4)}, shift "
+            f"{number(1000 * self.shift_x_m, 1, sign=True)} mm to the right, "
+            f"{number(1000 * self.shift_y_m, 1, sign=True)} mm up"
         )
 
     def true(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:

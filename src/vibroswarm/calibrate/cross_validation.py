@@ -27,6 +27,7 @@ from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.scenario.scenario import Scenario
@@ -283,7 +284,7 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     }
     for low, high in pairwise(EDGES_M):
         inside = (edge >= low) & (edge < high)
-        span = f"{1000 * low:.0f} to {1000 * high:.0f} mm from an edge"
+        span = f"{number(1000 * low, 0)} to {number(1000 * high, 0)} mm from an edge"
         rates[f"false positive, {span}"] = share(~on & inside)
         rates[f"false negative, {span}"] = share(on & inside)
     return rates

@@ -33,6 +33,7 @@ from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.vibration_facts import fact_samples, facts, robot_spread, tile_spread
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number, percent
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import place_of
@@ -129,8 +130,8 @@ def feature_names() -> tuple[str, ...]:
     """Return the names of the features, in their order."""
     kinds = {1: "vibrating", 0: "still"}
     return (
-        *(f"{kinds[kind]}, {100 * q:.0f} % quantile" for kind in (1, 0) for q in QUANTILES),
-        *(f"{1000 * a:.0f} to {1000 * b:.0f} mm from the edge" for a, b in pairwise(EDGES_M)),
+        *(f"{kinds[kind]}, {percent(q, 0)} quantile" for kind in (1, 0) for q in QUANTILES),
+        *(f"{number(1000 * a, 0)} to {number(1000 * b, 0)} mm from the edge" for a, b in pairwise(EDGES_M)),
         *(f"{kinds[kind]}, vibrating neighbours: {count}" for kind, count in NEIGHBOURS),
     )
 

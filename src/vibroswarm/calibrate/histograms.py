@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.features import FEATURES, sessions_of
+from vibroswarm.core.numbers import number
 from vibroswarm.plots.layout import legend_below, new_figure, panels_of, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import look, style_named
@@ -125,7 +126,10 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
         axes.tick_params(labelsize=sizes.small_pt)
     figure.supxlabel(AXES[feature][0], fontsize=sizes.font_pt)
     figure.supylabel(AXES[feature][1], fontsize=sizes.font_pt)
-    caption = f"Shares of samples by {AXES[feature][0]} and {AXES[feature][1]}; darker is more, up to {highest:.3g}."
+    caption = (
+        f"Shares of samples by {AXES[feature][0]} and {AXES[feature][1]}; darker is more, up to "
+        f"{number(highest, digits=3)}."
+    )
     return Picture(figure, frame.select("panel", "x", "y", "share"), caption)
 
 

@@ -28,6 +28,7 @@ from vibroswarm.calibrate.similarity import (
     compare_feature,
 )
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.plots.picture import save_figure
 from vibroswarm.recordings.recording import Recording
@@ -201,8 +202,8 @@ def comparison_figure(
             axis.tick_params(labelsize=6)
         axes[row][0].set_title(f"{WORDS[feature]}, real", fontsize=8)
         axes[row][1].set_title(
-            f"simulated: S {similarity.at_equal_counts:.3f} "
-            f"(null {similarity.null:.3f}, ceiling {similarity.ceiling:.3f})",
+            f"simulated: S {number(similarity.at_equal_counts, 3)} "
+            f"(null {number(similarity.null, 3)}, ceiling {number(similarity.ceiling, 3)})",
             fontsize=8,
         )
     return figure

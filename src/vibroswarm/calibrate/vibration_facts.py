@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.floors.floor import Floor
 
 Floats = NDArray[np.float64]
@@ -172,9 +173,9 @@ def facts(samples: FactSamples, energy: Floats, rms_threshold: float) -> dict[st
     """
     found = {}
     for name, beside in (("vibrating", samples.beside_vibrating), ("still", samples.beside_still)):
-        where = f"still, within {1000 * NEAR_M:.0f} mm of a {name} tile"
+        where = f"still, within {number(1000 * NEAR_M, 0)} mm of a {name} tile"
         found[f"{where}: mean energy"] = _mean(energy[beside])
-        found[f"{where}: share above {rms_threshold:g}"] = _mean(energy[beside] > rms_threshold)
+        found[f"{where}: share above {stated(rms_threshold)}"] = _mean(energy[beside] > rms_threshold)
     rows, own = np.arange(energy.size), np.full(energy.size, np.nan)
     own[samples.far] = scatter(samples, energy, rows[samples.far])
     for name, kind in KINDS:
@@ -182,7 +183,7 @@ def facts(samples: FactSamples, energy: Floats, rms_threshold: float) -> dict[st
         found[f"{name}: s.d. of log energy on a tile"] = math.sqrt(_mean(own[samples.far & of_kind] ** 2))
         for pairs, words in (
             (samples.successive, "successive samples of a robot"),
-            (samples.together, f"two robots within {TOGETHER_S:g} s"),
+            (samples.together, f"two robots within {stated(TOGETHER_S)} s"),
         ):
             found[f"{name}: correlation of {words}"] = _correlation(own, pairs[of_kind[pairs[:, 0]]])
     found["s.d. of mean log energy between vibrating tiles"] = tile_spread(samples, energy, rows)

@@ -150,14 +150,14 @@ def _command(argv: Sequence[str] | None) -> int:
 
     Tests run several commands in one process, so the state that an earlier command left is cleared first.
     """
-    from vibroswarm.cli import commands, scenario_warnings, terminal, user_settings
+    from vibroswarm.cli import commands, scenario_options, terminal, user_settings
     from vibroswarm.cli.options import Printing, run_plain
 
     words = sys.argv[1:] if argv is None else list(argv)
     if PLAIN in words:  # before parsing, which may import core.jit; worker processes inherit the setting
         run_plain()
     gc.set_threshold(GC_THRESHOLD)  # fewer garbage collections: a faster start
-    scenario_warnings.forget()  # the warnings that an earlier command has printed
+    scenario_options.forget()  # the warnings that an earlier command has printed
     interruption.begin(words)
     terminal.use(Printing(), own_process=argv is None)
     first = next((number for number, word in enumerate(words) if not word.startswith("-")), len(words))

@@ -10,7 +10,10 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, Json, TomlFile
 from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.progress import progress_bar
+from vibroswarm.cli.scenario_options import scenario_named
 from vibroswarm.cli.terminal import say
+from vibroswarm.core.atomic_io import check_free, write_text
 from vibroswarm.errors import InputError
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
@@ -127,8 +130,6 @@ def effect(
       vibroswarm calibrate effect paper calibrated --runs 1000
     """
     from vibroswarm.calibrate.effect import effects
-    from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.cli.scenario_options import scenario_named
     from vibroswarm.documents.effect import effect_document
 
     scenarios = (scenario_named(first, settings), scenario_named(second, settings))
@@ -152,7 +153,6 @@ def bursts(
       vibroswarm calibrate bursts lab --errors
     """
     from vibroswarm.calibrate import message_loss
-    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.message_loss import message_loss_document
     from vibroswarm.recordings.recording import read_result
 
@@ -194,9 +194,6 @@ def fit(
     from vibroswarm.calibrate.dataset import dataset_of
     from vibroswarm.calibrate.fit import contradictions
     from vibroswarm.calibrate.fit import fit as fitted_to
-    from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import check_free, write_text
     from vibroswarm.documents.fit import fit_document
     from vibroswarm.recordings.recording import read_result
 

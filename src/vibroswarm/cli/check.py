@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Final, Literal
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Json
 
 KINDS: Final = {
@@ -38,7 +39,6 @@ def check(
       vibroswarm check soft
       vibroswarm check event
     """
-    from vibroswarm.cli.deliver import print_document
     from vibroswarm.documents.check import check_document
     from vibroswarm.testing import CHECKS
 

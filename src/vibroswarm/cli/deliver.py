@@ -55,7 +55,8 @@ def deliver(
         output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "league".
         tables: by name; they become CSV and Parquet. work: hash of the command's settings (``Destination``).
     """
-    from vibroswarm.documents.saved import REPORT, begin
+    from vibroswarm.core.folders import REPORT
+    from vibroswarm.documents.saved import begin
 
     if output.out is not None:
         # first, so that the command can be given again if a table cannot be written
@@ -106,7 +107,7 @@ def wants_pictures(arguments: Any) -> bool:
     Args:
         arguments: with ``out``, where earlier pictures are.
     """
-    from vibroswarm.documents.saved import PICTURES
+    from vibroswarm.core.folders import PICTURES
     from vibroswarm.show.figures import CAPTIONS
 
     earlier = (arguments.out / PICTURES / CAPTIONS).is_file()
@@ -128,7 +129,7 @@ def save_requested_pictures(
         arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
     """
     from vibroswarm.core.atomic_io import remove_folder
-    from vibroswarm.documents.saved import PICTURES
+    from vibroswarm.core.folders import PICTURES
     from vibroswarm.show.figures import CAPTIONS, write_figures
 
     if wants_pictures(arguments):

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
-from vibroswarm.errors import InputError
+from vibroswarm.cli.scenario_options import warned, words_of
+from vibroswarm.cli.studies import run_parts
+from vibroswarm.cli.terminal import report
+from vibroswarm.core.numbers import stated
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
@@ -72,10 +76,10 @@ def detect(
       vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
       vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
     """
-    from vibroswarm.cli.deliver import deliver
     from vibroswarm.documents.detection import detection_document
+    from vibroswarm.study.words import detection_scenario
 
-    base = base_of(scenario, more_than, boundary_of)
+    base = warned(detection_scenario(more_than, boundary_of, **words_of(scenario)))
     found = _searched(base, fills, runs, (error, false_alarms), scenario, execution, output)
     if found is None:  # only a shard or a batch of the runs was requested
         return
@@ -92,9 +96,6 @@ def _searched(
     output: Drawn,
 ) -> Detection | None:
     """Search with a plan and progress of each study; None if only a part of the runs was done."""
-    from vibroswarm.cli.studies import run_study_of
-    from vibroswarm.cli.terminal import report
-    from vibroswarm.core.numbers import stated
     from vibroswarm.study.detection import detect_by
 
     def run_study(study: Study, place: Path | None) -> StudyResult | None:
@@ -102,7 +103,7 @@ def _searched(
         if end_s > base.run.t_end_s:
             report(f"No floor is found yet; next with runs of {stated(end_s)} s.")
         page_cells = None if output.out is None else 0
-        return run_study_of(study, execution, replace(output, out=place), page_cells=page_cells)
+        return run_parts(study, execution, replace(output, out=place), page_cells=page_cells)
 
     return detect_by(
         run_study,
@@ -114,37 +115,3 @@ def _searched(
         seed=scenario.seed,
         folder=output.out,
     )
-
-
-def base_of(scenario: Inspected, more_than: float | None, boundary_of: str | None) -> Scenario:
-    """Return the scenario that the options describe; its robots allow for their sensor's errors by default.
-
-    Raises:
-        InputError: two options say the same.
-    """
-    from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.scenario.scenario import parse_setting
-
-    given = {name for name, _ in map(parse_setting, scenario.settings)}
-    values: dict[str, Any] = {}
-    if more_than is not None:
-        values["decision.decision_boundary"] = more_than
-    if boundary_of is not None or not ("decision.boundary_of" in given or _file_says_boundary(scenario)):
-        values["decision.boundary_of"] = boundary_of or "tiles"
-    for name, option in (
-        ("decision.decision_boundary", "--more-than"),
-        ("decision.boundary_of", "--boundary-of"),
-    ):
-        if name in given and name in values:
-            raise InputError(f"is also set by --set {name}; use one of them", field=option)
-    return scenario_from(replace(scenario, robots=None)).with_values(values)
-
-
-def _file_says_boundary(scenario: Inspected) -> bool:
-    """Return whether the file of ``--scenario`` has the field ``decision.boundary_of``."""
-    from vibroswarm.core.untrusted_files import parsed_toml, read_text
-
-    if scenario.scenario is None:
-        return False
-    file = parsed_toml(read_text(scenario.scenario, "a scenario"), str(scenario.scenario))
-    return "boundary_of" in file.get("decision", {})

@@ -9,6 +9,8 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, Json, ScenarioOptions
 from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.scenario_options import scenario_from
+from vibroswarm.core.atomic_io import check_folder, whole_folder
 
 
 def c(
@@ -26,8 +28,6 @@ def c(
     example:
       vibroswarm export c robot --strategy soft
     """
-    from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import check_folder, whole_folder
     from vibroswarm.documents.export import export_document
     from vibroswarm.export.c_library import MARKER
     from vibroswarm.export.timing import export_library
@@ -56,7 +56,6 @@ def check(
     example:
       vibroswarm export check robot --strategy soft
     """
-    from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.documents.export import differences_document
     from vibroswarm.export.assembly import parts_of
     from vibroswarm.export.parameters import differences, find_header, read_header

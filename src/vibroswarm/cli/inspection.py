@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.option_values import number, pair_of, share
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
+from vibroswarm.cli.progress import progress_bar, say_compiling
+from vibroswarm.cli.scenario_options import scenario_from
+from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -187,8 +191,6 @@ def inspect(
       vibroswarm inspect plate.csv --laws reference.csv --size 1x1 --least-cm 15 --risk 1% --out plate
       vibroswarm inspect --plan 3,5,8 --minutes 5,10,20 --want-cm 10       how many robots, how long? (minutes)
     """
-    from vibroswarm.cli.deliver import Destination
-    from vibroswarm.core.atomic_io import make_folder
     from vibroswarm.documents.certificate import CERTIFICATE, write_certificate
     from vibroswarm.documents.inspection import inspection_document
 
@@ -214,8 +216,6 @@ def inspect(
 
 def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, seed: int) -> Document:
     """Plan inspections of the scenario that the options name."""
-    from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.documents.damage import plan_document
     from vibroswarm.inspection.missed import SIDES_M, plan
 
@@ -240,8 +240,6 @@ def _inspected(
     source: Path | None, evidence: Evidence, damage: Damage, scenario: ScenarioOptions, seed: int
 ) -> Inspection:
     """Inspect what the options name."""
-    from vibroswarm.cli.progress import say_compiling
-    from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.inspection.inspection import inspect as inspect_source
 
     known: dict[str, Any] = {
@@ -308,7 +306,6 @@ def _floor_of(
     scenario: ScenarioOptions, size_m: tuple[float, float] | None
 ) -> Floor | tuple[int, int] | None:
     """Return the floor of --floor, which says what vibrates; the rows and columns of --tiles; or None."""
-    from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.floors.grid_text import parse_tiles
 
     if scenario.floor is not None and size_m is not None:

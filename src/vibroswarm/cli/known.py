@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Json
 
 
@@ -11,7 +12,6 @@ def _listing(kind: str, words: str) -> Callable[..., None]:
     """Return the command that lists a kind; ``words`` are its help."""
 
     def command(*, json: Json = False) -> None:
-        from vibroswarm.cli.deliver import print_document
         from vibroswarm.documents.known import known_document
 
         print_document(known_document(kind), as_json=json)

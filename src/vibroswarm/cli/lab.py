@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import Destination, print_document, print_with_place
 from vibroswarm.cli.option_values import pair_of, toml_path
-from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile
+from vibroswarm.cli.options import Force, Json, Opened, Paged, ScenarioOptions, TomlFile
 from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.scenario_options import scenario_from, scenario_named, words_of
+from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,18 +56,15 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
-    from vibroswarm.cli.deliver import Destination, print_with_place
-    from vibroswarm.cli.options import Paged
-    from vibroswarm.cli.scenario_options import check_one_floor, scenario_from, stated_fields
-    from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.recording import import_document, write_pages
     from vibroswarm.documents.saved import save
     from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.study.scenario_words import check_one_floor, stated_fields
 
     output = Paged(out=out, force=force, json=json, open=page.open)
     made = scenario_from(scenario)
-    check_one_floor(scenario, made)
-    stated = stated_fields(scenario)
+    check_one_floor(made, **words_of(scenario))
+    stated = stated_fields(**words_of(scenario))
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
     robots = None if known_robots is None else list(known_robots)
     settings = (made.hash, stated, reader, robots, any_floor, files)
@@ -170,11 +169,11 @@ def replay(
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
-    from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.documents.recording import replay_document
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import replay_strategies, replayed_settings
+    from vibroswarm.study.scenario_words import chosen
 
     for name in strategy:
         chosen("strategy", name)  # refuses an unknown name
@@ -224,8 +223,6 @@ def threshold(
       vibroswarm lab threshold lab --costs 1:5
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
-    from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import write_text
     from vibroswarm.documents.recording import threshold_document
     from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
     from vibroswarm.recordings.recording import Recording
@@ -256,7 +253,6 @@ def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, 
     Raises:
         InputError: ``--base`` without a file, both files are the same, or one exists already.
     """
-    from vibroswarm.core.atomic_io import check_free
 
     if base is not None and out is None and law is None:
         raise InputError("has no effect without --out FILE or --law FILE", field="--base")

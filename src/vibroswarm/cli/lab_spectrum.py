@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.inspection import size
 from vibroswarm.cli.options import Drawn
 from vibroswarm.errors import InputError
@@ -41,7 +42,6 @@ def spectrum(
       vibroswarm lab spectrum acceleration.csv --by robot,time
       vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
     """
-    from vibroswarm.cli.deliver import Destination
     from vibroswarm.documents.spectrum import spectra_frame, spectrum_document
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.recordings.spectrum import Group, spectra_of

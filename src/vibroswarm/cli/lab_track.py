@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination, print_with_place
 from vibroswarm.cli.option_values import pair_of
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
+from vibroswarm.cli.progress import progress_bar
+from vibroswarm.cli.scenario_options import scenario_from, words_of
+from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,13 +110,11 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.cli.deliver import Destination, print_with_place
-    from vibroswarm.cli.scenario_options import scenario_from, stated_fields
-    from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.study.scenario_words import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables
 
@@ -120,7 +122,9 @@ def track(
     made = scenario_from(scenario)
     markers = marked.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
-    stated = stated_fields(scenario)  # `recording_of` prefers their values to those that the log implies
+    stated = stated_fields(
+        **words_of(scenario)
+    )  # `recording_of` prefers their values to those that the log implies
     # The video is identified by its path, not by its content; the log by its samples.
     settings = (
         made.hash, stated, markers.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
@@ -154,19 +158,18 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     Raises:
         InputError: the log cannot be read, or the floor is not stated or random.
     """
-    from vibroswarm.cli.scenario_options import check_one_floor
+    from vibroswarm.study.scenario_words import check_one_floor
     from vibroswarm.tracking.track import read_robot_log
 
     if log is None:
         return None
     samples = read_robot_log(log)
-    check_one_floor(options, scenario)
+    check_one_floor(scenario, **words_of(options))
     return samples
 
 
 def _tracking(video: Path, markers: Markers, camera: CameraOptions, *, partial: bool) -> Tracking:
     """Track the robots in the video, with the lens of a chessboard's video if one is given."""
-    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.tracking.camera import lens_from_chessboard
     from vibroswarm.tracking.track import track
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import deliver, print_document
+from vibroswarm.cli.interruption import folder_of_runs, saves_in
 from vibroswarm.cli.options import (
     Execution,
     Force,
@@ -22,13 +24,13 @@ from vibroswarm.cli.options import (
     SeveralSizes,
     SeveralStrategies,
 )
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.progress import STAGES, progress_bar
+from vibroswarm.cli.scenario_options import warned, words_of
+from vibroswarm.cli.studies import print_plan
 from vibroswarm.cli.terminal import say
-from vibroswarm.errors import InputError
-
-if TYPE_CHECKING:
-    from vibroswarm.league.entries import Entry, LeagueFloor
-    from vibroswarm.league.standings import League
-    from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.core.atomic_io import remove_folder, whole_file, write_files
 
 
 @dataclass(kw_only=True)
@@ -73,13 +75,6 @@ class Entries:
         ),
     ] = ()
 
-    def __post_init__(self) -> None:
-        """Refuse options that exclude each other."""
-        if self.own_motion and (self.untuned or self.settings_file is not None):
-            raise InputError("conflicts with --untuned and --settings; use one of them", field="--own-motion")
-        if self.untuned and self.settings_file is not None:
-            raise InputError("conflicts with --settings; use one of them", field="--untuned")
-
 
 @dataclass(kw_only=True)
 class Tests:
@@ -123,38 +118,29 @@ def league(
       vibroswarm league --own-motion --runs 300 --out out/own-motion
       vibroswarm league --shares 0.4,0.36,0.24
     """
-    from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.progress import study_progress
-    from vibroswarm.cli.studies import print_plan
-    from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
-    from vibroswarm.league.fault_curves import KINDS
-    from vibroswarm.league.tables import check_tests, further_tables, league_tables
+    from vibroswarm.league.tables import check_tests
+    from vibroswarm.league.words import league_of, played, tests_of
     from vibroswarm.study.store import Store
 
-    made, basic_entries = league_of(scenario, entries, runs)
-    if scenario.shares is not None:  # beliefs, and messages of the opposite, are those of two kinds
-        tests = replace(tests, belief_runs=0, fault_runs=0)
-    check_tests(made, reference, tests.belief_runs, tests.fault_runs, tests.faults)
-    study = made.study  # refuses a floor on which no decision is right, before `--force` removes the folder
+    asked = league_of(
+        runs=runs, seed=scenario.seed, **vars(entries), **floors_of(scenario), **words_of(scenario)
+    )
+    if asked.note:
+        say(asked.note)
+    warned(asked.league.base)
+    belief_runs, fault_runs = tests_of(asked, tests.belief_runs, tests.fault_runs)
+    check_tests(asked.league, reference, belief_runs, fault_runs, tests.faults)
+    study = (
+        asked.league.study
+    )  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(output, lambda folder: Store.existing(folder, study, shards=False))
-    print_plan(
-        study, output.out, None, tests=len(basic_entries) * bool(tests.belief_runs or tests.fault_runs)
-    )
-    with study_progress("simulating") as progress:
-        standings = made.play(output.out, progress=progress, **execution.how)
-    basic = replace(made, entries=basic_entries)
-    tables = league_tables(standings, reference) | further_tables(
-        basic,
-        output.out,
-        study_progress,
-        belief_runs=tests.belief_runs,
-        fault_runs=tests.fault_runs,
-        kinds=tests.faults or KINDS,
-        **execution.where,
+    tested = len(asked.basic.entries) * bool(belief_runs or fault_runs)
+    print_plan(study, output.out, None, tests=tested)
+    standings, tables = played(
+        asked, output.out, reference=reference, stages=STAGES, **vars(tests), **execution.how
     )
     if output.out is not None or output.json:
         tables["summary"] = standings.summary
@@ -163,101 +149,9 @@ def league(
     deliver(league_document(standings, tables), output, "league")
 
 
-def league_of(players: Players, options: Entries, runs: int) -> tuple[League, tuple[Entry, ...]]:
-    """Return the league that the options describe, and its basic entries: one for each strategy.
-
-    The league has further entries: settings for several forced errors, and those of ``--vary``.
-
-    Raises:
-        InputError: a strategy or setting is unknown.
-    """
-    from vibroswarm.league.entries import (
-        entries_of,
-        frozen_settings,
-        main_entries,
-        read_settings,
-        varied_by,
-    )
-    from vibroswarm.league.standings import League
-
-    names, base, floors, robots = players_of(players)
-    # `settings` has the fields that each strategy sets, by strategy.
-    settings: Any
-    if options.untuned:
-        settings = {}  # no fields are set: entries have the scenario's settings, or else their strategies' defaults
-    elif options.settings_file is not None:
-        settings = read_settings(options.settings_file)
-    else:
-        settings = frozen_settings(options.own_motion)
-    entries = entries_of(names, settings)
-    basic_entries = main_entries(entries)
-    for text in options.vary:
-        entries = varied_by(entries, text)
-    return League(base, entries, floors, robots, runs=runs, seed=players.seed), basic_entries
-
-
-def players_of(
-    players: Players,
-) -> tuple[list[str], Scenario, tuple[LeagueFloor, ...], tuple[int, ...]]:
-    """Return the names of strategies, the base scenario, the floors and the swarm sizes that the options describe.
-
-    Raises:
-        InputError: ``--floor`` or ``--tiles`` is given, or the value of an option is wrong.
-    """
-    from vibroswarm.cli.scenario_options import chosen, scenario_from
-    from vibroswarm.league.entries import FILLS, PATTERNS, default_strategies, floors_of
-
-    for option in ("floor", "tiles"):
-        if getattr(players, option) is not None:
-            raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
-    if players.shares is not None:
-        return _players_of_kinds(players, players.shares)
-    names = [chosen("strategy", name) for name in players.strategy or default_strategies()]
-    base = scenario_from(replace(players, strategy=None, robots=None))
-    floors = floors_of(players.patterns or PATTERNS, players.fills or FILLS)
-    return names, base, floors, players.robots or (5, 10)
-
-
-def _players_of_kinds(
-    players: Players, shares: tuple[float, ...]
-) -> tuple[list[str], Scenario, tuple[LeagueFloor, ...], tuple[int, ...]]:
-    """Return what ``players_of`` does, for a league of several kinds of tile."""
-    from vibroswarm.cli.scenario_options import chosen, scenario_from
-    from vibroswarm.league.entries import SIZE, default_strategies, floors_of_kinds
-
-    if players.patterns or players.fills:
-        raise InputError("conflicts with --patterns and --fills; use one of them", field="--shares")
-    floors = floors_of_kinds(shares)
-    players = _with_kinds(players, len(shares))
-    names = [chosen("strategy", name) for name in players.strategy or default_strategies(len(shares))]
-    tiles = f"{SIZE['floor.rows']}x{SIZE['floor.columns']}"
-    base = scenario_from(
-        replace(players, strategy=(names[0],), robots=None, floor=floors[0].source, tiles=tiles)
-    )
-    if base.sensor.kinds != len(shares):
-        raise InputError(
-            f"has {len(shares)} shares, and the sensor '{base.sensor.model}' knows {base.sensor.kinds} kinds of tile; "
-            "add --set sensor.model=confusion and --set sensor.confusion.kinds=...",
-            field="--shares",
-        )
-    return names, base, floors, players.robots or (5, 10)
-
-
-def _with_kinds(players: Players, kinds: int) -> Players:
-    """Return players with a sensor of as many kinds, and a task, where their options name none; print a note of it."""
-    named = {setting.partition("=")[0].strip() for setting in players.settings}
-    has_base = players.preset is not None or players.scenario is not None
-    settings, notes = list(players.settings), []
-    if not has_base and players.energies is None and not any(name.startswith("sensor.") for name in named):
-        settings += ["sensor.model=confusion", f"sensor.confusion.kinds={kinds}"]
-        notes.append(f"--set sensor.model=confusion --set sensor.confusion.kinds={kinds}")
-    task = players.task
-    if not has_base and task is None and "task.name" not in named:
-        task = "majority"
-        notes.append("--task majority")
-    if notes:
-        say(f"--shares without a sensor or a task of {kinds} kinds: with {' '.join(notes)}.")
-    return replace(players, settings=settings, task=task)
+def floors_of(players: Players) -> dict[str, Any]:
+    """Return the options that say which floors play, by name."""
+    return {name: getattr(players, name) for name in ("patterns", "fills", "shares")}
 
 
 def tune(
@@ -287,17 +181,18 @@ def tune(
       vibroswarm league tune --strategy none,soft --out settings.toml
       vibroswarm league --strategy none,soft --settings settings.toml --seed 2
     """
-    from vibroswarm.cli.deliver import print_document
-    from vibroswarm.cli.interruption import folder_of_runs, saves_in
-    from vibroswarm.cli.output import print_saved_file
-    from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.core.atomic_io import remove_folder, whole_file
     from vibroswarm.documents.tune import tune_document
-    from vibroswarm.league.entries import read_settings
+    from vibroswarm.league.tuning import read_spaces
     from vibroswarm.league.tuning import spaces as shipped_spaces
     from vibroswarm.league.tuning import tune as tuned_by
+    from vibroswarm.league.words import players_of
 
-    names, base, floors, robots = players_of(scenario)
+    names, base, floors, robots, note = players_of(**floors_of(scenario), **words_of(scenario))
+    if note:
+        say(note)
+    warned(base)
+    # the search spaces of the package, and those of the user's file in their place
+    space_of = shipped_spaces(own_motion) | (read_spaces(spaces) if spaces else {})
     with ExitStack() as stack:
         # The file is opened before the work, so that a name that cannot be written is refused at once.
         file = None if out is None else stack.enter_context(whole_file(out, replace=force))
@@ -311,8 +206,7 @@ def tune(
             names,
             floors,
             robots,
-            # the search spaces of the package, and those of the user's file in their place
-            space_of=shipped_spaces(own_motion) | (read_settings(spaces) if spaces else {}),
+            space_of=space_of,
             points=points,
             runs=runs,
             seed=scenario.seed,

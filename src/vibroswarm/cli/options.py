@@ -142,10 +142,6 @@ class ScenarioBase:
         ),
     ] = ()
 
-    def __post_init__(self) -> None:
-        """Refuse options that exclude each other."""
-        refuse_both(self, "preset", "scenario")
-
 
 @dataclass(kw_only=True)
 class ScenarioOptions(ScenarioBase, OneSize, OneStrategy):

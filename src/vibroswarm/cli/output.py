@@ -25,9 +25,9 @@ def print_json(document: Any) -> None:
 
 def print_paragraph(text: str) -> None:
     """Print text, broken into lines that fit the terminal."""
-    from vibroswarm.show.terminal import paragraph
+    from vibroswarm.show.terminal import TEXT_WIDTH, paragraph
 
-    print("\n".join(paragraph(text, terminal.text_width())))
+    print("\n".join(paragraph(text, min(TEXT_WIDTH, terminal.width()))))
 
 
 def print_line(text: str = "") -> None:

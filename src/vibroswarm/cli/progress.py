@@ -6,10 +6,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from vibroswarm.cli.terminal import printing, report
 from vibroswarm.core.numbers import count, count_of, duration, number, percent, whole
+from vibroswarm.core.stages import Stages
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.methods import SearchProgress
@@ -160,6 +161,9 @@ def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
 
         yield update
 
+
+STAGES: Final = Stages(runs=study_progress, share=progress_bar)
+"""Stages of work, each shown on stderr."""
 
 _reported: set[tuple[str, ...]] = set()
 """Motion sources whose compilation was reported."""

@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.options import Drawn, Workers
+from vibroswarm.cli.progress import labelled_progress_bar
+from vibroswarm.core.atomic_io import folder_lock, make_folder
 from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -53,9 +56,6 @@ def reproduce(
       vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
       vibroswarm reproduce --out out/paper --archive paper.zip      one file to publish
     """
-    from vibroswarm.cli.deliver import Destination
-    from vibroswarm.cli.progress import labelled_progress_bar
-    from vibroswarm.core.atomic_io import folder_lock, make_folder
     from vibroswarm.documents.reproduction import reproduction_document
     from vibroswarm.documents.saved import begin
     from vibroswarm.paper.archive import write_archive

@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_with_place
 from vibroswarm.cli.options import Paged, Simulated
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.output import print_paragraph
+from vibroswarm.cli.progress import progress_bar, say_compiling
+from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,14 +34,11 @@ def run(
       vibroswarm run --floor diagonal:0.46 --robots 8
       vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
     """
-    from vibroswarm.cli.deliver import print_with_place
-    from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.output import print_paragraph
-    from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.documents.run import result_document
     from vibroswarm.documents.run_folder import write_run_folder
     from vibroswarm.documents.saved import refuse_other_run
     from vibroswarm.run_page.write import why_no_page
+    from vibroswarm.study.scenario_words import chosen
 
     made, out = scenario_from(scenario), output.out
     if pictures and out is None:
@@ -61,7 +63,6 @@ def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Res
         motion: name of the motion source (engine).
         segments: whether to also record the positions between samples.
     """
-    from vibroswarm.cli.progress import progress_bar, say_compiling
     from vibroswarm.simulation import simulate
 
     say_compiling(scenario=scenario)

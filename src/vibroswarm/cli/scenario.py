@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from vibroswarm.cli.options import Force, OutFile, ScenarioOptions
+from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.scenario_options import scenario_from
+from vibroswarm.core.atomic_io import write_text
 
 
 def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOptions) -> None:
@@ -11,9 +14,6 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
     example:
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
     """
-    from vibroswarm.cli.output import print_saved_file
-    from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import write_text
 
     made = scenario_from(scenario)
     if out is None:

@@ -1,237 +1,72 @@
-"""The scenario given on the command line: a preset or file, changed by options."""
+"""The scenario that options describe, and warnings about probable mistakes, each printed once a command.
+
+Every command clears what an earlier command of the same process has printed, so this module imports nothing that
+simulations need: ``vibroswarm --help`` loads it too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Final, cast
 
-from vibroswarm.cli.options import ScenarioBase, ScenarioOptions
-from vibroswarm.cli.scenario_warnings import warn_of
-from vibroswarm.errors import InputError, nearest
-from vibroswarm.floors.floor import rows_of
-from vibroswarm.floors.grid_text import parse_tiles
-from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
-from vibroswarm.floors.source import is_generated, resolve, values_in
-from vibroswarm.observation.measured_csv import read_energies
-from vibroswarm.scenario import plugins
-from vibroswarm.scenario.presets import preset_names
-from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset
+from vibroswarm.cli.terminal import say
+
+if TYPE_CHECKING:
+    from vibroswarm.cli.options import ScenarioBase
+    from vibroswarm.scenario.scenario import Scenario
+    from vibroswarm.study.scenario_words import ScenarioWords
+
+MOST: Final = 3
+"""How many warnings are printed at once; a study may have one in each of many cells."""
+_printed: Final[set[str]] = set()
+"""Warnings that ``warn_of`` has printed or counted during this command."""
+
+
+def words_of(options: ScenarioBase) -> ScenarioWords:
+    """Return the options that describe a scenario, as the words of ``study.scenario_words``."""
+    from vibroswarm.study.scenario_words import ScenarioWords
+
+    known = ScenarioWords.__annotations__
+    return cast(ScenarioWords, {name: value for name, value in vars(options).items() if name in known})
 
 
 def scenario_from(options: ScenarioBase) -> Scenario:
-    """Make the scenario that the options describe; print the first new warning about it and the number of others.
+    """Make the scenario that the options describe (``scenario_words.scenario_of``), and print warnings about it."""
+    from vibroswarm.study.scenario_words import scenario_of
 
-    The base is the scenario of ``--preset`` or ``--scenario``, or else the preset "paper". Other options such as
-    ``--floor`` change its fields; the fields of ``--set`` override these.
+    return warned(scenario_of(**words_of(options)))
 
-    Raises:
-        InputError: an option or field is wrong.
-    """
-    base = Scenario.read(options.scenario) if options.scenario else preset(options.preset or "paper")
-    scenario = base.with_values(values_from(options, base))
+
+def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:
+    """Return what ``scenario_words.scenario_named`` does, and print warnings about it."""
+    from vibroswarm.study import scenario_words
+
+    return warned(scenario_words.scenario_named(name, settings, field))
+
+
+def warned(scenario: Scenario) -> Scenario:
+    """Return a scenario, and print warnings about it."""
     warn_of([scenario])
     return scenario
 
 
-def scenario_named(name: str, settings: Sequence[str] = ()) -> Scenario:
-    """Return the scenario of a preset or file, with fields set by ``--set``, and print warnings about it.
+def forget() -> None:
+    """Forget the printed warnings, since a new command starts in the same process."""
+    _printed.clear()
 
-    Args:
-        name: name of a preset, or path of a file that ends in .toml. For any other name, ``preset`` raises an error
-            that lists the presets.
-        settings: the values of ``--set``, texts FIELD=VALUE.
+
+def warn_of(scenarios: Iterable[Scenario]) -> None:
+    """Print on stderr the first ``MOST`` new warnings about these scenarios, and how many others there are.
+
+    A warning is new if this command has not printed or counted it yet.
     """
-    is_file = name not in preset_names() and Path(name).suffix == ".toml"
-    base = Scenario.read(name) if is_file else preset(name)
-    scenario = base.with_values(parse_settings(settings))
-    warn_of([scenario])
-    return scenario
+    from vibroswarm.study.scenario_warnings import warnings_of
 
-
-def stated_fields(options: ScenarioOptions) -> list[str]:
-    """Return the names of the fields that --set and --strategy state, and that logs therefore do not decide.
-
-    No other option states a field that can be inferred from logs, except --preset and --scenario, whose values are
-    replaced by inferred ones.
-    """
-    stated = [*parse_settings(options.settings)]
-    return stated + (["strategy.name"] if options.strategy is not None else [])
-
-
-def check_one_floor(options: ScenarioBase, scenario: Scenario) -> None:
-    """Refuse a recording without its floor, or with a random one: its robots were on one real floor.
-
-    A random floor that all runs share (``redraw = "study"``) is refused too: it depends on the seed of a simulation.
-    The floor of a preset is that of a simulation.
-
-    Args:
-        options: of which ``--floor`` or ``--scenario`` must state the floor of ``scenario``.
-    Raises:
-        InputError: neither is given; or the floor of the scenario, or its change, is random.
-    """
-    if options.floor is None and options.scenario is None:
-        raise InputError("is required: on which floor were the robots?", field="--floor")
-    if scenario.change.is_random:
-        raise InputError(
-            "is random, but a recording's floor changed as it did; state the tiles", field="change"
-        )
-    if scenario.floor.is_named and is_generated(scenario.floor.source):
-        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
-
-
-def values_from(options: ScenarioBase, base: Scenario) -> dict[str, Any]:
-    """Return the values of the fields that options set, by dotted names such as ``swarm.robots``.
-
-    If a value is user code (FILE.py:NAME), the file is loaded.
-
-    Args:
-        base: the scenario whose fields are set. Its random floor is used if ``--tiles`` is given without ``--floor``,
-            and its numbers of rows and columns if ``--floor`` names a random floor and ``--tiles`` is not given.
-    Raises:
-        InputError: a value is wrong.
-    """
-    values: dict[str, Any] = {}
-    settings = parse_settings(options.settings)
-    threshold = _image_threshold(options, settings)
-    if options.floor is not None or options.tiles is not None:
-        values |= _floor_values(base, options.floor, options.tiles, threshold)
-    if threshold is not None:
-        values["floor.image_threshold"] = threshold
-    robots = _the_one(getattr(options, "robots", None), "--robots")
-    if robots is not None:
-        values["swarm.robots"] = robots
-    for kind in ("strategy", "network", "task"):
-        name = _the_one(getattr(options, kind, None), f"--{kind}")
-        if name is not None:
-            values[f"{kind}.name"] = chosen(kind, name)
-    if options.energies is not None:
-        vibrating, still = read_energies(options.energies)
-        values |= {
-            "sensor.model": "energies",
-            "sensor.vibrating_energies": vibrating,
-            "sensor.still_energies": still,
-        }
-    for kind in plugins.KINDS:  # user code may also be named by --set, as in strategy.name=FILE.py:NAME
-        field = plugins.field_of(kind)
-        if plugins.is_code(settings.get(field)):
-            settings[field] = chosen(kind, settings[field])
-    values |= settings  # --set overrides other options
-    # Without --tiles, each pixel of a picture became a tile.
-    if options.floor is not None and options.tiles is None and is_picture(options.floor):
-        check_pixel_tiles(base.with_values(values), options.floor)
-    return values
-
-
-def _the_one(value: Any, option: str) -> Any:
-    """Return the value of an option that may hold several, but only one here.
-
-    Raises:
-        InputError: it holds several.
-    """
-    if not isinstance(value, tuple):
-        return value
-    if len(value) > 1:
-        raise InputError(f"{','.join(map(str, value))}: give one value here", field=option)
-    return value[0]
-
-
-def chosen(kind: str, text: str) -> str:
-    """Check the name of a strategy, network, task or motion source, and return it as scenarios and results store it.
-
-    Args:
-        kind: "strategy", "network", "task" or "motion".
-        text: a known name, or FILE.py:NAME, which is loaded and returned with the hash of its code.
-    Raises:
-        InputError: the name is unknown, or the file cannot be loaded.
-    """
-    if plugins.is_code(text):
-        return str(plugins.load_file(kind, text).code)
-    if kind == "motion":
-        import vibroswarm.simulation  # noqa: F401  (registers the engines)
-    known = plugins.known_for(kind, text)
-    parts = [part.strip() for part in text.split(",")]
-    if kind == "strategy" and len(parts) > 1 and all(part in known for part in parts):
-        raise InputError(
-            f"'{text}' names several strategies, and this command takes one; to compare them: "
-            f"vibroswarm evaluate --strategy {','.join(parts)}",
-            field="--strategy",
-        )
-    if text not in known:
-        raise InputError(
-            f"unknown {kind} '{text}'{nearest(text, known)} (known: {', '.join(known)}; or FILE.py:NAME)",
-            field=f"--{kind}",
-        )
-    return text
-
-
-def _image_threshold(options: ScenarioBase, settings: dict[str, Any]) -> float | None:
-    """Return the brightness from which tiles of the picture vibrate; None if no option sets it.
-
-    Args:
-        settings: values of ``--set``, which override other options.
-    Raises:
-        InputError: it is no share, or is given without a picture.
-    """
-    name = "floor.image_threshold"
-    field: str = "--image-threshold"
-    given: Any = options.image_threshold
-    if name in settings:
-        field, given = name, settings[name]
-        check_threshold(given, field)
-    if given is not None and (options.floor is None or not is_picture(options.floor)):
-        raise InputError("applies to a picture; add --floor FILE.png", field=field)
-    return None if given is None else float(given)
-
-
-def _floor_values(
-    base: Scenario, spec: str | None, tiles: str | None, threshold: float | None
-) -> dict[str, Any]:
-    """Return the fields of the floor that ``--floor`` and ``--tiles`` describe.
-
-    A random floor is stored by name and size, a pattern by name. The tiles of a file are copied into the scenario, so
-    that the scenario does not depend on the file; ``floor.rows`` and ``floor.columns``, which only random floors use,
-    are not set then.
-
-    Args:
-        base: the scenario whose fields are set. Without ``--floor``, its random floor is used; without ``--tiles``, a
-            random floor has the base's size.
-        spec: the text of ``--floor``; None if it is not given.
-        tiles: the text of ``--tiles``; None if it is not given.
-        threshold: brightness from which tiles of a picture vibrate; None: the default.
-    Raises:
-        InputError: there is no such floor, or ``--tiles`` is wrong or does not apply to the floor.
-    """
-    size = None if tiles is None else parse_tiles(tiles)
-    if spec is None:
-        if not (base.floor.is_named and is_generated(base.floor.source)):
-            raise InputError(
-                "applies to a random floor, coordinate list or picture; add --floor", field="--tiles"
-            )
-        spec = base.floor.source
-    if is_generated(spec) and size is None:
-        size = (base.floor.rows, base.floor.columns)
-    if (found := values_in(spec, size)) is not None:
-        return {"floor.source": _printable(found[1]), "floor.tiles": None, "floor.values": found[0]}
-    # A random floor is drawn when it is simulated: here, only the size of its grid counts.
-    grid, name = resolve(spec, size, threshold=THRESHOLD if threshold is None else threshold)
-    name = _printable(name)
-    if is_generated(spec):
-        return {
-            "floor.source": spec,
-            "floor.tiles": None,
-            "floor.values": None,
-            "floor.rows": grid.shape[0],
-            "floor.columns": grid.shape[1],
-        }
-    rows = rows_of(grid)
-    # For a pattern, `resolve` returns its standard name, such as diagonal:0.46. A pattern whose fill ratio is written
-    # in another way, such as diagonal:.46, is not recognised here, so its tiles are stored too. For a file, `resolve`
-    # returns the name of the file, which is assumed to have no colon.
-    is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
-    return {"floor.source": name, "floor.tiles": None if is_pattern else rows, "floor.values": None}
-
-
-def _printable(name: str) -> str:
-    """Return the name of a file, which may contain anything, with printable characters only."""
-    return "".join(c if c.isprintable() else "?" for c in name)
+    # each different warning once, in order
+    texts = dict.fromkeys(text for scenario in scenarios for text in warnings_of(scenario))
+    new = [text for text in texts if text not in _printed]
+    _printed.update(new)
+    for text in new[:MOST]:
+        say(f"Warning: {text}.")
+    if len(new) > MOST:
+        say(f"Warnings that are not printed: {len(new) - MOST}.")

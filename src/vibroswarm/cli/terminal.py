@@ -17,8 +17,6 @@ from vibroswarm.cli import user_settings
 if TYPE_CHECKING:
     from vibroswarm.cli.options import Printing
 
-TEXT_WIDTH: Final = 100
-"""Most characters in a line of a paragraph."""
 UNLIMITED: Final = 100_000
 """Width of output that goes to a file or another program: one line for each row, for ``grep`` and ``awk``."""
 LEAST: Final = 40
@@ -63,11 +61,6 @@ def width() -> int:
         with suppress(OSError, ValueError):  # the system does not know the width
             return max(os.get_terminal_size(sys.stdout.fileno()).columns, LEAST)
     return UNLIMITED
-
-
-def text_width() -> int:
-    """Return the width of paragraphs."""
-    return min(TEXT_WIDTH, width())
 
 
 def plain(text: str) -> str:

@@ -10,8 +10,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import Destination, print_with_place, save_with_pictures
 from vibroswarm.cli.options import Drawn, Simulated
+from vibroswarm.cli.progress import say_compiling
+from vibroswarm.cli.scenario_options import scenario_from
+from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.child_python import MOST_WORKERS
+from vibroswarm.core.folders import REPORT
 
 
 def tradeoff(
@@ -39,11 +44,6 @@ def tradeoff(
     output: Drawn,
 ) -> None:
     """Decision time against error for each credible threshold and minimum of observations, by replay."""
-    from vibroswarm.cli.deliver import Destination, print_with_place, save_with_pictures
-    from vibroswarm.cli.progress import say_compiling
-    from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.documents.saved import REPORT
     from vibroswarm.documents.tradeoff import tradeoff_document
     from vibroswarm.study.summary import write_table
     from vibroswarm.study.tradeoff import tradeoff as computed

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Json
+from vibroswarm.cli.progress import progress_bar
 
 
 def verify(
@@ -29,8 +31,6 @@ def verify(
       vibroswarm verify out/pso                  a search: runs of its steps
       vibroswarm verify out/paper                a reproduction: runs of its cells and searches
     """
-    from vibroswarm.cli.deliver import print_document
-    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.verified import verified_document
     from vibroswarm.optimize.verify import verify as simulate_again
 

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import Force
+from vibroswarm.cli.output import open_page, print_saved_file
+from vibroswarm.cli.terminal import report
 
 
 def view(
@@ -32,8 +34,6 @@ def view(
       vibroswarm view first --html first.html
       vibroswarm view first --picture first.png --at 300
     """
-    from vibroswarm.cli.output import open_page, print_saved_file
-    from vibroswarm.cli.terminal import report
     from vibroswarm.core import numbers
     from vibroswarm.errors import InputError
     from vibroswarm.recordings.recording import read_result

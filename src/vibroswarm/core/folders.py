@@ -36,6 +36,10 @@ from vibroswarm.core.atomic_io import MANIFEST, write_files
 from vibroswarm.core.untrusted_files import entry, read_json
 from vibroswarm.errors import InputError, check_format, shown
 
+REPORT: Final = "report.html"
+"""Name of the page in a folder of results."""
+PICTURES: Final = "pictures"
+"""Name of the folder of pictures in a folder of results."""
 FORMAT: Final = 6
 """Number of the format of all folders."""
 KINDS: Final = {

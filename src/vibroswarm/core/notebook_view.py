@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.displayed import html_view
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import shown
 
 MOST_CHARACTERS: Final = 180
@@ -53,11 +54,11 @@ def short_value(value: object) -> str:
     if value is None or isinstance(value, bool | int | str | Path):
         return shown(str(value) if isinstance(value, Path) else value)
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return stated(value)
     shape = getattr(value, "shape", None)
     if isinstance(shape, tuple):  # an array or a table
         if hasattr(value, "columns"):  # a table
-            return f"{shape[0]:,} rows"
+            return count(shape[0], "row")
         # An empty shape is that of a single number, such as np.int64(3).
         return shown(value.item()) if not shape and hasattr(value, "item") else f"array {shape}"
     # A dataclass, a named tuple or a Pydantic model.
@@ -66,7 +67,7 @@ def short_value(value: object) -> str:
     if isinstance(value, tuple | list) and len(value) <= 3 and all(isinstance(v, int | float) for v in value):
         return f"({', '.join(short_value(v) for v in value)})"
     if isinstance(value, Mapping | tuple | list | set | frozenset):
-        return f"{len(value)} item{'s' * (len(value) != 1)}"
+        return count(len(value), "item")
     if callable(value) and hasattr(value, "__name__"):
         return str(value.__name__)
     return f"{type(value).__name__} of {len(value)}" if isinstance(value, Sized) else type(value).__name__

@@ -109,6 +109,11 @@ def stated(value: float | None) -> str:
     return number(value, digits=6)
 
 
+def rounded(value: float, digits: int) -> float:
+    """Return the number nearest to a value that has so many significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
 def whole(n: float) -> str:
     """Write a number of things whose name follows later, as in ``1,000 of 2,000 runs``."""
     return f"{n:,.0f}"

@@ -6,6 +6,8 @@ import sys
 import time
 from typing import Final, TextIO
 
+from vibroswarm.core.numbers import count, duration, whole
+
 WIDTH: Final = 30
 """Length of the bar, characters."""
 EVERY_S: Final = 0.1
@@ -56,11 +58,11 @@ class ProgressLine:
         self.latest_s = now_s
         rate = done / max(now_s - self.began_s, 1e-9)  # runs per second; the clock may not have moved yet
         filled = WIDTH * done // max(wanted, 1)  # ``wanted`` may be 0
-        parts = [f"{done:,} of {wanted:,} runs"]
+        parts = [f"{whole(done)} of {count(wanted, 'run')}"]
         if done:
-            parts.append(f"{rate:,.0f} per second")
+            parts.append(f"{whole(rate)} per second")
         if 0 < done < wanted:
-            parts.append(f"{(wanted - done) / rate:.0f} s left")
+            parts.append(f"{duration((wanted - done) / rate)} left")
         parts += [note] if note else []
         text = f"{self.what} [{'#' * filled}{'.' * (WIDTH - filled)}] {', '.join(parts)}"
         self.stream.write(f"\r{text.ljust(self.width)}")  # blanks cover the end of a longer previous text

@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 
@@ -266,7 +267,7 @@ def _first_fault(frame: pl.DataFrame, column: str, schema: Schema) -> str:
     if value is None:
         return f"column '{column}' lacks a value in row {row}"
     low, high = ALLOWED[column]
-    return f"column '{column}' holds {value} in row {row}; it has to be from {low:g} to {high:g}"
+    return f"column '{column}' holds {value} in row {row}; it has to be from {stated(low)} to {stated(high)}"
 
 
 _FORMULA: Final = r"^'*[=+\-@\t\r]"

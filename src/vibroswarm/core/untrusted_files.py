@@ -14,6 +14,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
 
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, shown
 
 T = TypeVar("T")
@@ -199,7 +200,7 @@ def sized(count: int) -> str:
     """Return a number of bytes in the largest fitting unit: "64 MiB", "1.5 GiB", "300 bytes"."""
     for unit, size in (("GiB", 2**30), ("MiB", 2**20)):
         if count >= size:
-            return f"{count / size:g} {unit}"
+            return f"{stated(count / size)} {unit}"
     return f"{count} bytes"
 
 

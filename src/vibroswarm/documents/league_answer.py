@@ -6,7 +6,7 @@ An entry is a strategy with its settings. The reference is the entry with which 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import polars as pl
 
@@ -76,7 +76,8 @@ def _best(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
             continue
         first, *others = group["name"]
         row = standings.row(by_predicate=pl.col("name") == first, named=True)
-        words = f"{start}: {first}, {_error(row)} in {_time(row)}"
+        error, time = with_limits(Estimate.of(row, "forced_error"), "%"), number(row["decision_time_s"], 0)
+        words = f"{start}: {first}, {error} in {time} s"
         if others:
             words += f"; cannot be told apart from it: {listed(others)}"
         yield f"{words}."
@@ -96,14 +97,6 @@ def _guessing(standings: Standings) -> Iterator[str]:
         )
     if list(best_of) == default_strategies():
         yield f"Left out unless named in --strategy, because they guess on these floors: {listed(GUESSING)}."
-
-
-def _error(row: Mapping[str, Any]) -> str:
-    return with_limits(Estimate.of(row, "forced_error"), "%")
-
-
-def _time(row: Mapping[str, Any], name: str = "decision_time_s") -> str:
-    return f"{number(row[name], 0)} s"
 
 
 def _compared(differences: pl.DataFrame) -> str:

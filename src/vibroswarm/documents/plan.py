@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from vibroswarm.core.numbers import count, duration, listed, whole
+from vibroswarm.core.numbers import count, count_of, duration, listed, whole
 from vibroswarm.study.cell_comparison import MOST_AGAIN
 from vibroswarm.study.plan import Plan
 from vibroswarm.study.precision import FIRST_LOOK
 from vibroswarm.study.runner import Expected, Job
+from vibroswarm.study.store import Store
+from vibroswarm.study.study_result import StudyResult
 
 PAGE_S: Final = 3.0
 """Processor time of a page without cells, s: imports, and figures of all cells."""
@@ -73,3 +75,17 @@ def work_sentence(
         page_s += TESTS_OF_STRATEGY_S * tests
     how = f"estimated from {left.tried} trial runs" if left.tried else "a rough estimate"
     return f"To do: {listed(words)}; about {duration(runs_s + page_s)} of one core in all ({how})"
+
+
+def batch_sentence(batch: str, store: Store) -> str:
+    """Say that a batch is done."""
+    return f"Batch {batch} is done; saved in {store.folder}"
+
+
+def shard_sentences(result: StudyResult, job: Job) -> tuple[str, ...]:
+    """Say how much of a shard is done, and how shards are joined."""
+    done, wanted = int(result.cells["there"].sum()), int(result.cells["wanted"].sum())
+    return (
+        f"Shard {job.number} of {job.of} is done: {count_of(done, wanted, 'run')} in {result.store.folder}",
+        "After all shards: vibroswarm evaluate merge OUT SHARD ...",
+    )

@@ -17,18 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
-from vibroswarm.core.folders import check_files, has_manifest, manifest_text, read_manifest
+from vibroswarm.core.folders import REPORT, check_files, has_manifest, manifest_text, read_manifest
 from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError, warn_once
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.show.document import Document
-
-REPORT: Final = "report.html"
-"""Name of the page in a folder of results."""
-PICTURES: Final = "pictures"
-"""Name of the folder of pictures in a folder of results."""
 
 
 def save(

@@ -333,19 +333,20 @@ def commands(file: str, against: str) -> dict[str, str]:
     return run | ({"scored once more on other runs, in pairs, twice": check} if file else {})
 
 
-def search_sentences(about: dict[str, Any], *, is_validated: bool) -> list[str]:
-    """Describe the state of a search's folder in sentences.
+def search_state_document(about: dict[str, Any], *, is_validated: bool) -> Document:
+    """Return the state of a search's folder.
 
     Args:
-        about: the content of the folder, as ``journal.held`` returns it. is_validated: whether the folder has results.
+        about: the content of the folder, as ``steps.held`` returns it. is_validated: whether the folder has results.
     """
-    done, requested = about["runs_there"], about["runs_wanted"]
-    lines = [
-        f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
-        f"Done: {count_of(done, requested, 'run')}, in {count(about['steps'], 'step')}; "
-        f"{whole(about['runs_failed'])} failed.",
-        f"Fields: {', '.join(about['fields'])}.",
-    ]
-    if not is_validated:
-        lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
-    return lines
+    done, wanted = count_of(about["runs_there"], about["runs_wanted"], "run"), count(about["steps"], "step")
+    resume = "Not validated on fresh runs yet; run the same optimize command to resume."
+    return Document(
+        title="Search",
+        answer=(
+            f"Search in {about['folder']}: {about['method']}, {listed(about['objectives'])}, seed {about['seed']}.",
+            f"Done: {done}, in {wanted}; {whole(about['runs_failed'])} failed.",
+            f"Fields: {', '.join(about['fields'])}.",
+            *([] if is_validated else [resume]),
+        ),
+    )

@@ -1,11 +1,12 @@
-"""The document of a file: a scenario, settings of strategies, study, search, floor or table."""
+"""The documents of a file or folder: a scenario, settings of strategies, study, search, floor, table or result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import polars as pl
     from numpy.typing import NDArray
 
+    from vibroswarm.documents.saved import Printed
     from vibroswarm.show.document import Document
 
 TABLES: Final = (".csv", ".parquet")
@@ -60,31 +62,27 @@ def _toml_document(path: Path) -> Document:
     is read as a scenario. Of a search or a study, it is a summary.
     """
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
+    from vibroswarm.documents import file
 
     text = read_text(path, "a file in TOML")
     tables = parsed_toml(text, str(path))
     if {"space", "objective", "search"} & set(tables):  # entries of files for `optimize` only
-        from vibroswarm.documents.file import search_file_document
         from vibroswarm.optimize.spec import Search
 
         # ``optimize --method grid`` writes such a file without settings of a search, which can be read as both.
         cells = _cells_of_grid(path) if "search" not in tables else 0
-        return search_file_document(Search.read(path), cells)
+        return file.search_file_document(Search.read(path), cells)
     # entries that no scenario has; a search may have some of them, so it is detected first
     if {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
-        from vibroswarm.documents.file import study_file_document
         from vibroswarm.study.spec import Study
 
-        return study_file_document(Study.read(path), str(path))
+        return file.study_file_document(Study.read(path), str(path))
     if _is_settings(tables):
-        from vibroswarm.documents.file import settings_document
-
         comments = takewhile(lambda line: line.startswith("#"), text.splitlines())
-        return settings_document([line.lstrip("# ") for line in comments], tables)
-    from vibroswarm.documents.file import scenario_file_document
+        return file.settings_document([line.lstrip("# ") for line in comments], tables)
     from vibroswarm.scenario.scenario import Scenario
 
-    return scenario_file_document(Scenario.read(path), str(path))
+    return file.scenario_file_document(Scenario.read(path), str(path))
 
 
 def _cells_of_grid(path: Path) -> int:
@@ -98,9 +96,12 @@ def _cells_of_grid(path: Path) -> int:
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
-    """Return whether a file is one of ``league tune``: a table for each strategy, whose keys are names of fields."""
-    return bool(tables) and all(
-        isinstance(table, dict) and all("." in field for field in table) for table in tables.values()
+    """Return whether a file is one of ``league tune``: tables for each strategy, whose keys are names of fields."""
+    from vibroswarm.league.entries import AIM
+
+    several = [one for value in tables.values() for one in (value if isinstance(value, list) else [value])]
+    return bool(several) and all(
+        isinstance(table, dict) and all("." in field or field == AIM for field in table) for table in several
     )
 
 
@@ -167,6 +168,79 @@ def _frame(path: Path) -> pl.DataFrame:
 def _first_line(error: Exception) -> str:
     """Return the first line of an error's message; the name of its type if the message is empty."""
     return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+class Shown(NamedTuple):
+    """What a folder holds."""
+
+    state: dict[str, Any]
+    """Of a study or search: how much is done, for JSON; otherwise empty."""
+    documents: tuple[Document, ...]
+    """The state, if there is one, and the results."""
+    command: str = ""
+    """The command whose results were saved; empty: not known."""
+
+
+def shown_folder(folder: Path) -> Shown:
+    """Return what a folder holds: the state of a study or search, and the results.
+
+    Results are those that the command saved. If there are none, or they are damaged, a study is summarised again, and
+    runs, recordings and tables are described.
+
+    Raises:
+        InputError: the folder holds a damaged search, or nothing that a command writes.
+    """
+    from vibroswarm.core.folders import kind_of
+    from vibroswarm.documents.saved import read_printed
+
+    printed, damaged = None, None
+    try:
+        printed = read_printed(folder)
+    except InputError as error:
+        damaged = error
+    try:
+        found = _of_kind(folder, kind_of(folder), printed)
+    except InputError as error:  # there is nothing else
+        raise damaged or error from None
+    if damaged is not None:
+        first, *rest = found.documents
+        first = replace(first, warnings=(f"damaged, not used: {damaged}", *first.warnings))
+        return found._replace(documents=(first, *rest))
+    return found
+
+
+def _of_kind(folder: Path, kind: str | None, printed: Printed | None) -> Shown:
+    """Return what a folder of a kind holds; ``printed``: what its command has saved."""
+    command, saved = ("", ()) if printed is None else (printed.command, (printed.document,))
+    if kind == "search":
+        from vibroswarm.documents.search import search_state_document
+        from vibroswarm.optimize.steps import held
+
+        about = held(folder)
+        return Shown(about, (search_state_document(about, is_validated=printed is not None), *saved), command)
+    if kind == "study":
+        from vibroswarm.documents.study_results import results_or_need
+        from vibroswarm.documents.study_state import state_document, study_state
+        from vibroswarm.study.store import Store
+
+        store = Store.open(folder)
+        about, needed = study_state(store), ""
+        if printed is None:
+            results, needed = results_or_need(store)
+            saved = () if results is None else (results,)
+        state = about | ({"results_need": needed} if needed else {})
+        return Shown(state, (state_document(about, needed), *saved), command)
+    return Shown({}, saved or (_result_document(folder, kind),), command)
+
+
+def _result_document(folder: Path, kind: str | None) -> Document:
+    """Return the document of a result or recording; of any other folder, the names of its tables and pictures."""
+    if kind not in ("result", "recording"):
+        return tables_document(folder)
+    from vibroswarm.documents.run import result_document
+    from vibroswarm.recordings.recording import read_result
+
+    return result_document(read_result(folder))
 
 
 def tables_document(folder: Path) -> Document:

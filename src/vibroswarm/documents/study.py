@@ -45,10 +45,9 @@ from vibroswarm.documents.study_words import (
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
 from vibroswarm.show.made_by import versions_in_words
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
-from vibroswarm.study.baselines import References, reference_table
-from vibroswarm.study.cell_comparison import Compared, comparison_table
+from vibroswarm.study.baselines import References
 from vibroswarm.study.study_outputs import Comparison
-from vibroswarm.study.summary import CellOutcome, Outcome, outcome_tables
+from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_SENTENCES: Final = 12
 """Most comparisons, or cells, that are described in sentences; and most rows of differences on the first screen."""
@@ -60,11 +59,9 @@ def study_document(outcome: Outcome) -> Document:
     sections = (
         _outcome_section(outcome),
         Section("Decisions over time", tuple(time_figures(outcome)), wide=True),
-        Section("Compared run by run", (*compared, *_compared_parts(outcome.comparisons))),
-        _equal_error_section(outcome.answers),
-        Section(
-            "Time against error", (*_reference_parts(outcome.references), *front_figures(outcome)), wide=True
-        ),
+        Section("Compared run by run", (*compared, *_compared_parts(outcome))),
+        _equal_error_section(outcome),
+        Section("Time against error", (*_reference_parts(outcome), *front_figures(outcome)), wide=True),
         Section(
             "How the robots sampled",
             (_sampling_table(outcome), *sampling_figures(outcome)),
@@ -90,7 +87,7 @@ def comparison_document(comparison: Comparison) -> Document:
     parts: list[Part] = [*head]
     if compared:
         parts.append(Section("Compared run by run", tuple(compared)))
-    equal_error = _equal_error_section(outcome.answers)
+    equal_error = _equal_error_section(outcome)
     if equal_error.parts:
         parts.append(equal_error)
     if not outcome.answers:
@@ -342,16 +339,16 @@ _COMPARED_WORDS: Final = (
 )
 
 
-def _compared_parts(compared: Sequence[Compared]) -> list[Part]:
+def _compared_parts(outcome: Outcome) -> list[Part]:
     """Return how comparisons are made, a table for each figure, and their figures."""
-    if not compared:
+    table = outcome.tables.get("comparisons")
+    if table is None:
         return []
-    table = comparison_table(compared)
     figures = dict.fromkeys(table["figure"])
     tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in figures)
     return [
         Section("How they compare, and on other seeds", (Text(_COMPARED_WORDS), *tables), wide=True),
-        *comparison_figures(compared),
+        *comparison_figures(outcome.comparisons),
     ]
 
 
@@ -390,10 +387,10 @@ _EQUAL_ERROR_WORDS: Final = (
 )
 
 
-def _equal_error_section(answers: Sequence[Answer]) -> Section:
+def _equal_error_section(outcome: Outcome) -> Section:
     """Tabulate the comparisons at equal error and at equal time; without any, the section has no parts."""
-    matched = [answer.as_row() for answer in answers if answer.matched is not None]
-    if not matched:
+    frame = outcome.tables.get("equal_error")
+    if frame is None:
         return Section("At equal error", ())
     columns = {
         "name": Column("compared"),
@@ -408,7 +405,6 @@ def _equal_error_section(answers: Sequence[Answer]) -> Section:
         ),
         "runs": Column("runs"),
     }
-    frame = pl.DataFrame(matched, infer_schema_length=None)
     table = Table(frame.select(with_limits_of(columns, frame.columns)), columns, name="equal_error")
     return Section("At equal error", (Text(_EQUAL_ERROR_WORDS), table), wide=True)
 
@@ -441,14 +437,14 @@ _REFERENCE_COLUMNS: Final = {
 }
 
 
-def _reference_parts(references: Sequence[References]) -> tuple[Part, ...]:
+def _reference_parts(outcome: Outcome) -> tuple[Part, ...]:
     """Return the table of references by cell, and what they are; nothing without references.
 
     Cells with few stored runs have fewer runs than the caption gives.
     """
-    if not references:
+    table, references = outcome.tables.get("references"), outcome.references
+    if table is None:
         return ()
-    table = reference_table(list(references))
     # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
     runs = max(reference.runs for reference in references)
@@ -555,7 +551,7 @@ def _made_by(outcome: Outcome) -> Mapping[str, str]:
 
 def _data(outcome: Outcome) -> dict[str, pl.DataFrame]:
     """Return the tables of a study for JSON, those of its folder among them."""
-    data = {"cells": outcome.result.cells, **outcome_tables(outcome), "decidability": _decidable(outcome)}
+    data = {"cells": outcome.result.cells, "decidability": _decidable(outcome), **outcome.tables}
     if settled := [
         {"cell": one.cell.number, "name": one.cell.name, **one.settled._asdict()}
         for one in outcome.cells

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Final
 
 from vibroswarm.core.numbers import count, count_of, number, whole
+from vibroswarm.show.document import Document, Text
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult
@@ -16,7 +18,7 @@ MOST_FAILED: Final = 5
 def study_state(store: Store) -> dict[str, Any]:
     """Return the state of a study's folder in plain values: how much is done, damaged and failed.
 
-    ``--json`` prints these values, and ``state_sentences`` writes them in words.
+    ``--json`` prints these values, and ``state_document`` writes them in words.
 
     ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
     depends on a precision (``until``).
@@ -47,42 +49,51 @@ def study_state(store: Store) -> dict[str, Any]:
     }
 
 
-def state_sentences(about: dict[str, Any]) -> list[str]:
-    """Describe the state of a study's folder in sentences: how much is done, damage, failures, and how to resume.
+def state_document(about: dict[str, Any], needed: str = "") -> Document:
+    """Return the state of a study's folder: how much is done, damage, failures, and how to resume.
 
     Args:
         about: the state of the study, as ``study_state`` returns it.
+        needed: the user's code that its results need; empty: none (``results_or_need``).
     """
-    requested, done = about["runs_wanted"], about["runs_there"]
+    wanted, done = about["runs_wanted"], about["runs_there"]
     each = (
         f"{whole(about['runs_each'])} each"
         if about["runs_each"]
         else f"until {about['until']['figure']} is known to {about['until']['until']}"
     )
     name = f"{about['name'] or 'Study'} in {about['folder']}"
-    lines = [
-        f"{name}: {count(about['cells'], 'cell')}, runs {each}, seed {about['seed']}.",
-        f"Done: {count_of(done, requested, 'run')}, in {count(about['shards'], 'shard')}, "
-        f"{number(about['bytes'] / 1e6, 1)} MB; saved: {', '.join(about['keeps'])}.",
-        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
-    ]
-    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
-    failed = about["failed_batches"]
-    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
-    if len(failed) > MOST_FAILED:
-        more = count(len(failed) - MOST_FAILED, "more failed batch", "more failed batches")
-        lines.append(f"... and {more}, in {about['folder']}/failures.")
-    if about["left_over_files"]:
-        files = count(about["left_over_files"], "incomplete file")
-        lines.append(f"Ignored: {files} of killed processes.")
-    lines += [
+    made_by = [
         f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
         for versions in about["made_by"]
     ]
+    resume = f"To resume: vibroswarm evaluate '{about['folder']}/study.toml' --out '{about['folder']}'"
+    return Document(
+        title=about["name"] or "Study",
+        answer=(
+            f"{name}: {count(about['cells'], 'cell')}, runs {each}, seed {about['seed']}.",
+            f"Done: {count_of(done, wanted, 'run')}, in {count(about['shards'], 'shard')}, "
+            f"{number(about['bytes'] / 1e6, 1)} MB; saved: {', '.join(about['keeps'])}.",
+            f"Varied: {', '.join(about['varied']) or 'nothing'}.",
+        ),
+        warnings=tuple(_warnings(about, needed)),
+        parts=(*map(Text, made_by), *([Text(resume, "code")] if done < wanted else [])),
+    )
+
+
+def _warnings(about: dict[str, Any], needed: str) -> Iterator[str]:
+    """Yield what is damaged, failed, left over and missing."""
+    yield from (f"Damaged, to be recomputed: {words}" for words in about["damaged"])
+    failed = about["failed_batches"]
+    yield from (f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED])
+    if len(failed) > MOST_FAILED:
+        more = count(len(failed) - MOST_FAILED, "more failed batch", "more failed batches")
+        yield f"... and {more}, in {about['folder']}/failures."
+    if about["left_over_files"]:
+        yield f"Ignored: {count(about['left_over_files'], 'incomplete file')} of killed processes."
     if len(about["made_by"]) > 1:
-        lines.append("Parts come from different versions; the whole may not be repeatable.")
-    if done < requested:
-        lines.append(
-            f"To resume: vibroswarm evaluate '{about['folder']}/study.toml' --out '{about['folder']}'"
+        yield "Parts come from different versions; the whole may not be repeatable."
+    if needed:
+        yield (
+            f"Results need code that is not loaded ({needed}). Run the command that made them again to print them."
         )
-    return lines

@@ -7,6 +7,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.numbers import count, span
+from vibroswarm.documents.file import NO_FIELDS
 from vibroswarm.league.tuning import Tuned
 from vibroswarm.show.document import Column, Document, Section, Table, Text
 
@@ -20,8 +21,7 @@ COLUMNS: Final = {
 
 def tune_document(tuned: Tuned) -> Document:
     """Return the document of a tuning."""
-    unchanged = "no fields set (as in the scenario, else the strategy's defaults)"
-    settings = pl.when(pl.col("settings") == "").then(pl.lit(unchanged)).otherwise("settings")
+    settings = pl.when(pl.col("settings") == "").then(pl.lit(NO_FIELDS)).otherwise("settings")
     table = tuned.table.with_columns(settings=settings)
     chosen = table.filter("is_chosen").drop("name", "is_chosen").sort("strategy", "forced_error")
     return Document(

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.export.c_library import (
     ASSETS,
     Memory,
@@ -137,12 +138,14 @@ def unfit(scenario: Scenario, memory: Memory, timing: Timing | None) -> list[str
         )
     if timing is not None and timing.late_ms > 1000.0 * scenario.tick_s:
         found.append(
-            f"wheels may be set {timing.late_ms:.1f} ms late, with a control period of {1000.0 * scenario.tick_s:g} ms"
+            f"wheels may be set {number(timing.late_ms, 1)} ms late, with a control period of "
+            f"{stated(1000.0 * scenario.tick_s)} ms"
         )
     if timing is not None and (timing.load > 0.5 or ms(timing.waits) > scenario.sample.stop_ms):
         found.append(
-            f"work takes {timing.load:.0%} of the time and waits up to {ms(timing.waits):.0f} ms: more than half, or "
-            f"longer than the stop for a sample ({scenario.sample.stop_ms:g} ms)"
+            f"work takes {percent(timing.load, 0)} of the time and waits up to {number(ms(timing.waits), 0)} ms: "
+            f"more than half, or "
+            f"longer than the stop for a sample ({stated(scenario.sample.stop_ms)} ms)"
         )
     return found
 

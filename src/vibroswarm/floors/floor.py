@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface
@@ -104,9 +105,9 @@ class Floor(NotebookView):
         """Return a summary on one line: name, number of tiles, size in m, fill ratio, number of changes."""
         rows, columns = self.tiles.shape
         name = f"{shown(self.name)}, " if self.name else ""
-        size = f"{columns * self.tile_width_m:.4g} m x {rows * self.tile_height_m:.4g} m"
+        size = f"{number(columns * self.tile_width_m, digits=4)} m x {number(rows * self.tile_height_m, digits=4)} m"
         changes = f", {self.changes.time_s.size} changes of tiles" if self.is_changing else ""
-        return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {self.fill_ratio:.4g}{changes})"
+        return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {number(self.fill_ratio, digits=4)}{changes})"
 
     def __eq__(self, other: object) -> bool:
         """Return whether both floors have equal tiles at equal places, and equal changes; names are ignored."""

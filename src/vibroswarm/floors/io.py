@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.numbers import percent, stated, whole
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, number_of, warn_once
 from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, as_tiles, rows_of
@@ -284,8 +285,9 @@ def read_png(
     near = int((np.abs(brightness - threshold) < NEAR).sum())
     if near:
         warn_once(
-            f"{name}: the brightness of {near:,} of {brightness.size:,} tiles is within {100 * NEAR:g} percentage "
-            f"points of the threshold, {100 * threshold:.4g} %; 'vibroswarm floors show' draws the floor"
+            f"{name}: the brightness of {whole(near)} of {whole(brightness.size)} tiles is within "
+            f"{stated(100 * NEAR)} percentage "
+            f"points of the threshold, {percent(threshold, None, digits=4)}; 'vibroswarm floors show' draws the floor"
         )
     return (brightness >= threshold).astype(np.uint8)
 

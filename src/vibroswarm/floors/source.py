@@ -148,6 +148,11 @@ def family(name: str) -> str | None:
     return known if known in FAMILIES else None
 
 
+def source_of(kind: str, *shares: float) -> str:
+    """Return the name of a floor of shares, such as ``random:0.48`` or ``stripe:0.5,0.3,0.2``."""
+    return f"{kind}:{','.join(f'{share:g}' for share in shares)}"
+
+
 def canonical(name: str) -> str:
     """Return the element of ``NAMES`` that ``name`` means, for example ``diagonal:0.48`` for ``Diagonal:.48``.
 
@@ -166,7 +171,7 @@ def canonical(name: str) -> str:
                 f"'{name}' has two kinds of tile; {', '.join(ORDERS)} and {RANDOM} take shares of kinds",
                 field=_FIELD,
             )
-        return f"{kind}:{','.join(f'{share:g}' for share in random_shares(name))}"
+        return source_of(kind, *random_shares(name))
     fills = [known.partition(":")[2] for known in NAMES if known.startswith(f"{kind}:")]
     if fill not in fills:  # it may be written in another way, such as .48
         fill = next((known for known in fills if _same_number(known, fill)), fill)

@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 from scipy.stats import betabinom, binom
 from scipy.stats import t as student
 
-from vibroswarm.analysis.intervals import jackknife_error
+from vibroswarm.analysis.intervals import columns_of, jackknife_error
+from vibroswarm.floors.source import source_of
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
@@ -84,7 +85,8 @@ def belief_calibration(
     if not entries:
         return pl.DataFrame(schema=dict.fromkeys(COLUMNS, pl.String))
     floors = [
-        LeagueFloor(pattern="random", fill_ratio=k / TILES, source=f"random:{k / TILES:g}") for k in COUNTS
+        LeagueFloor(pattern="random", fill_ratio=k / TILES, source=source_of("random", k / TILES))
+        for k in COUNTS
     ]
     # (label of an entry of the league, name of the settings, the entry with these settings)
     variants = [
@@ -128,7 +130,7 @@ def belief_calibration(
             for name, (top, bottom) in ratios.items():
                 # Weighted sums over the floors, one for each run: the units of the jackknife.
                 values = ratio_interval(weights @ top, weights @ bottom)
-                row |= dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
+                row |= columns_of(name, values)
             rows.append(row)
     return pl.DataFrame(rows).fill_nan(None)
 

@@ -30,8 +30,8 @@ from typing import Any, Final
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, number_of
-from vibroswarm.floors.source import is_random, pattern
+from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of
+from vibroswarm.floors.source import is_random, pattern, source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names, parse_values
 from vibroswarm.strategies import known
@@ -131,13 +131,11 @@ def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
     found: list[Entry] = []
     for name, given in codes.items():
         check_choice(name, "strategy", plugins.known_for("strategy", name))
-        tables = settings.get(name, {})
-        several = [tables] if isinstance(tables, Mapping) else [*tables]
+        several = tables_of(settings.get(name, {}))
         for number, table in enumerate(several):
             values = dict(table)
             aim = _aim_in(values, name)
-            for field in values:
-                check_choice(field, f"settings of {name}", fields)
+            check_known_keys(values, f"settings of {name}", fields)
             found.append(
                 Entry(
                     label=_label(name, aim, number if len(several) > 1 else None),
@@ -149,6 +147,11 @@ def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
                 )
             )
     return tuple(found)
+
+
+def tables_of(given: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the tables of a strategy in settings, of which it may have one or several."""
+    return [given] if isinstance(given, Mapping) else [*given]
 
 
 def _aim_in(table: dict[str, Any], name: str) -> float | None:
@@ -210,7 +213,7 @@ def varied(
     Raises:
         InputError: the field is unknown, or no entry has the strategy.
     """
-    check_choice(field, "vary", field_names())
+    check_known_keys([field], "vary", field_names())
     if strategy_name is not None:
         check_choice(strategy_name, "vary", [entry.strategy for entry in entries])
     found: list[Entry] = []
@@ -275,16 +278,13 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
                     f"{fill:g} is not between 0 and 0.5; give fill ratios below 1/2, to which mirrors are added",
                     field="fills",
                 )
-            source = f"{name}:{fill:g}"
+            source, above, inverse = source_of(name, fill), source_of(name, 1.0 - fill), None
+            if not is_random(source):  # each run draws its own random floor, so there is none to invert
+                inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
+                above = f"inverse-{above.replace(':', '-')}"
             # ``round``: in floating point 1 - f may differ a little from the decimal number.
             fill_above = round(1.0 - fill, 6)
             found.append(LeagueFloor(pattern=name, fill_ratio=fill, source=source))
-            if is_random(source):  # each run draws its own floor, so there is none to invert
-                above = f"{name}:{1.0 - fill:g}"
-                found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above))
-                continue
-            inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
-            above = f"inverse-{name}-{1.0 - fill:g}"
             found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above, tiles=inverse))
     return tuple(found)
 
@@ -303,5 +303,5 @@ def floors_of_kinds(shares: Sequence[float]) -> tuple[LeagueFloor, ...]:
             field="--shares",
         )
     turned = ([*shares[-k:], *shares[:-k]] if k else [*shares] for k in range(len(shares)))
-    sources = [(f"random:{','.join(f'{share:g}' for share in one)}", one[1]) for one in turned]
+    sources = [(source_of("random", *one), one[1]) for one in turned]
     return tuple(LeagueFloor(pattern="random", fill_ratio=share, source=source) for source, share in sources)

@@ -40,12 +40,12 @@ import tomli_w
 
 from vibroswarm.analysis.forced_error import front_of
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, listed
-from vibroswarm.errors import InputError
+from vibroswarm.core.numbers import count, listed, rounded
+from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file
 from vibroswarm.inference.outcomes import Array
-from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, shipped
+from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, read_settings, shipped
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, field_names
 from vibroswarm.study.factors import points_of
 
 AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20, 0.25)
@@ -96,6 +96,22 @@ def spaces(own_motion: bool = False) -> dict[str, dict[str, Any]]:
     known = shipped("spaces.toml")
     motion = shipped("motion_space.toml")["motion"] if own_motion else {}
     return {name: {**space, **motion} for name, space in known.items()}
+
+
+def read_spaces(path: Path) -> dict[str, dict[str, Any]]:
+    """Read search spaces by strategy from a file in TOML, as ``spaces`` returns them.
+
+    Raises:
+        InputError: the file cannot be read, or has an unknown field or wrong bounds.
+    """
+    found = read_settings(path)
+    with in_file(path):
+        for name, space in found.items():
+            check_kind(space, dict, name, "the table of a strategy's fields, such as [none]")
+            check_known_keys(space, name, field_names())
+            if ranges := _ranges(space):
+                points_of({"sobol": {"points": 1, "seed": 1, **ranges}})
+    return found
 
 
 def tune(
@@ -386,5 +402,5 @@ def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) 
         settings[field] = value
         if isinstance(value, float):
             low, high = float(ranges[field]["from"]), float(ranges[field]["to"])
-            settings[field] = min(max(float(f"{value:.{DIGITS}g}"), low), high)
+            settings[field] = min(max(rounded(value, DIGITS), low), high)
     return settings

@@ -17,7 +17,7 @@ import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
@@ -87,7 +87,7 @@ class Motion(NotebookView):
         parts = [
             count(runs, "run"),
             count(robots, "robot"),
-            f"{self.samples.height:,} samples",
+            count(self.samples.height, "sample"),
             *([f"with {' and '.join(optional_tables)}"] if optional_tables else []),
             *([f"{self.failures.height} failed"] if self.failures is not None else []),
         ]
@@ -289,7 +289,7 @@ def _wrong(
     # The state must have reached ``until_s``, or the end of the run if that comes first. A quarter of a tick is allowed
     # for rounding.
     if not math.isfinite(after_s) or after_s < min(until_s, end_s) - tick_s / 4:
-        yield f"after advance({until_s:g}) its time_s is {after_s:g}"
+        yield f"after advance({stated(until_s)}) its time_s is {stated(after_s)}"
     tables = (
         ("samples", MOTION, True),
         ("ends", ENDS, True),
@@ -350,8 +350,8 @@ def _wrong_rows(
     # Samples at ``after_s`` itself belong to the next piece.
     if time_s.min() < before_s - quarter_s or time_s.max() > after_s - quarter_s:
         yield (
-            f"the table samples has times of {time_s.min():g} to {time_s.max():g} s; expected: from {before_s:g} s to "
-            f"before {after_s:g} s"
+            f"the table samples has times of {stated(time_s.min())} to {stated(time_s.max())} s; expected: from "
+            f"{stated(before_s)} s to before {stated(after_s)} s"
         )
     order = np.lexsort((samples["robot"].to_numpy(), time_s))
     if (np.diff(order) != 1).any():  # sorting would change the order
@@ -359,7 +359,7 @@ def _wrong_rows(
     for column, size_m in (("x_m", scenario.arena.width_m), ("y_m", scenario.arena.height_m)):
         positions = samples[column].to_numpy()
         if positions.min() < 0.0 or positions.max() > size_m:
-            yield f"the table samples: column '{column}' leaves the arena, 0 to {size_m:g} m"
+            yield f"the table samples: column '{column}' leaves the arena, 0 to {stated(size_m)} m"
 
 
 def _wrong_moves(
@@ -390,4 +390,4 @@ def _wrong_moves(
     first_s = dict(moves.group_by("robot").agg(pl.col("start_s").min()).iter_rows())
     late = [i for i in range(robots) if first_s.get(i, math.inf) > before_s + quarter_s]
     if late:
-        yield f"the table moves has no move of robot {late[0]} that begins at {before_s:g} s or is under way then"
+        yield f"the table moves has no move of robot {late[0]} that begins at {stated(before_s)} s or is under way then"

@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, zero_rows
+from vibroswarm.core.numbers import number
 from vibroswarm.core.rng import (
     ALONE,
     FIRST,
@@ -429,8 +430,9 @@ def scenario_warnings(scenario: Scenario) -> list[str]:
     gain, integral = walk.turn_gain_percent_per_deg, walk.turn_integral_gain_percent_per_deg_s
     most, radius = 4.0 / turn_gain_deg(scenario), spectral_radius(scenario)
     return [
-        f"turns are not stable: robots swing about the angle they turn to (spectral radius {radius:.3g}), and rounding "
+        f"turns are not stable: robots swing about the angle they turn to (spectral radius "
+        f"{number(radius, digits=3)}), and rounding "
         "grows in each swing, so that other machines or engines may give other runs; 2 "
         f"walk.turn_gain_percent_per_deg + run.control_period_ms / 1000 walk.turn_integral_gain_percent_per_deg_s is "
-        f"{2.0 * gain + scenario.tick_s * integral:.4g}, and must be below {most:.4g}"
+        f"{number(2.0 * gain + scenario.tick_s * integral, digits=4)}, and must be below {number(most, digits=4)}"
     ]

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel
+from vibroswarm.core.numbers import number
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patches import edge_distance
@@ -389,8 +390,9 @@ def edge_warnings(scenario: Scenario) -> list[str]:
         return []
     reach_mm = 1000.0 * (scenario.sensor.edge_reach_m or 0.0)
     return [
-        f"vibration reaches {reach_mm:.0f} mm beyond edges, as fitted on tiles of {1000 * FITTED_ON_M:.0f} mm; on "
-        f"these of {1000 * side_m:.3g} mm that is an extrapolation"
+        f"vibration reaches {number(reach_mm, 0)} mm beyond edges, as fitted on tiles of "
+        f"{number(1000 * FITTED_ON_M, 0)} mm; on "
+        f"these of {number(1000 * side_m, digits=3)} mm that is an extrapolation"
     ]
 
 

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
@@ -26,8 +25,7 @@ from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
-from vibroswarm.scenario.presets import preset_names
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.executors import Workers, workers_for
 
 FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
@@ -67,21 +65,6 @@ class Checked(NotebookView):
         if side(self.difference):  # significant, but not in the second block, or with the other sign there
             return "The second block of seeds does not confirm the difference."
         return "No significant difference, which does not mean that they are equal."
-
-
-def scenario_named(text: str, field: str) -> Scenario:
-    """Return the preset named ``text``, or read the scenario file of that name if there is no such preset.
-
-    Raises:
-        InputError: neither exists, and the message names ``field``; or the file is no valid scenario.
-    """
-    if text in preset_names():
-        return preset(text)
-    if not Path(text).is_file():
-        raise InputError(
-            f"'{text}' is neither a file nor a preset (there are {', '.join(preset_names())})", field=field
-        )
-    return Scenario.read(text)
 
 
 def compare_scenarios(

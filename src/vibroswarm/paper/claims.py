@@ -71,6 +71,7 @@ from scipy.special import betaincinv, stdtrit
 
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView, short_text
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, check_choice, check_known_keys
 from vibroswarm.paper.columns import COLUMNS
 
@@ -269,7 +270,7 @@ class Claim(NotebookView):
     @property
     def words(self) -> str:
         """The test in words, with its unit."""
-        return f"{TESTS[self.test]} {self.scale * self.bound:g} {self.unit}".rstrip()
+        return f"{TESTS[self.test]} {stated(self.scale * self.bound)} {self.unit}".rstrip()
 
     @property
     def scale(self) -> float:
@@ -448,7 +449,7 @@ def _too_easy(claim: Claim, scattered: float | None) -> str | None:
     """Return a reason if evenly scattered points have a value within the claim's bounds, so that it shows nothing."""
     if scattered is None or state(scattered, scattered, claim.bounds) != "holds":
         return None
-    return f"evenly scattered points have {scattered:+.3f}, and would hold, too"
+    return f"evenly scattered points have {number(scattered, 3, sign=True)}, and would hold, too"
 
 
 def _decided(claim: Claim, column: str, rows: Rows, verdict: str, level: float) -> Decided:

@@ -14,7 +14,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder
-from vibroswarm.core.numbers import MISSING, Estimate, span, with_limits
+from vibroswarm.core.numbers import MISSING, Estimate, span, stated, with_limits
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.paper.claims import CANNOT, Claim, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS
@@ -135,7 +135,7 @@ def _decimals(claim: Claim) -> int:
     """
     bound = claim.scale * claim.bound
     # Decimals of the bound, without zeros at the end, plus one.
-    of_bound = len(f"{abs(bound):.6f}".rstrip("0").partition(".")[2]) + 1 if bound else 0
+    of_bound = len(stated(abs(bound)).partition(".")[2]) + 1 if bound else 0
     # Usual decimals of each unit; 3 for all other units, such as beliefs.
     of_unit = {"s": 0, "points": 1, "%": 1, "m": 4}.get(claim.unit, 3)
     is_long_time = claim.unit == "s" and abs(bound) >= 10

@@ -16,6 +16,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.core.numbers import percent
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import checked_estimates, draw_along, series_handle
 from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
@@ -333,7 +334,7 @@ def _share(name: str) -> float:
 
 
 def _percent(name: str) -> str:
-    return f"{100 * _share(name):g} %"
+    return percent(_share(name), None, digits=6)
 
 
 def _check_order(frame: pl.DataFrame, pairs: Sequence[tuple[str, str]]) -> None:

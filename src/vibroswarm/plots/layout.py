@@ -15,7 +15,7 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.numbers import counts as counted
-from vibroswarm.core.numbers import is_missing
+from vibroswarm.core.numbers import is_missing, percent, stated
 from vibroswarm.core.numbers import number as written
 from vibroswarm.errors import InputError
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, Look, Style
@@ -126,12 +126,12 @@ def share(part: float, whole: float) -> str:
     """
     if not whole:
         return "–"
-    percent = 100 * part / whole
-    if 0 < percent < 0.1:
+    found = part / whole
+    if 0 < found < 0.001:
         return "< 0.1 %"
-    if 99.9 < percent < 100:
+    if 0.999 < found < 1:
         return "> 99.9 %"
-    return f"{percent:.0f} %" if percent in (0, 100) or 1 <= percent <= 99 else f"{percent:.1f} %"
+    return percent(found, 0 if found in (0, 1) or 0.01 <= found <= 0.99 else 1)
 
 
 def of_runs(counts: Sequence[int], unit: str = "run") -> str:
@@ -315,7 +315,7 @@ def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
     if len(places) <= MOST_TICKS:  # more never fit, and take long to lay out
         before = axis.get_major_locator(), axis.get_major_formatter()
         axis.set_major_locator(FixedLocator(places))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: stated(value).replace("-", "\u2212")))
         lay_out(figure)
         if not crowded(axis):
             return
@@ -381,7 +381,7 @@ def log_x(axes: Axes, values: Sequence[float]) -> None:
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if ratio < 300 else (1,)))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: stated(value)))
 
 
 def percent_axis(axis: Any) -> None:
@@ -391,7 +391,7 @@ def percent_axis(axis: Any) -> None:
     """
     from matplotlib.ticker import FuncFormatter
 
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * abs(value):.6g} %"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: percent(abs(value), None, digits=6)))
 
 
 class Rows(NamedTuple):

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
@@ -90,7 +91,7 @@ def draw_reports(
     lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
     caption = f"what {robots} robots reported after their samples; {lines}"
     caption += (
-        f"; dashed: the true number, {truth:.4g}."
+        f"; dashed: the true number, {number(truth, digits=4)}."
         if truth is not None and set(names) & set(estimates)
         else "."
     )

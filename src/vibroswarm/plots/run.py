@@ -15,6 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of
+from vibroswarm.core.numbers import number
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patches import Patch
 from vibroswarm.floors.surfaces import STEPS
@@ -147,7 +148,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
         below = figure.add_subplot(grid[1, k])
         _draw_floor(below, stage, {})
         below.set(xlim=(0, width), ylim=(0, height), aspect="equal", xticks=[], yticks=[])
-        below.set_title(f"from {since_s:.4g} s", fontsize=7.5)
+        below.set_title(f"from {number(since_s, digits=4)} s", fontsize=7.5)
     _draw_paths(axes, result, run)
     _draw_samples(axes, result, run)
     _draw_robots(axes, result, run)
@@ -159,7 +160,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     # that it wraps.
     floor_name = floor.name.replace("$", r"\$")
     axes.set_title(
-        f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {summary['fill_ratio']:.3g}"
+        f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {number(summary['fill_ratio'], digits=3)}"
         f"{' at the end' if small else ''}, "
         f"{feedback}, {origin}: {outcome}" + "".join(f"\n({text})" for text in edge_warnings(scenario)),
         fontsize=9,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.inputs import check_once, tidy, with_series
@@ -82,7 +83,7 @@ def draw_search(
     legend_below(figure, sizes, handles, names)  # handles and names have the same order
     caption = f"{label} over {frame.height} iterations: the best so far and the mean of the candidates tried."
     if true is not None:
-        caption += f" On fresh runs the winner's is {true:.4g}; what lies below was luck."
+        caption += f" On fresh runs the winner's is {number(true, digits=4)}; what lies below was luck."
     return Picture(figure, frame.select("iteration", "best", "mean"), caption)
 
 

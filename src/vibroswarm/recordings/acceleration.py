@@ -22,6 +22,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
@@ -240,7 +241,7 @@ def _check_window(
     Raises:
         InputError: too few readings, another rate than the chain's, a gap, or readings of an earlier stop.
     """
-    what = f"robot {robot}, sample at {time_s:g} s"
+    what = f"robot {robot}, sample at {stated(time_s)} s"
     if window.shape[0] > 1:
         spacing_s = np.diff(window[:, 0])
         rate_hz = 1.0 / float(np.median(spacing_s))
@@ -295,10 +296,10 @@ def with_energies(
 
 def _words(item: Computed, path: Path, program: SenseProgram) -> str:
     """Say how the energies of a log were computed, and how far they differ from logged ones."""
-    each = f"{readings(program)} readings at {program.rate_hz:g} Hz each"
+    each = f"{readings(program)} readings at {stated(program.rate_hz)} Hz each"
     if np.isnan(item.largest_difference):
         return f"{item.log.name}: {item.samples} samples found in {path} ({each})"
     return (
         f"{item.log.name}: {item.samples} energies computed from {path} ({each}); they differ from the log's by up to "
-        f"{item.largest_difference:.3g}"
+        f"{number(item.largest_difference, digits=3)}"
     )

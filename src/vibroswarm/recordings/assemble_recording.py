@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
@@ -436,5 +437,5 @@ def count_lines(recording: Recording) -> list[str]:
     for run, session in enumerate(recording.sessions):
         counts = session["told"]
         lines.append(f"session {run + 1}: {session['log']} ({session['reader']})")
-        lines += [f"  {counts[name]:g} {words}" for name, words in COUNTED.items() if counts.get(name)]
+        lines += [f"  {stated(counts[name])} {words}" for name, words in COUNTED.items() if counts.get(name)]
     return lines

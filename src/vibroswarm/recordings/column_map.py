@@ -37,6 +37,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_known_keys, nearest
 from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
@@ -205,7 +206,7 @@ def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, colum
     if isinstance(low, int):
         wrong |= values != values.round()
     said = f"in column '{column}' is not {words}"
-    _refuse_first(wrong.fill_null(False), lines, name, lambda k: f"{values[k]:g} {said}")
+    _refuse_first(wrong.fill_null(False), lines, name, lambda k: f"{stated(values[k])} {said}")
 
 
 def plain_number(value: Any, what: str, name: str) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import percent
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -167,4 +168,4 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
 
 def _percent(share: float) -> str:
     """Write a share in percent with two significant digits, or as "less than 0.01 %"."""
-    return "less than 0.01 %" if share < 1e-4 else f"{100 * share:.2g} %"
+    return "less than 0.01 %" if share < 1e-4 else percent(share, None, digits=2)

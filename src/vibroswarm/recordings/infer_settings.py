@@ -27,6 +27,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
 from vibroswarm.recordings.infer_timer import infer_timer
 from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
@@ -133,7 +134,9 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     words = f"{zeros.size} samples {source} to be 0 and {ones.size} to be 1: "
     if low < high:
         value = _beside(low, high, at_low=zeros.size >= ones.size)
-        return Inferred(name, value, low, high, f"{words}all zeros up to {low:g}, all ones from {high:g} on")
+        return Inferred(
+            name, value, low, high, f"{words}all zeros up to {stated(low)}, all ones from {stated(high)} on"
+        )
     # Contradictory samples, counted for a threshold at each energy: zeros above it, and ones up to it.
     edges = np.unique(np.concatenate([zeros, ones]))
     errors = (
@@ -212,7 +215,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
         return [undetermined(name, "no robot decided, or decisions are not logged") for name in names]
     possible = [gate for gate, (low, high, _) in bounds.items() if low < high]
     counts = "; ".join(
-        f"{gate}: {_held(low)} while undecided and sure, at least {high:g} at a first decision"
+        f"{gate}: {_held(low)} while undecided and sure, at least {stated(high)} at a first decision"
         for gate, (low, high, _) in bounds.items()
     )
     # The largest count is minus infinity if no robot was sure but undecided: then the gate held no robot back.
@@ -226,7 +229,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
     low, high, _ = bounds[gate]
     words = f"{decisions} first decisions; only '{gate}' fits ({counts})"
     # The current sample may count only where own readings do (``decision.gate_counts_current``).
-    if_current = "" if gate == "received" else f"; {low + 1:g} if the current sample counts"
+    if_current = "" if gate == "received" else f"; {stated(low + 1)} if the current sample counts"
     # O_c is at least the largest count without a decision, and below the smallest count at a first decision.
     return [
         Inferred(names[0], gate, low=None, high=None, evidence=words),
@@ -292,8 +295,9 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
     value = _roundest(low, high + 1e-9) if low > 0.5 and low <= high else None
     return Inferred(
         name, value, low, high,
-        f"least belief at one of {decisions} first decisions {high:g}; largest of a robot past the gate that did not "
-        f"decide {low:g} (logged beliefs may be cut to three digits)",
+        f"least belief at one of {decisions} first decisions {stated(high)}; largest of a robot past the gate that "
+        f"did not "
+        f"decide {stated(low)} (logged beliefs may be cut to three digits)",
     )  # fmt: skip
 
 
@@ -331,11 +335,11 @@ def infer_tau(between: Intervals) -> Inferred:
     low, high = tau_s - 2 * error_s, tau_s + TICKS_S + 2 * error_s
     return Inferred(
         name, round(1000 * _roundest(low, high), 3), 1000 * low, 1000 * high,
-        f"{usual.size} of {spacing.size} intervals {which} are {usual.mean():.3f} s; less a stop of "
-        f"{stop_s:.3f} s and at most two ticks of 20 ms",
+        f"{usual.size} of {spacing.size} intervals {which} are {number(usual.mean(), 3)} s; less a stop of "
+        f"{number(stop_s, 3)} s and at most two ticks of 20 ms",
     )  # fmt: skip
 
 
 def _held(most: float) -> str:
     """Write the largest count of a robot that was sure but undecided, in words; -inf: there was no such robot."""
-    return "never" if math.isinf(most) else f"at most {most:g}"
+    return "never" if math.isinf(most) else f"at most {stated(most)}"

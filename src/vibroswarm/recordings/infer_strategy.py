@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number
 from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
 from vibroswarm.recordings.log import Log
 from vibroswarm.strategies import soft
@@ -61,7 +62,7 @@ def infer_strategy(
     order = sorted(STRATEGIES, key=lambda strategy: -likelihood[strategy])
     lead = likelihood[order[0]] - likelihood[order[1]]
     evidence = f"{used} {words}; log likelihood " + ", ".join(
-        f"{strategy} {likelihood[strategy]:.1f}" for strategy in STRATEGIES
+        f"{strategy} {number(likelihood[strategy], 1)}" for strategy in STRATEGIES
     )
     value = order[0] if lead > CLEAR_LEAD else None
     if value is None:

@@ -29,6 +29,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.recordings.inferred import Inferred, Intervals, undetermined
 
 NAME: Final = "sample.timer"
@@ -62,7 +63,7 @@ def infer_timer(between: Intervals, tau: Inferred) -> Inferred:
     if np.isnan(between.avoid_s).all():
         return undetermined(NAME, "avoidance is not logged")
     if tau.value is None or tau.value < 1000.0 * LEAST_TAU_S:
-        known = "unknown" if tau.value is None else f"below {LEAST_TAU_S:g} s"
+        known = "unknown" if tau.value is None else f"below {stated(LEAST_TAU_S)} s"
         return undetermined(NAME, f"tau is {known}")
     calm = between.spacing_s[between.whole & (between.avoid_s == 0) & ~np.isnan(between.spacing_s)]
     usual_s = float(np.median(calm))
@@ -76,8 +77,8 @@ def infer_timer(between: Intervals, tau: Inferred) -> Inferred:
     shorter = float((rest_s < usual_s - MARGIN_S).mean())
     alike = float((np.abs(rest_s - usual_s) <= MARGIN_S).mean())
     words = (
-        f"of {rest_s.size} intervals with avoidance, less the avoidance {100 * shorter:.0f} % are shorter than the "
-        f"usual {usual_s:.2f} s and {100 * alike:.0f} % as long, median {np.median(rest_s):.2f} s"
+        f"of {rest_s.size} intervals with avoidance, less the avoidance {percent(shorter, 0)} are shorter than the "
+        f"usual {number(usual_s, 2)} s and {percent(alike, 0)} as long, median {number(np.median(rest_s), 2)} s"
     )
     if shorter >= COUNTED:
         return _counted(calm - usual_s, float(np.median(avoid_s)), words)
@@ -104,5 +105,8 @@ def _counted(excess_s: Floats, turn_s: float, words: str) -> Inferred:
             )
         return undetermined(NAME, f"{words}: avoidance counts; {longer.size} intervals with turns: too few")
     rule = "reset_after_turn" if np.median(longer) > TURNS * turn_s else "hold_in_turn"
-    words += f"; with a turn at the end of a leg, {np.median(longer):.2f} s longer, and avoidances last {turn_s:.2f} s"
+    words += (
+        f"; with a turn at the end of a leg, {number(np.median(longer), 2)} s longer, and avoidances last "
+        f"{number(turn_s, 2)} s"
+    )
     return Inferred(NAME, rule, None, None, words)

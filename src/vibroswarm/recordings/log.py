@@ -39,6 +39,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.motion.source import SEGMENTS
 
@@ -234,7 +235,7 @@ def _check_robots(
     else:
         usual = float(rows["rows"].median() or 0.0)  # type: ignore[arg-type]
         unknown = rows.filter(pl.col("rows") < RARE * usual)
-        words = f"the others have about {usual:.0f} rows each; name the robots with --known-robots"
+        words = f"the others have about {number(usual, 0)} rows each; name the robots with --known-robots"
     if unknown.height:
         robot, count, line = unknown.row(0)
         raise InputError(
@@ -258,8 +259,8 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
     # Copies, because arrays of polars are read-only.
     columns = {name: samples[name].cast(pl.Float64).to_numpy().copy() for name in COUNTERS}
     robot, time_s, line = (samples[name].to_numpy() for name in ("robot", "time_s", "line"))
-    for number in np.unique(robot):
-        own = np.flatnonzero(robot == number)
+    for each in np.unique(robot):
+        own = np.flatnonzero(robot == each)
         for name, values in columns.items():
             if np.isnan(values[own]).all():
                 continue

@@ -24,6 +24,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.acceleration import (
     COLUMNS,
@@ -259,7 +260,7 @@ def _groups(
         times = np.array([sample.time_s for sample in samples])
         edges = np.linspace(times.min(), times.max(), 7)
         part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, 5)
-        names = [f"{edges[k]:.0f} to {edges[k + 1]:.0f} s" for k in range(6)]
+        names = [f"{number(edges[k], 0)} to {number(edges[k + 1], 0)} s" for k in range(6)]
         keys, order = [names[k] for k in part], names
     else:
         x_m, y_m = (np.array([getattr(sample, name) for sample in samples]) for name in ("x_m", "y_m"))
@@ -343,15 +344,19 @@ def _words(hz: float, higher: Sequence[float], known: _Known) -> str:
         for multiple in (1, 2, 3):
             folded = alias_hz(multiple * motor_hz, known.rate_hz)
             if abs(folded - hz) < near_hz:
-                line = f"{multiple * motor_hz:g} Hz" if multiple == 1 else f"{multiple} x {motor_hz:g} Hz"
+                line = (
+                    f"{stated(multiple * motor_hz)} Hz"
+                    if multiple == 1
+                    else f"{multiple} x {stated(motor_hz)} Hz"
+                )
                 said.append(f"motor of kind {kind}: {line}{_folded(multiple * motor_hz, known)}")
     for other_hz in () if said else higher:
         for multiple in (2, 3):
             if abs(alias_hz(multiple * other_hz, known.rate_hz) - hz) < near_hz:
-                said.append(f"{multiple} x {other_hz:.1f} Hz{_folded(multiple * other_hz, known)}")
+                said.append(f"{multiple} x {number(other_hz, 1)} Hz{_folded(multiple * other_hz, known)}")
     for across_hz in known.across_hz:
         if abs(alias_hz(2.0 * across_hz, known.rate_hz) - hz) < near_hz:
-            said.append(f"twice the horizontal {across_hz:.1f} Hz, as a magnitude shows it")
+            said.append(f"twice the horizontal {number(across_hz, 1)} Hz, as a magnitude shows it")
     return "; ".join(said)
 
 
@@ -377,7 +382,8 @@ def _other_unit(samples: Sequence[_Sample], unit: str) -> Iterator[str]:
     for other, factor in M_S2.items():
         if abs(magnitude * factor / M_S2[unit] / M_S2["g"] - 1.0) < GRAVITY_WITHIN:
             yield (
-                f"the mean magnitude is {magnitude / M_S2[unit]:.4g}, which is gravity in {other}, and not in {unit}: "
+                f"the mean magnitude is {number(magnitude / M_S2[unit], digits=4)}, which is gravity in {other}, "
+                f"and not in {unit}: "
                 f"add --unit {other}"
             )
 
@@ -388,13 +394,14 @@ def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:
     for one, motor_hz in enumerate(motors_hz):
         if motor_hz > 0.5 * known.rate_hz:
             yield (
-                f"{motor_hz:g} Hz is above half of the rate, {known.rate_hz:.4g} Hz: it is seen at {seen[one]:.4g} Hz"
+                f"{stated(motor_hz)} Hz is above half of the rate, {number(known.rate_hz, digits=4)} Hz: it is "
+                f"seen at {number(seen[one], digits=4)} Hz"
             )
         for other in range(one):
             if abs(seen[one] - seen[other]) < known.resolution_hz:
                 yield (
-                    f"{motors_hz[other]:g} and {motor_hz:g} Hz look alike: both are seen within "
-                    f"{known.resolution_hz:.3g} Hz of {seen[one]:.4g} Hz"
+                    f"{stated(motors_hz[other])} and {stated(motor_hz)} Hz look alike: both are seen within "
+                    f"{number(known.resolution_hz, digits=3)} Hz of {number(seen[one], digits=4)} Hz"
                 )
 
 

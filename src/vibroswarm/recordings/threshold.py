@@ -32,6 +32,7 @@ from vibroswarm.analysis.sampling import effective_samples, effective_with_senso
 from vibroswarm.core.distances import nearest_tiles
 from vibroswarm.core.jit import read_only
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes
@@ -311,7 +312,7 @@ def find_thresholds(
 
 
 def _name_of_costs(cost_false_positive: float, cost_false_negative: float) -> str:
-    return f"costs {cost_false_positive:g} to {cost_false_negative:g}"
+    return f"costs {stated(cost_false_positive)} to {stated(cost_false_negative)}"
 
 
 def _found(name: str, rule: Rule, data: Labelled, recording: Recording, margin_m: float) -> Threshold:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
@@ -144,8 +145,8 @@ class Change(FrozenModel):
             return markov_changes(tiles, self.rate_per_h, shares, until_s, seed, run)
         later: list[tuple[float, NDArray[np.uint8]]] = []
         before = tiles
-        for number, (time_s, to) in enumerate(self.steps()):
-            before = _next(to, replace(floor, tiles=before), number, seed, run)
+        for step, (time_s, to) in enumerate(self.steps()):
+            before = _next(to, replace(floor, tiles=before), step, seed, run)
             later.append((time_s, before))
         return changes_between(tiles, later)
 
@@ -228,16 +229,16 @@ def change_words(change: Change) -> str:
         shares = (
             "as the floor is at first"
             if change.shares is None
-            else ", ".join(f"{s:.4g}" for s in change.shares)
+            else ", ".join(number(s, digits=4) for s in change.shares)
         )
-        return f"Each tile is redrawn {change.rate_per_h:g} times an hour on average (shares of kinds: {shares})."
+        return f"Each tile is redrawn {stated(change.rate_per_h)} times an hour on average (shares of kinds: {shares})."
     words = {
         INVERT: "it is inverted",
         REDRAW: "its tiles move to random places",
         GROW: "what vibrates grows by a tile",
         **{to: f"{to} appears" for to in change.to or () if kind_of_name(to) == PATCHES},
     }
-    steps = [f"{words.get(to, f'it becomes {to}')} at {time_s:g} s" for time_s, to in change.steps()]
+    steps = [f"{words.get(to, f'it becomes {to}')} at {stated(time_s)} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""
 
 
@@ -248,10 +249,10 @@ def change_warnings(change: Change, t_end_s: float, is_final: bool) -> list[str]
         t_end_s: end of the run. is_final: whether robots keep their decisions.
     """
     found = []
-    late = [f"{time_s:g}" for time_s in change.at_s or () if time_s >= t_end_s]
+    late = [stated(time_s) for time_s in change.at_s or () if time_s >= t_end_s]
     if late:
         found.append(
-            f"change.at_s: the run ends at {t_end_s:g} s, and the floor changes at {', '.join(late)} s"
+            f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s"
         )
     if change.is_given and is_final:
         found.append(

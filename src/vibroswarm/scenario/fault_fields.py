@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final
 from pydantic import Field, ValidationInfo, field_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, shown
 
 OF_TWO_KINDS: Final = (
@@ -264,7 +265,7 @@ def fault_warnings(faults: Faults, robots: int) -> list[str]:
         if isinstance(affected, float) and abs(affected * robots - robots_of_share(affected, robots)) > 1e-6:
             rounded = robots_of_share(affected, robots)
             found.append(
-                f"faults.{kind}: {affected:g} of {robots} robots is {affected * robots:.4g}; "
+                f"faults.{kind}: {stated(affected)} of {robots} robots is {number(affected * robots, digits=4)}; "
                 f"{rounded or 'none'} of them {'has' if rounded == 1 else 'have'} the fault"
             )
     if faults.biased and not any(getattr(faults, name) for name in (*OF_TWO_KINDS, *OF_ANY_SENSOR)):

@@ -23,7 +23,7 @@ from typing import Any, Final, Self
 from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, in_file, nearest, path_of, shown, whole_number_of
@@ -196,9 +196,9 @@ class Scenario(Sections, NotebookView):
             count(robots, "robot"),
             self.strategy.name,
             f"floor {shown(self.floor.source)}",
-            f"{self.arena.width_m:g} m x {self.arena.height_m:g} m",
+            f"{stated(self.arena.width_m)} m x {stated(self.arena.height_m)} m",
             *([] if task == "fill_ratio" else [f"task {task}"]),
-            f"up to {self.run.t_end_s:g} s",
+            f"up to {stated(self.run.t_end_s)} s",
         ]
         return f"Scenario({', '.join(parts)})"
 

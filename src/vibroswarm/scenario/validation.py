@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from vibroswarm import networks, sensors, strategies, tasks
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import kinds_listed, shadows
@@ -94,12 +95,12 @@ def _check_each(s: Sections) -> None:
 def _check_places(s: Sections) -> None:
     """Refuse a start region that is too small for the robots: for one robot, or for all side by side."""
     left, right, low, high = start_region(s)
-    size = f"{s.arena.width_m:g} m x {s.arena.height_m:g} m"
+    size = f"{stated(s.arena.width_m)} m x {stated(s.arena.height_m)} m"
     if left > right or low > high:
         most_m = min(s.arena.width_m, s.arena.height_m) / 2  # greatest radius or margin
         if s.robot.body_radius_m > most_m:
             raise InputError(
-                f"a robot of radius {s.robot.body_radius_m:g} m does not fit into an arena of {size}",
+                f"a robot of radius {stated(s.robot.body_radius_m)} m does not fit into an arena of {size}",
                 field="arena.width_m" if s.arena.width_m <= s.arena.height_m else "arena.height_m",
             )
         raise InputError(
@@ -230,18 +231,18 @@ def _check_sensor(s: Sections) -> None:
 
 def _check_options_of_laws(s: Sections) -> None:
     """Refuse what changes the law of a kind of tile, for a sensor that measures at each place."""
-    options = {
-        "sensor.edge_reach_m": s.sensor.edge_reach_m is not None,
-        "sensor.edge_blur_m": s.sensor.edge_blur_m is not None,
-    }
-    for field, is_set in options.items():
-        if is_set:
-            raise InputError(
-                f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out "
-                f"(--set {field}=)",
-                field=field,
-            )
-    _check_bias(s, f"'{s.sensor.model}' measures at each place")
+    why = f"'{s.sensor.model}' measures at each place"
+    if field := _edge_option(s):
+        raise InputError(
+            f"changes the law of a kind of tile, and {why}; leave it out (--set {field}=)", field=field
+        )
+    _check_bias(s, why)
+
+
+def _edge_option(s: Sections) -> str:
+    """Return the first field that is set of those on edges between kinds of tile; empty if none is."""
+    names = [name for name in ("edge_reach_m", "edge_blur_m") if getattr(s.sensor, name) is not None]
+    return f"sensor.{names[0]}" if names else ""
 
 
 def _check_bias(s: Sections, why: str) -> None:
@@ -355,11 +356,8 @@ def _check_surface(s: Sections) -> None:
             f"{own}",
             field="sensor.model",
         )
-    for field in ("edge_reach_m", "edge_blur_m"):
-        if surface.values is not None and getattr(sensor, field) is not None:
-            raise InputError(
-                "edges are those of kinds of tile, and this floor has values", field=f"sensor.{field}"
-            )
+    if surface.values is not None and (field := _edge_option(s)):
+        raise InputError("edges are those of kinds of tile, and this floor has values", field=field)
 
 
 def _check_asks_for_change(s: Sections) -> None:
@@ -390,21 +388,14 @@ def _check_asks_for_change(s: Sections) -> None:
 
 def _check_options_of_two(s: Sections) -> None:
     """Refuse what is defined for two kinds of tile and two classes of readings only."""
-    options = {
-        "sensor.edge_reach_m": s.sensor.edge_reach_m is not None,
-        "sensor.edge_blur_m": s.sensor.edge_blur_m is not None,
-        "decision.boundary_of": s.decision.boundary_of == "tiles",
-    }
-    for field, is_set in options.items():
-        if is_set:
-            raise InputError(
-                f"is defined for two kinds of tile and two classes of readings, and the sensor '{s.sensor.model}' has "
-                f"{s.sensor.kinds} and {s.sensor.readings}; leave it out",
-                field=field,
-            )
-    _check_bias(
-        s, f"the sensor '{s.sensor.model}' has {s.sensor.kinds}, and {s.sensor.readings} classes of readings"
-    )
+    field = _edge_option(s) or ("decision.boundary_of" if s.decision.boundary_of == "tiles" else "")
+    why = f"the sensor '{s.sensor.model}' has {s.sensor.kinds}, and {s.sensor.readings} classes of readings"
+    if field:
+        raise InputError(
+            f"is defined for two kinds of tile and two classes of readings, and {why}; leave it out",
+            field=field,
+        )
+    _check_bias(s, why)
 
 
 def _strategy_of(s: Sections) -> Strategy | None:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vibroswarm.core.jit import inner, kernel, signed
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.floors.place import Place, tile_below
@@ -556,8 +557,9 @@ def aliases(p: Any) -> list[str]:
         if shares[one, other] > CONFUSED:
             alike.append(_alike_words(one, other, float(shares[one, other]), p))
     folded = [
-        f"readings at {p.rate_hz:g} Hz are too few for the motor of kind {kind}, at {hz:g} Hz, and show it at "
-        f"{alias_hz(hz, p.rate_hz):.4g} Hz; a rate above {2.0 * hz:g} Hz shows it where it is"
+        f"readings at {stated(p.rate_hz)} Hz are too few for the motor of kind {kind}, at {stated(hz)} Hz, and "
+        f"show it at "
+        f"{number(alias_hz(hz, p.rate_hz), digits=4)} Hz; a rate above {stated(2.0 * hz)} Hz shows it where it is"
         for kind, hz in enumerate(p.motor_hz, start=1)
         if hz > 0.5 * p.rate_hz
     ]
@@ -590,9 +592,12 @@ def confusions(p: Any) -> Values:
 
 def _alike_words(one: int, other: int, share: float, p: Any) -> str:
     """Say that samples of one motor's tiles are read as the other's, and why."""
-    kinds_hz = f"kind {one + 1} ({p.motor_hz[one]:g} Hz)", f"kind {other + 1} ({p.motor_hz[other]:g} Hz)"
+    kinds_hz = (
+        f"kind {one + 1} ({stated(p.motor_hz[one])} Hz)",
+        f"kind {other + 1} ({stated(p.motor_hz[other])} Hz)",
+    )
     return (
-        f"{kinds_hz[0]} is read as {kinds_hz[1]} in {100.0 * share:.0f} % of samples, even far from edges: "
+        f"{kinds_hz[0]} is read as {kinds_hz[1]} in {percent(share, 0)} of samples, even far from edges: "
         f"{_why_alike(one, other, p)}"
     )
 
@@ -605,12 +610,15 @@ def _why_alike(one: int, other: int, p: Any) -> str:
         line_hz = multiple * p.motor_hz[one]
         seen_hz = alias_hz(line_hz, p.rate_hz)
         if abs(seen_hz - its_hz) < resolution_hz:
-            times = "it" if multiple == 1 else f"{multiple} x {p.motor_hz[one]:g} Hz"
-            folded = f"readings at {p.rate_hz:g} Hz show {times} at {seen_hz:.4g} Hz"
-            return f"{folded}, and {1000.0 * spectrum_s(p):.3g} ms of them tell lines {resolution_hz:.3g} Hz apart"
+            times = "it" if multiple == 1 else f"{multiple} x {stated(p.motor_hz[one])} Hz"
+            folded = f"readings at {stated(p.rate_hz)} Hz show {times} at {number(seen_hz, digits=4)} Hz"
+            return (
+                f"{folded}, and {number(1000.0 * spectrum_s(p), digits=3)} ms of them tell lines "
+                f"{number(resolution_hz, digits=3)} Hz apart"
+            )
     seen_hz, wander_hz = alias_hz(p.motor_hz[one], p.rate_hz), p.frequency_jitter * p.motor_hz[one]
     if abs(seen_hz - its_hz) < 4.0 * wander_hz:
-        return f"its frequency wanders by {wander_hz:.3g} Hz (frequency_jitter)"
+        return f"its frequency wanders by {number(wander_hz, digits=3)} Hz (frequency_jitter)"
     return "its line does not stand out of other motors' and of the noise"
 
 

@@ -21,6 +21,7 @@ from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
+from vibroswarm.floors.source import source_of
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.run import run
@@ -99,7 +100,7 @@ def detection_study(
         seed,
         # the varied fields; `__` stands for the dot in a field's name
         swarm__robots=list(robots),
-        floor__source=[f"random:{fill:g}" for fill in fills],
+        floor__source=[source_of("random", fill) for fill in fills],
     )
 
 

@@ -29,6 +29,7 @@ from typing import Any, Final, TypeGuard
 
 import numpy as np
 
+from vibroswarm.core.numbers import number, rounded
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, nearest, number_of, whole_number_of
 from vibroswarm.scenario import plugins
@@ -293,7 +294,7 @@ def value_between(low: float, high: float, scale: str, whole: bool, u: float) ->
         value = low if u == 0.0 else high
     else:
         value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
-    return round(value) if whole else float(f"{value:.15g}")
+    return round(value) if whole else rounded(value, 15)
 
 
 def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
@@ -367,7 +368,7 @@ def value_in_words(value: Any, digits: int = DIGITS) -> str:
     """
     if is_code(value):  # FILE.py:NAME is written as NAME
         return name_in(value)
-    text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    text = number(value, digits=digits) if isinstance(value, float) else str(value)
     if len(text) <= LONGEST:
         return text
     digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:6]

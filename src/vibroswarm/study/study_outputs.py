@@ -7,35 +7,31 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import polars as pl
 
 from vibroswarm.core.atomic_io import OURS, whole_folder
 from vibroswarm.core.displayed import document_of
+from vibroswarm.core.folders import PICTURES, REPORT
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.progress_line import ProgressLine, is_watched
 from vibroswarm.errors import InputError, check_choice, check_keywords
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Document
 from vibroswarm.show.figures import write_figures
-from vibroswarm.show.page import write_page
 from vibroswarm.study.answers import Answer
-from vibroswarm.study.baselines import references_of
-from vibroswarm.study.cell_comparison import comparison_table, second_block
+from vibroswarm.study.cell_comparison import comparison_table
+from vibroswarm.study.evaluation import outcome_after, write_report
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import Progress, StudyProgress
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.summary import Outcome, outcome_of, write_outcome
-
-REPORT: Final = "report.html"
-"""Name of the page."""
-PICTURES: Final = "pictures"
-"""Name of the folder of pictures, beside the page."""
+from vibroswarm.study.summary import Outcome, outcome_of
 
 
 def run_with_bar(
@@ -63,7 +59,7 @@ def run_with_bar(
 
 def _failed(now: StudyProgress) -> str:
     """Write how many batches failed; empty if none did."""
-    return f"{now.failed} batch{'es' * (now.failed != 1)} failed" if now.failed else ""
+    return f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
 
 
 def summarised(result: StudyResult) -> pl.DataFrame:
@@ -133,9 +129,7 @@ def compared(
         confirm: whether the study is first repeated on another seed, to confirm the differences.
         equal_error: whether strategies are also compared at equal error.
     """
-    replicate = second_block(result) if confirm else None
-    outcome = outcome_of(result, replicate=replicate, reference=reference, equal_error=equal_error)
-    return Comparison(outcome)
+    return Comparison(outcome_after(result, reference=reference, confirm=confirm, equal_error=equal_error))
 
 
 def plotted(result: StudyResult, name: str, style: str) -> Picture:
@@ -181,10 +175,6 @@ def _write(result: StudyResult, folder: Path) -> ReportFile:
     """Write tables, pictures and report into an existing folder; pictures are as wide as a journal's column."""
     # The report keeps the comparison at equal error that the study's folder has.
     equal_error = (result.store.folder / "equal_error.csv").is_file()
-    outcome = outcome_of(result, equal_error=equal_error)
-    outcome = replace(outcome, references=tuple(references_of(result)))
-    write_outcome(outcome, folder)
-    document = document_of(outcome)
-    write_page(folder / REPORT, document)
+    document = write_report(outcome_of(result, equal_error=equal_error), folder)
     write_figures(folder / PICTURES, document, "column")
     return ReportFile(folder / REPORT)

@@ -99,6 +99,23 @@ class Outcome(NotebookView):
         return varied.hstack(figures)
 
     @cached_property
+    def tables(self) -> dict[str, pl.DataFrame]:
+        """All tables by name.
+
+        These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared;
+        ``equal_error``, if they are compared at equal error; and ``references``, if these are computed.
+        """
+        matched = [answer.as_row() for answer in self.answers if answer.matched is not None]
+        tables = {
+            "summary": self.table,
+            "reported": self.reported,
+            "comparisons": comparison_table(self.comparisons),
+            "equal_error": pl.DataFrame(matched, infer_schema_length=None),
+            "references": reference_table(list(self.references)),
+        }
+        return {name: table for name, table in tables.items() if table.height}
+
+    @cached_property
     def reported(self) -> pl.DataFrame:
         """What the robots of each cell reported at the end of their runs: means over runs, with intervals.
 
@@ -238,24 +255,6 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     return columns
 
 
-def outcome_tables(outcome: Outcome) -> dict[str, pl.DataFrame]:
-    """Return the tables of a summary by name.
-
-    These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared;
-    ``equal_error``, if they are compared at equal error; and ``references``, if these are computed.
-    """
-    tables = {"summary": outcome.table}
-    if outcome.reported.height:
-        tables["reported"] = outcome.reported
-    if outcome.comparisons:
-        tables["comparisons"] = comparison_table(outcome.comparisons)
-    if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
-        tables["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
-    if outcome.references:
-        tables["references"] = reference_table(list(outcome.references))
-    return tables
-
-
 def write_outcome(outcome: Outcome, folder: Path) -> None:
     """Write the tables of a summary as CSV and Parquet into a study's folder.
 
@@ -264,10 +263,9 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
     """
-    tables = outcome_tables(outcome)
-    for name, table in tables.items():
+    for name, table in outcome.tables.items():
         write_table(table, folder / name)
-    for name in {"comparisons", "equal_error"} - set(tables):
+    for name in {"comparisons", "equal_error"} - set(outcome.tables):
         for suffix in ("csv", "parquet"):
             path = folder / f"{name}.{suffix}"
             try:

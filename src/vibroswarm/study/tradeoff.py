@@ -30,6 +30,7 @@ from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, columns_of
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array, costs_of, forced_errors, numbers
 from vibroswarm.scenario.scenario import Scenario
@@ -98,7 +99,7 @@ def time_error_curve(
     refuse_steering(scenario)
     base = scenario.with_values({"run.stop": "t_end"})
     points = {
-        f"p_c {p_c:g}, O_c {o_c}": base.with_values(
+        f"p_c {stated(p_c)}, O_c {o_c}": base.with_values(
             {"decision.credible_threshold": p_c, "decision.min_observations": o_c}
         )
         for p_c, o_c in settings

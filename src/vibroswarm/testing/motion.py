@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.footprint import half_extents, overlap
 from vibroswarm.motion.source import Motion, Source
@@ -197,8 +198,12 @@ def check_segments_join(source: Source) -> None:
         k = np.arange(track.start_s.size - 1)
         gap = gap_of(track.after(k, np.diff(track.start_s)), track.pose[1:])
         gap_m = np.abs(gap).max(initial=0.0)
-        require(gap_m < NEAR_M + source.tolerance.arc, f"{one.label} jumps, by {gap_m:.2g} m or rad")
-        require(track.start_s[0] == 0.0, f"{one.label}: its first segment begins at {track.start_s[0]:g} s")
+        require(
+            gap_m < NEAR_M + source.tolerance.arc, f"{one.label} jumps, by {number(gap_m, digits=2)} m or rad"
+        )
+        require(
+            track.start_s[0] == 0.0, f"{one.label}: its first segment begins at {stated(track.start_s[0])} s"
+        )
 
 
 def check_poses_at_samples(source: Source) -> None:
@@ -219,7 +224,8 @@ def check_poses_at_samples(source: Source) -> None:
             gap = np.abs(gap_of(pose, expected))
             require(
                 (gap < allowed_m + extra).all(),
-                f"{one.label}: a sample is {gap.max(initial=0.0):.2g} m or rad from its segment, at {column}",
+                f"{one.label}: a sample is {number(gap.max(initial=0.0), digits=2)} m or rad from its segment, at "
+                f"{column}",
             )
             # Also at ``time_s``: a robot walks on only one control period after it has sampled.
             require((kind == "stop").all(), f"{one.label} does not stand at {column}")
@@ -242,14 +248,16 @@ def check_bodies(source: Source) -> None:
             size_m = source.footprint_m
             reach_m = radius_m if size_m is None else half_extents(poses[..., 2], size_m)
             beyond_m = np.maximum(reach_m - poses[..., :2], poses[..., :2] + reach_m - arena).max()
-            require(beyond_m < allowed_m, f"{case.name}: a body is {beyond_m:.2g} m beyond a wall")
+            require(
+                beyond_m < allowed_m, f"{case.name}: a body is {number(beyond_m, digits=2)} m beyond a wall"
+            )
             for one, other in combinations(poses, 2):
                 apart_m = np.hypot(*(other - one)[:, :2].T)
                 over_m = (2 * radius_m - apart_m).max()
                 if size_m is not None:
                     near = apart_m < math.hypot(*size_m)  # farther apart they cannot touch
                     over_m = overlap(one[near], other[near], size_m)[0].max(initial=0.0)
-                require(over_m < allowed_m, f"{case.name}: bodies overlap by {over_m:.2g} m")
+                require(over_m < allowed_m, f"{case.name}: bodies overlap by {number(over_m, digits=2)} m")
 
 
 def check_ends(source: Source) -> None:
@@ -263,13 +271,15 @@ def check_ends(source: Source) -> None:
     for one in robots_of(source):
         track, s = one.track, one.case.scenario
         (row,) = one.motion.ends.filter(one.own).to_dicts()
-        require(abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{one.label} ends at {row['end_s']:g} s")
+        require(
+            abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{one.label} ends at {stated(row['end_s'])} s"
+        )
         last, end = np.array([track.start_s.size - 1]), np.array([row["end_s"]])
         place = np.array([[row["x_m"], row["y_m"], row["heading_rad"]]])
         gap_m = np.abs(gap_of(track.after(last, end - track.start_s[last]), place)).max()
         require(
             gap_m < NEAR_M + source.tolerance.arc,
-            f"{one.label} ends {gap_m:.2g} m or rad from its last segment",
+            f"{one.label} ends {number(gap_m, digits=2)} m or rad from its last segment",
         )
         began_s = row["stop_start_s"]
         if track.kind[-1] != "stop":
@@ -329,7 +339,7 @@ def check_moves_lead_to_the_next(source: Source) -> None:
         gap_m = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
         require(
             gap_m < NEAR_M + source.tolerance.arc,
-            f"{one.label}: a move ends {gap_m:.2g} m or rad from where the next begins",
+            f"{one.label}: a move ends {number(gap_m, digits=2)} m or rad from where the next begins",
         )
         # Angle (rad) that the robot has turned from time 0 to the start of each segment, (segments,).
         turned_to_segment = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
@@ -344,7 +354,7 @@ def check_moves_lead_to_the_next(source: Source) -> None:
         allowed = 1e-8 + source.tolerance.arc * (1 + np.diff(k))
         require(
             (error < allowed).all(),
-            f"{one.label}: turned_rad is {error.max():.2g} rad from what the segments turn",
+            f"{one.label}: turned_rad is {number(error.max(), digits=2)} rad from what the segments turn",
         )
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.numbers import stated
 from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS, Motion, Source, join
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.testing.motion_cases import (
@@ -132,7 +133,7 @@ def check_whole_runs(source: Source) -> None:
                 numbered, f"{case.name}: the ends do not have one row for each of {s.swarm.robots} robots"
             )
             at_end = (ticks_of(ends["end_s"], s) == s.ticks).all()
-            require(at_end, f"{case.name}: a run does not end at {s.ticks * s.tick_s:g} s")
+            require(at_end, f"{case.name}: a run does not end at {stated(s.ticks * s.tick_s)} s")
         late = ticks_of(motion.samples["time_s"], s) >= s.ticks
         require(not late.any(), f"{case.name}: a sample is taken at or after the end")
         require(
@@ -161,15 +162,18 @@ def check_pieces(source: Source) -> None:
         for run in case.runs:
             label = f"{case.name}, run {run}, in pieces and in one"
             state = source.init(s, case.seed, run, segments=True, moves=True)
-            require(state.time_s == 0.0, f"{label}: a run begins at {state.time_s:g} s, not at 0")
+            require(state.time_s == 0.0, f"{label}: a run begins at {stated(state.time_s)} s, not at 0")
             parts = []
             for until_s in pieces(s.run.t_end_s):
                 parts.append(state.advance(until_s))
                 now_s = state.time_s
                 reached = until_s - 1e-9 <= now_s < until_s + s.tick_s
-                require(reached, f"{label}: after advance({until_s:g}) it is at {now_s:g} s")
+                require(reached, f"{label}: after advance({stated(until_s)}) it is at {stated(now_s)} s")
                 off_s: Any = (parts[-1].ends["end_s"] - now_s).abs().max()
-                require(off_s < 1e-9, f"{label}: after advance({until_s:g}) the ends are not of {now_s:g} s")
+                require(
+                    off_s < 1e-9,
+                    f"{label}: after advance({stated(until_s)}) the ends are not of {stated(now_s)} s",
+                )
             same(join(parts), part_of(motion_of(source, case), run), label)
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.message_log import message_log
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.networks import known
 from vibroswarm.result import Result
@@ -139,7 +140,7 @@ def _heard_before(result: Result) -> Iterator[str]:
     for (robot, _, stop_s), count in zip(rows.iter_rows(), received, strict=True):
         sent = rows.filter((pl.col("robot") != robot) & (pl.col("time_s") < stop_s)).height
         if count > sent:
-            yield f"robot {robot} has received {count} messages by {stop_s:g} s, when the others had sent {sent}"
+            yield f"robot {robot} has received {count} messages by {stated(stop_s)} s, when the others had sent {sent}"
 
 
 # Names of the checks, as ``vibroswarm check`` prints them.

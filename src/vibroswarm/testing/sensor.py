@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, percent
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import SensorModel, sensor
 from vibroswarm.sensors.claims import CLAIMED_AS_TRUE, claimed_rates
@@ -74,7 +75,8 @@ def _readings(name: str) -> Iterator[str]:
         classes = model.classes(_values(model, kind, p), p)
         falls = np.flatnonzero(np.diff(classes) < 0) if model.sense is None else np.empty(0, dtype=np.int64)
         if falls.size:
-            yield f"on kind {kind} the reading falls from {classes[falls[0]]} as u grows beyond {U[falls[0]]:.4g}"
+            place = number(U[falls[0]], digits=4)
+            yield f"on kind {kind} the reading falls from {classes[falls[0]]} as u grows beyond {place}"
 
 
 def _same_again(name: str) -> Iterator[str]:
@@ -123,7 +125,8 @@ def _claims(name: str) -> Iterator[str]:
         true = np.diff(_shares_up_to(model, kind, p), prepend=0.0, append=1.0)
         read = int(np.abs(row - true).argmax())
         if abs(row[read] - true[read]) > CLAIMED_AS_TRUE:
-            yield f"{row[read]:.1%} of kind {kind} read as {read} by the likelihood, and {true[read]:.1%} in fact"
+            claimed, fact = percent(row[read]), percent(true[read])
+            yield f"{claimed} of kind {kind} read as {read} by the likelihood, and {fact} in fact"
 
 
 def _tells_kinds_apart(name: str) -> Iterator[str]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.numbers import percent
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import NAMES, pattern
 from vibroswarm.inference.outcomes import fills_and_truth, truth_of_robot
@@ -50,7 +51,7 @@ def floors(scenario: Scenario) -> dict[str, Floor]:
         for k, share in enumerate(SHARES):
             # The seed is made of size and index of the share, so that a floor does not depend on the other floors.
             drawn = np.random.default_rng([rows, columns, k]).random((rows, columns)) < share
-            tiles[f"{size}, {share:.0%} at random"] = drawn.astype(np.uint8)
+            tiles[f"{size}, {percent(share, 0)} at random"] = drawn.astype(np.uint8)
         for kind in range(KINDS):
             tiles[f"{size}, all of kind {kind}"] = np.full((rows, columns), kind, np.uint8)
         kinds = np.random.default_rng([rows, columns]).integers(KINDS, size=(rows, columns))

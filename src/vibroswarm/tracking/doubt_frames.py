@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.doubts import Doubt, place_px
@@ -60,15 +61,15 @@ def chosen(doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[int]:
     """
     rounds: list[tuple[int, int]] = []  # for each doubt: the round in which it is chosen, and its index
     counts: Counter[str] = Counter()
-    for number, doubt in enumerate(doubts):
+    for place, doubt in enumerate(doubts):
         if doubt.shots:
-            rounds.append((counts[doubt.kind] // OF_A_KIND, number))
+            rounds.append((counts[doubt.kind] // OF_A_KIND, place))
             counts[doubt.kind] += 1
     found, left = [], most  # ``left``: how many more pictures are allowed
-    for _, number in sorted(rounds):
-        if len(doubts[number].shots) <= left:
-            left -= len(doubts[number].shots)
-            found.append(number)
+    for _, place in sorted(rounds):
+        if len(doubts[place].shots) <= left:
+            left -= len(doubts[place].shots)
+            found.append(place)
     return sorted(found)
 
 
@@ -82,18 +83,18 @@ def shots_of(tracking: Tracking, doubts: Sequence[Doubt], most: int = FRAMES_UP_
     time_s = tracking.detections.time_s
     # For each frame to cut from: indices of doubt and shot. A shot is cut from the frame nearest in time.
     wanted: dict[int, list[tuple[int, int]]] = {}
-    for number in chosen(doubts, most):
-        for k, (at_s, _) in enumerate(doubts[number].shots):
-            wanted.setdefault(int(np.argmin(np.abs(time_s - at_s))), []).append((number, k))
+    for place in chosen(doubts, most):
+        for k, (at_s, _) in enumerate(doubts[place].shots):
+            wanted.setdefault(int(np.argmin(np.abs(time_s - at_s))), []).append((place, k))
     cut: dict[tuple[int, int], Shot] = {}
     try:
         for frame, picture in frames_at(tracking.video, wanted):
-            for number, k in wanted[frame]:
-                doubt = doubts[number]
+            for place, k in wanted[frame]:
+                doubt = doubts[place]
                 jpeg = _cut(tracking, doubt, doubt.shots[k][0], picture)
                 if jpeg is not None:
-                    words = f"{time_s[frame]:.1f} s, {doubt.shots[k][1]}"
-                    cut[number, k] = Shot(number, words, jpeg)
+                    words = f"{number(time_s[frame], 1)} s, {doubt.shots[k][1]}"
+                    cut[place, k] = Shot(place, words, jpeg)
     except InputError:
         return []
     return [cut[key] for key in sorted(cut)]

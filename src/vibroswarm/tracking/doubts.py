@@ -30,6 +30,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.camera import outwards, square_errors
 from vibroswarm.tracking.picture_quality import SMALL_PX, white_places
@@ -137,7 +138,10 @@ def _gaps(tracking: Tracking) -> Iterator[Doubt]:
         shots = [(start_s, "seen last")] if start_s > first_s else []
         shots += [((start_s + end_s) / 2, "in between")]
         shots += [(end_s, "seen again")] if end_s < last_s else []
-        words = f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s ({end_s - start_s:.1f} s)."
+        words = (
+            f"Robot {robot} was not seen from {number(start_s, 1)} to {number(end_s, 1)} s "
+            f"({number(end_s - start_s, 1)} s)."
+        )
         ends = [place_px(tracking, robot, at_s) for at_s in (start_s, end_s)]
         if any(end is not None and is_in(white, end[0]) for end in ends):
             words += " It was lost or found again where the picture is white, as in a reflection."
@@ -173,7 +177,7 @@ def _still(tracking: Tracking) -> Iterator[Doubt]:
     rows = rows.with_columns(moves=pl.max_horizontal("width_m", "height_m") > least_m)
     stood = rows.filter(pl.col("moves").any(), ~pl.col("moves"), pl.col("span_s") > STILL_S)
     for robot, span_s, time_s in stood.select("robot", "span_s", "time_s").iter_rows():
-        words = f"Robot {robot} never moved in the {span_s:.0f} s in which it was seen."
+        words = f"Robot {robot} never moved in the {number(span_s, 0)} s in which it was seen."
         yield Doubt("still", words, robot=robot, time_s=time_s, shots=((time_s, "it stands"),), weight=span_s)
 
 
@@ -186,7 +190,10 @@ def _moved(tracking: Tracking) -> Iterator[Doubt]:
         time_s, x_m, y_m = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
         step_s, step_m = np.diff(time_s), np.hypot(np.diff(x_m), np.diff(y_m))
         for k in np.flatnonzero((step_s <= GAP_S) & (step_m > FASTEST_M_S * step_s)).tolist():
-            words = f"Robot {robot} moved {1000 * step_m[k]:.0f} mm in {1000 * step_s[k]:.0f} ms at {time_s[k]:.1f} s."
+            words = (
+                f"Robot {robot} moved {number(1000 * step_m[k], 0)} mm in {number(1000 * step_s[k], 0)} ms at "
+                f"{number(time_s[k], 1)} s."
+            )
             shots = ((float(time_s[k]), "before"), (float(time_s[k + 1]), "after"))
             yield Doubt(
                 "carried",
@@ -201,7 +208,10 @@ def _moved(tracking: Tracking) -> Iterator[Doubt]:
 def _dropped(tracking: Tracking) -> Iterator[Doubt]:
     """Yield a doubt (kind ``jump``) for each position that tracking dropped, since it was too far from the others."""
     for robot, time_s, x_m, y_m in tracking.dropped.select("robot", "time_s", "x_m", "y_m").iter_rows():
-        words = f"Robot {robot} was read at ({x_m:.3f}, {y_m:.3f}) m at {time_s:.1f} s, far from its path."
+        words = (
+            f"Robot {robot} was read at ({number(x_m, 3)}, {number(y_m, 3)}) m at {number(time_s, 1)} s, far from "
+            f"its path."
+        )
         yield Doubt("jump", words, robot=robot, time_s=time_s, shots=((time_s, "dropped"),))
 
 
@@ -215,7 +225,10 @@ def _twice(tracking: Tracking) -> Iterator[Doubt]:
         robot = tracking.markers.robots.get(marker)  # None: a marker of the floor, or an unknown one
         name = f"robot {robot}'s marker {marker}" if robot is not None else f"marker {marker}"
         time_s = float(seen.time_s[frames[0]])
-        words = f"Of {name} two were seen at once in {len(frames)} of the frames searched, first at {time_s:.1f} s."
+        words = (
+            f"Of {name} two were seen at once in {len(frames)} of the frames searched, first at "
+            f"{number(time_s, 1)} s."
+        )
         yield Doubt(
             "twice", words, robot=robot, time_s=time_s, shots=((time_s, "first"),), weight=len(frames)
         )
@@ -251,7 +264,8 @@ def _floor(tracking: Tracking) -> Iterator[Doubt]:
             continue
         at = tracking.detections.floor_px[marker].mean(axis=0)  # centre of the marker, px
         words = (
-            f"Marker {marker} of the floor is {error:.1f} px ({error * mm_per_px(tracking):.1f} mm) from where the "
+            f"Marker {marker} of the floor is {number(error, 1)} px ({number(error * mm_per_px(tracking), 1)} mm) "
+            f"from where the "
             "file and the other markers have it."
         )
         first_frame = (0.0, f"marker {marker}")  # the marker does not move, so any frame shows it
@@ -278,8 +292,8 @@ def _sizes(tracking: Tracking) -> Iterator[Doubt]:
         difference = measured_m / tracking.markers.size_m - 1.0  # as a share of the stated size
         if abs(difference) > SIZE_SHARE:
             words = (
-                f"Robot {robot}'s marker measures {1000 * measured_m:.1f} mm at its stated height, "
-                f"{100 * difference:+.0f} % from the {1000 * tracking.markers.size_m:g} mm of the file."
+                f"Robot {robot}'s marker measures {number(1000 * measured_m, 1)} mm at its stated height, "
+                f"{percent(difference, 0, sign=True)} from the {stated(1000 * tracking.markers.size_m)} mm of the file."
             )
             yield Doubt("size", words, robot=robot, weight=abs(difference))
         if edge_px < SMALL_PX:
@@ -287,9 +301,9 @@ def _sizes(tracking: Tracking) -> Iterator[Doubt]:
             frames = np.flatnonzero(np.isfinite(seen.corners_px[:, i, 0, 0]))  # in which the marker was seen
             tops_px = np.linalg.norm(seen.corners_px[frames, i, 1] - seen.corners_px[frames, i, 0], axis=1)
             time_s = float(seen.time_s[frames[int(np.argmin(tops_px))]])
-            size = f"{edge_px:.1f} px wide (median)"
-            words = f"Robot {robot}'s marker is {size}; from {SMALL_PX:g} px on it is read well."
-            shots = ((time_s, f"{tops_px.min():.0f} px wide"),)
+            size = f"{number(edge_px, 1)} px wide (median)"
+            words = f"Robot {robot}'s marker is {size}; from {stated(SMALL_PX)} px on it is read well."
+            shots = ((time_s, f"{number(tops_px.min(), 0)} px wide"),)
             yield Doubt("small", words, robot=robot, shots=shots, weight=SMALL_PX - edge_px)
 
 
@@ -303,8 +317,9 @@ def _frames(tracking: Tracking) -> Iterator[Doubt]:
     odd = int((np.abs(steps - usual) > UNEVEN * usual).sum())
     longest = int(np.argmax(steps))
     words = (
-        f"{odd} of {steps.size} steps between frames differ from the usual {1000 * usual:.0f} ms by more than a fifth; "
-        f"the longest is {1000 * steps[longest]:.0f} ms, at {time_s[longest]:.1f} s."
+        f"{odd} of {steps.size} steps between frames differ from the usual {number(1000 * usual, 0)} ms by more "
+        f"than a fifth; "
+        f"the longest is {number(1000 * steps[longest], 0)} ms, at {number(time_s[longest], 1)} s."
     )
     yield Doubt("frames", words, time_s=float(time_s[longest]), weight=float(steps[longest]))
 
@@ -331,11 +346,14 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
         if during.height:
             end_s = float(during["end_s"][0])
             explained.add((robot, end_s))
-            words = f"Robot {robot} logged a sample at {time_s:.1f} s, in a stop that was seen to end at {end_s:.1f} s."
+            words = (
+                f"Robot {robot} logged a sample at {number(time_s, 1)} s, in a stop that was seen to end at "
+                f"{number(end_s, 1)} s."
+            )
             shots_of_late = ((time_s, "the sample"), (end_s, "the end"))
             yield Doubt("late", words, robot=robot, time_s=time_s, shots=shots_of_late)
             continue
-        words = f"Robot {robot} logged a sample at {time_s:.1f} s, where no stop was seen."
+        words = f"Robot {robot} logged a sample at {number(time_s, 1)} s, where no stop was seen."
         yield Doubt("sample", words, robot=robot, time_s=time_s, shots=((time_s, "the sample"),))
     # When the first and the last sample of the log were taken; an empty log has no times (None), for which 0 is taken.
     first_s, last_s = (samples["time_s"].min() or 0.0), (samples["time_s"].max() or 0.0)
@@ -344,7 +362,8 @@ def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFra
     ):
         if first_s <= end_s <= last_s and (robot, end_s) not in explained:
             words = (
-                f"Robot {robot} stood from {start_s:.1f} to {end_s:.1f} s, and the log has no sample of it."
+                f"Robot {robot} stood from {number(start_s, 1)} to {number(end_s, 1)} s, and the log has no sample "
+                f"of it."
             )
             shots = (((start_s + end_s) / 2, "it stands"),)
             yield Doubt("stop", words, robot=robot, time_s=start_s, shots=shots, weight=end_s - start_s)

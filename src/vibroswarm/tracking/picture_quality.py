@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import percent
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
 from vibroswarm.tracking.video_file import Gray
@@ -82,11 +82,13 @@ def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: fl
     found = []
     if light < DARK:
         found.append(
-            f"the picture is dark (nine tenths of it are below {light:.0f} of 255): use more light or a longer exposure"
+            f"the picture is dark (nine tenths of it are below {number(light, 0)} of 255): use more light or a "
+            f"longer exposure"
         )
     if width_px > BLURRED_PX:
         found.append(
-            f"the picture is blurred (its edges are {width_px:.1f} px wide, sharp ones 2): focus, and clean the lens"
+            f"the picture is blurred (its edges are {number(width_px, 1)} px wide, sharp ones 2): focus, and clean "
+            f"the lens"
         )
     if not math.isnan(edge_px) and (white := white_places(frames, edge_px)):
         places = "a place is" if len(white) == 1 else f"{len(white)} places are"
@@ -97,7 +99,8 @@ def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: fl
         )
     if bits_per_px < LEAST_BITS:
         found.append(
-            f"the video is compressed strongly ({bits_per_px:.4f} bits for each pixel): track the camera's own file, "
+            f"the video is compressed strongly ({number(bits_per_px, 4)} bits for each pixel): track the camera's "
+            f"own file, "
             "not one that a messenger or an editor has made smaller"
         )
     return found
@@ -120,12 +123,11 @@ def why_none(frames: Sequence[Gray], markers: Markers) -> str:
     edges = [edge for frame in frames for edge in _square_edges(frame)]
     if edges and np.median(edges) < SMALL_PX:
         return (
-            f"its squares are {np.median(edges):.0f} px wide, and markers of {SMALL_PX:g} px are read well: bring the "
+            f"its squares are {number(np.median(edges), 0)} px wide, and markers of {stated(SMALL_PX)} px are read "
+            f"well: bring the "
             "camera nearer, film at a higher resolution, or print larger markers"
         )
-    return (
-        f"nothing in it is like a marker: are they in it, at least {SMALL_PX:g} px wide and with a white rim?"
-    )
+    return f"nothing in it is like a marker: are they in it, at least {stated(SMALL_PX)} px wide and with a white rim?"
 
 
 def _ids_in(frames: Sequence[Gray], dictionary: str) -> list[int]:

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, Style, look, style_named
@@ -87,7 +88,7 @@ def draw_tracks(
     to_scale(figure, sizes, [axes], float((high - low)[1] / (high - low)[0]))
     caption = (
         f"Where {len(robots)} robots were seen; larger marks: where each was seen first. Lines break where a robot was "
-        f"not seen for more than {GAP_S:g} s. Circles: {stops.height} stops."
+        f"not seen for more than {stated(GAP_S)} s. Circles: {stops.height} stops."
     )
     return Picture(figure, pl.concat(parts), caption, style)
 
@@ -175,7 +176,8 @@ def draw_time_line(
     rows.settle(sizes)  # sets the height of the figure, now that all is drawn
     schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}
     caption = (
-        f"When each robot was seen and stood. Gaps of more than {GAP_S:g} s are hatched ({gaps.height}); triangles "
+        f"When each robot was seen and stood. Gaps of more than {stated(GAP_S)} s are hatched ({gaps.height}); "
+        f"triangles "
         "mark what else is doubtful."
     )
     return Picture(rows.figure, pl.DataFrame(numbers, schema=schema, orient="row"), caption, style)
@@ -284,7 +286,8 @@ def draw_lens(
     }
     caption = (
         "Arrows: corners of the floor's markers, from where the fitted camera has them to where they were seen, "
-        f"{magnified:.0f} times as long (longest: {largest:.2f} px). Circles: robots' markers; larger ones are less "
+        f"{number(magnified, 0)} times as long (longest: {number(largest, 2)} px). Circles: robots' markers; "
+        f"larger ones are less "
         "square. Circles that grow towards the edge are a lens that does not fit there."
     )
     return Picture(figure, pl.DataFrame(rows, schema=schema, orient="row"), caption, style)

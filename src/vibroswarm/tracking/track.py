@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.core.tables import csv_bytes, write_frame
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
@@ -89,7 +90,8 @@ class Tracking:
         if smallest_px < SMALL_PX:
             needed_mm = int(np.ceil(1000 * self.markers.size_m * SMALL_PX / smallest_px))
             found.append(
-                f"A robot's marker is {smallest_px:.0f} px wide; below {SMALL_PX:g} px markers are missed and headings "
+                f"A robot's marker is {number(smallest_px, 0)} px wide; below {stated(SMALL_PX)} px markers are "
+                f"missed and headings "
                 f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
         if self.detections.samples and self.share_found() < FEW:
@@ -107,18 +109,20 @@ class Tracking:
         if uneven is not None:
             share, shortest_s, longest_s = uneven
             found.append(
-                f"Frames are uneven: {100 * share:.1f} % of the steps differ from the usual one "
-                f"({1000 * shortest_s:.0f} to {1000 * longest_s:.0f} ms); the file's own times are used."
+                f"Frames are uneven: {percent(share, 1)} of the steps differ from the usual one "
+                f"({number(1000 * shortest_s, 0)} to {number(1000 * longest_s, 0)} ms); the file's own times are used."
             )
         if self.camera_moves():
             found.append(
-                f"The floor's markers move in the picture (by {self.detections.floor_spread_px:.1f} px): the camera "
+                f"The floor's markers move in the picture (by {number(self.detections.floor_spread_px, 1)} px): "
+                f"the camera "
                 "moves or vibrates, and positions are off by as much; fix it to something that does not vibrate."
             )
         # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
         if self.camera.floor_error_px > 1.0:
             found.append(
-                f"Corners of the floor's markers are off by {self.camera.floor_error_px:.1f} px: check their places, "
+                f"Corners of the floor's markers are off by {number(self.camera.floor_error_px, 1)} px: check "
+                f"their places, "
                 "and calibrate the lens with a chessboard (--lens)."
             )
         return found

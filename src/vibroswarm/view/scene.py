@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.motion.physics.sources import WHEELS
 from vibroswarm.motion.physics.wheels_model import (
@@ -192,8 +193,8 @@ def colour_of(belief: float) -> tuple[int, int, int]:
 def words_of(belief: float, decision: int) -> str:
     """Return the text over a robot: its belief p, and its decision if it has decided."""
     if decision < 0:
-        return f"p {belief:.2f}"
-    return f"p {belief:.2f} decided {'less' if decision == 0 else 'more'}"
+        return f"p {number(belief, 2)}"
+    return f"p {number(belief, 2)} decided {'less' if decision == 0 else 'more'}"
 
 
 def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:

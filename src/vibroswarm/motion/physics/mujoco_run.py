@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import zero_rows
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import warn_once
 from vibroswarm.motion.control_step import ROBOT
 from vibroswarm.motion.kernel_run import KernelRun, no_sample_before_steps
@@ -112,7 +113,7 @@ class MujocoRun(KernelRun):
             # The latest period, which began at ``reached`` - 1, was undone.
             self.failure = Failure(self.run, reached - 1, self._reason())
             at_s = self.failure.tick * self.scenario.tick_s
-            warn_once(f"run {self.run} of seed {self.seed} failed at {at_s:g} s: {self.failure.reason}")
+            warn_once(f"run {self.run} of seed {self.seed} failed at {stated(at_s)} s: {self.failure.reason}")
         return reached
 
     def warned(self) -> NDArray[np.int32]:

@@ -23,6 +23,7 @@ from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_o
 from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
 from vibroswarm.calibrate.similarity import null_similarity, similarity
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.optional_library import lacking
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, published
@@ -228,7 +229,7 @@ def battery_rows(settings: Settings, column: str) -> list[Row]:
         exact(
             "battery-factor-less-printed",
             column,
-            f"at {t_s:g} s",
+            f"at {stated(t_s)} s",
             1.0 - t_s / scenario.robot.battery_life_s - printed_factor,
         )
         for t_s, printed_factor in ends

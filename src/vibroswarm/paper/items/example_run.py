@@ -9,6 +9,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import whole
 from vibroswarm.paper.cells import options_of
 from vibroswarm.paper.claim_values import frame, mean
 from vibroswarm.paper.columns import STRATEGIES, published
@@ -91,7 +92,7 @@ def _draw(tables: Tables, settings: Settings, *, style: str) -> Drawn:
     result = example(settings)
     options = " ".join(options_of(settings.columns[0], result.scenario))
     caption = (
-        f"Seven robots, run 0 of seed {settings.seed}: paths, {tables['samples'].height:,} samples, and the "
+        f"Seven robots, run 0 of seed {settings.seed}: paths, {whole(tables['samples'].height)} samples, and the "
         f"tiles that vibrate. "
         f"Alone: `vibroswarm run {options} --seed {settings.seed}`"
     )

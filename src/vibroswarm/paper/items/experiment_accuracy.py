@@ -31,6 +31,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import number
 from vibroswarm.paper.cells import Cell
 from vibroswarm.paper.claim_values import Row, exact, frame, row
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
@@ -306,7 +307,8 @@ ITEM: Final = Item(
     title="Real experiments: accuracy, packet loss, distances",
     about=(
         "The published accuracy (mean belief in the truth) and ours, with the text's threshold 1.55 and the robots' "
-        f"gate, and with {FITTED[0]:.2f} and the gate on the total, which fits the published times best. Published "
+        f"gate, and with {number(FITTED[0], 2)} and the gate on the total, which fits the published times best. "
+        f"Published "
         f"means are over {REAL_EXPERIMENTS} experiments whose variation is unknown, so that of our runs is used, at "
         "the threshold and gate where it is largest: where nearly all of ours are right they hardly vary, but "
         "the published ones, at some 0.7, must have varied.",

@@ -16,6 +16,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.numbers import number
 from vibroswarm.paper.cell_tables import PROPER_FORM, WALK_FORM
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
@@ -211,7 +212,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         yield Picture(f"experiments-time-{strategy}", f"Decision time, {strategy}", draw)
     # The fit is drawn for the last column: `calibrated`, for which the setting was chosen, if it was requested.
     part = tables["fit"].filter(pl.col("column") == tables["fit"]["column"].last())
-    title = f"Ours at {FITTED[0]:.2f}, gate {FITTED[1]} - the published means: a fit"
+    title = f"Ours at {number(FITTED[0], 2)}, gate {FITTED[1]} - the published means: a fit"
     yield Picture("experiments-fit", title, partial(draw_fit, part))
     for column in COLUMNS:
         part = tables["loss"].filter(pl.col("column") == column)
@@ -249,7 +250,8 @@ ITEM: Final = Item(
         "of the published experiments is unknown (the recordings have 1.33, 1.40 and 1.55), and so is what their O_c "
         "counted; our results are therefore bands over the three, and over O_c counting all observations or a "
         "robot's own. Such a band is hundreds of seconds wide: that a published mean lies inside says little.",
-        f"Of all settings, preset `calibrated` at {FITTED[0]:.2f} with the gate on the {FITTED[1]} comes closest to "
+        f"Of all settings, preset `calibrated` at {number(FITTED[0], 2)} with the gate on the {FITTED[1]} comes "
+        f"closest to "
         "the published times without feedback. It was chosen by these times, so agreement with them is a fit, "
         "not a test; the other two strategies were not used for the choice.",
         "The published values are means over 15 experiments. Their bars treat the robots of a run as independent, so "
@@ -278,7 +280,8 @@ ITEM: Final = Item(
         TableView("bands", "Published means and the band of ours.", _BANDS),
         TableView(
             "fit",
-            f"Published means and ours with theta_E {FITTED[0]:.2f} and the gate on the {FITTED[1]}, chosen by the "
+            f"Published means and ours with theta_E {number(FITTED[0], 2)} and the gate on the {FITTED[1]}, chosen "
+            f"by the "
             "times without feedback. The standard error is that of the difference, with the error of 15 of our runs "
             "for the published mean.",
             SHOWN_FITS,

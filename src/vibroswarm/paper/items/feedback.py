@@ -30,6 +30,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval, plain
+from vibroswarm.core.numbers import stated
 from vibroswarm.paper.cell_tables import FIGURES, both_forms, two_forms
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, fills, published, sizes
@@ -326,7 +327,8 @@ SHARING: Final = Item(
         "positive feedback has little effect: tested on random floors at the four fill ratios with five robots, and at "
         "0.48 with 6 to 10.",
         "Do the best eta and kappa depend on the swarm's size and the floor, as the paper says? Each is chosen on one "
-        f"half of the runs and evaluated on the other, by time / T_end + {WRONG:g} x share wrong, which is close to "
+        f"half of the runs and evaluated on the other, by time / T_end + {stated(WRONG)} x share wrong, which is "
+        f"close to "
         "the cost of the paper's search.",
     ),
     cells=cells,

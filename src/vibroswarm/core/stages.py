@@ -1,0 +1,25 @@
+"""How long work tells its caller what it does: in stages, each a context whose value is called with its progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, Final, NamedTuple
+
+
+class Stages(NamedTuple):
+    """Functions that begin a stage of some name, such as "simulating"."""
+
+    runs: Callable[[str], AbstractContextManager[Callable[[Any], None]]]
+    """A stage that counts runs; its progress is a ``study.runner.StudyProgress``."""
+    share: Callable[[str], AbstractContextManager[Callable[[float], None]]]
+    """A stage whose progress is a share, 0 to 1."""
+
+
+@contextmanager
+def _silent(what: str) -> Iterator[Callable[[Any], None]]:
+    yield lambda now: None
+
+
+SILENT: Final = Stages(_silent, _silent)
+"""Stages of which nobody is told."""

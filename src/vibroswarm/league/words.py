@@ -1,0 +1,213 @@
+"""A league from the words of ``vibroswarm league``, so that Python plays the same league with the same words::
+
+asked = league_of(strategy=["none", "soft"], robots=[5], runs=1000)
+standings, tables = played(asked)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, Unpack
+
+import polars as pl
+
+from vibroswarm.core.stages import SILENT, Stages
+from vibroswarm.errors import InputError, in_file
+from vibroswarm.league.entries import (
+    FILLS,
+    PATTERNS,
+    SIZE,
+    Entry,
+    LeagueFloor,
+    default_strategies,
+    entries_of,
+    floors_of,
+    floors_of_kinds,
+    frozen_settings,
+    main_entries,
+    read_settings,
+    varied_by,
+)
+from vibroswarm.league.fault_curves import KINDS
+from vibroswarm.league.standings import League, Standings
+from vibroswarm.league.tables import check_tests, further_tables, league_tables
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of
+
+
+class Players(NamedTuple):
+    """What a league is about, whatever the settings of its strategies."""
+
+    names: list[str]
+    """Strategies, as scenarios name them."""
+    base: Scenario
+    floors: tuple[LeagueFloor, ...]
+    robots: tuple[int, ...]
+    note: str = ""
+    """What was chosen because no word says it; empty: nothing."""
+
+
+class Asked(NamedTuple):
+    """A league to be played."""
+
+    league: League
+    """With settings for several forced errors, and those that are varied."""
+    basic: League
+    """The same with one entry for each strategy, on which beliefs and faults are tested."""
+    note: str = ""
+    """As of ``Players``."""
+
+
+def players_of(
+    *,
+    patterns: Sequence[str] | None = None,
+    fills: Sequence[float] | None = None,
+    shares: Sequence[float] | None = None,
+    **scenario: Unpack[ScenarioWords],
+) -> Players:
+    """Return the strategies, the base scenario, the floors and the swarm sizes that words describe.
+
+    Args:
+        patterns, fills: as of ``floors_of``. shares: of several kinds of tile, in their place (``floors_of_kinds``).
+        scenario: of its strategies and numbers of robots, each plays.
+    Raises:
+        InputError: a floor is given, or the value of a word is wrong.
+    """
+    for option in ("floor", "tiles"):
+        if scenario.get(option) is not None:
+            raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
+    kinds = 2 if shares is None else len(shares)
+    note = ""
+    if shares is None:
+        floors = floors_of(patterns or PATTERNS, fills or FILLS)
+    elif patterns or fills:
+        raise InputError("conflicts with --patterns and --fills; use one of them", field="--shares")
+    else:
+        floors = floors_of_kinds(shares)
+        scenario, note = _with_kinds(scenario, kinds)
+    strategies, robots = scenario.get("strategy"), scenario.get("robots")
+    names = [
+        chosen("strategy", name)
+        for name in _several(strategies) or default_strategies(*([kinds] if shares else []))
+    ]
+    own: ScenarioWords = {**scenario, "strategy": None, "robots": None}
+    if shares is not None:
+        tiles = f"{SIZE['floor.rows']}x{SIZE['floor.columns']}"
+        own |= {"strategy": names[0], "floor": floors[0].source, "tiles": tiles}
+    base = scenario_of(**own)
+    if shares is not None and base.sensor.kinds != kinds:
+        raise InputError(
+            f"has {kinds} shares, and the sensor '{base.sensor.model}' knows {base.sensor.kinds} kinds of tile; "
+            "add --set sensor.model=confusion and --set sensor.confusion.kinds=...",
+            field="--shares",
+        )
+    return Players(names, base, floors, tuple(_several(robots)) or (5, 10), note)
+
+
+def _several(value: Any) -> tuple[Any, ...]:
+    """Return the values of a word, of which there may be several, one or none."""
+    return () if value is None else tuple(value) if isinstance(value, tuple | list) else (value,)
+
+
+def _with_kinds(scenario: ScenarioWords, kinds: int) -> tuple[ScenarioWords, str]:
+    """Return words with a sensor of as many kinds, and a task, where they name none; and a note of what was added."""
+    settings = [*scenario.get("settings", ())]
+    named = {setting.partition("=")[0].strip() for setting in settings}
+    has_base = scenario.get("preset") is not None or scenario.get("scenario") is not None
+    notes = []
+    if not has_base and scenario.get("energies") is None and not any(n.startswith("sensor.") for n in named):
+        added = ["sensor.model=confusion", f"sensor.confusion.kinds={kinds}"]
+        settings += added
+        notes += [f"--set {setting}" for setting in added]
+    task = scenario.get("task")
+    if not has_base and task is None and "task.name" not in named:
+        task = "majority"
+        notes.append("--task majority")
+    note = f"--shares without a sensor or a task of {kinds} kinds: with {' '.join(notes)}." if notes else ""
+    return {**scenario, "settings": settings, "task": task}, note
+
+
+def league_of(
+    *,
+    runs: int = 300,
+    seed: int = 1,
+    settings_file: Path | None = None,
+    untuned: bool = False,
+    own_motion: bool = False,
+    vary: Sequence[str] = (),
+    **players: Any,
+) -> Asked:
+    """Return the league that words describe.
+
+    Args:
+        settings_file: fields that each strategy sets; None: those that ship. untuned: no fields are set, so that
+            entries have the scenario's settings, or else their strategies' defaults. own_motion: the settings that ship
+            and set each strategy's motion too. vary: as of ``varied_by``. players: as of ``players_of``.
+    Raises:
+        InputError: words conflict, or a strategy or setting is unknown or wrong.
+    """
+    if own_motion and (untuned or settings_file is not None):
+        raise InputError("conflicts with --untuned and --settings; use one of them", field="--own-motion")
+    if untuned and settings_file is not None:
+        raise InputError("conflicts with --settings; use one of them", field="--untuned")
+    names, base, floors, robots, note = players_of(**players)
+    if settings_file is not None:
+        entries = _entries_in(settings_file, names, base)
+    else:
+        entries = entries_of(names, {} if untuned else frozen_settings(own_motion))
+    basic = League(base, main_entries(entries), floors, robots, runs=runs, seed=seed)
+    for text in vary:
+        entries = varied_by(entries, text)
+    return Asked(replace(basic, entries=entries), basic, note)
+
+
+def _entries_in(path: Path, names: Sequence[str], base: Scenario) -> tuple[Entry, ...]:
+    """Return the entries of a file of settings, each of which goes together with the base."""
+    settings = read_settings(path)
+    with in_file(path):
+        entries = entries_of(names, settings)
+        for entry in entries:
+            base.with_values({**SIZE, "strategy.name": entry.code or entry.strategy, **entry.settings})
+    return entries
+
+
+def played(
+    asked: Asked,
+    folder: Path | None = None,
+    *,
+    reference: str | None = None,
+    belief_runs: int = 100,
+    fault_runs: int = 100,
+    faults: Sequence[str] | None = None,
+    stages: Stages = SILENT,
+    mixed: bool = False,
+    **where: Any,
+) -> tuple[Standings, dict[str, pl.DataFrame]]:
+    """Play a league and test its strategies' beliefs and faulty robots; return the standings and all tables.
+
+    Args:
+        folder: where runs are saved; None: nowhere. reference: as of ``league_tables``.
+        belief_runs, fault_runs: of the tests; 0: none. Of several kinds of tile there are none. faults: kinds; None:
+            the usual ones. stages: told what is done. mixed, where: as of ``study.run.run``.
+    """
+    runs_of_tests = tests_of(asked, belief_runs, fault_runs)
+    check_tests(asked.league, reference, *runs_of_tests, faults)
+    with stages.runs("simulating") as progress:
+        standings = asked.league.play(folder, progress=progress, mixed=mixed, **where)
+    tables = league_tables(standings, reference) | further_tables(
+        asked.basic,
+        folder,
+        stages.runs,
+        belief_runs=runs_of_tests[0],
+        fault_runs=runs_of_tests[1],
+        kinds=faults or KINDS,
+        **where,
+    )
+    return standings, tables
+
+
+def tests_of(asked: Asked, belief_runs: int, fault_runs: int) -> tuple[int, int]:
+    """Return the runs of both tests; 0 of several kinds of tile: beliefs, and opposite messages, are those of two."""
+    return (belief_runs, fault_runs) if asked.league.base.sensor.kinds == 2 else (0, 0)

@@ -1,0 +1,177 @@
+"""A search or a grid from the words of ``vibroswarm optimize``, so that Python runs the same with the same words::
+
+searched(search_of(method="tpe", budget=5000), Path("out"))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vibroswarm.core.stages import SILENT, Stages
+from vibroswarm.errors import InputError
+from vibroswarm.optimize.grid import FRESH, Grid, Nodes, scores_of, truth_of_grid
+from vibroswarm.optimize.loop import Found, run_search
+from vibroswarm.optimize.methods import SearchProgress
+from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.search_files import made_by, write_grid, write_search
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.validation import Front, Truth, validated
+from vibroswarm.study.run import run as run_study
+from vibroswarm.study.runner import StudyProgress
+from vibroswarm.study.scenario_words import chosen
+from vibroswarm.study.spec import Study
+
+
+def search_of(
+    file: Path | None = None,
+    /,
+    *,
+    method: str | None = None,
+    noise: str | None = None,
+    cost: str | None = None,
+    budget: int | None = None,
+    fresh: int | None = None,
+    seed: int | None = None,
+    runs: int | None = None,
+) -> Search:
+    """Return the search of a file, or else the default search, changed by words.
+
+    Args:
+        cost: replaces all objectives by a single one, which keeps two settings of the first: its statistic, and whether
+            the score is that of the worst case or the mean over cases (``over``).
+        runs: only for a grid, and refused here.
+    Raises:
+        InputError: a word or the file is wrong.
+    """
+    if runs is not None:
+        raise InputError("needs --method grid; a search has a --budget", field="--runs")
+    method = None if method is None else chosen("method", method)
+    # `Search.read` gets these words, since it checks how they fit the other entries of the file.
+    search = Search() if file is None else Search.read(file, method=method, cost=cost, budget=budget)
+    if search.study.runs != Study().runs:
+        raise InputError(
+            "is for grids (--method grid); a search has a budget of runs, search.budget", field="runs"
+        )
+    # The words change the default search too.
+    given: dict[str, Any] = {"budget": budget, "fresh": fresh, "method": method}
+    changes = {name: value for name, value in given.items() if value is not None}
+    objectives = search.objectives
+    if cost is not None:
+        objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
+    return replace(
+        search,
+        study=search.study if seed is None else replace(search.study, seed=seed),
+        pso=search.pso if noise is None else replace(search.pso, noise=noise),
+        objectives=objectives,
+        settings=replace(search.settings, **changes),
+    )
+
+
+def grid_of(
+    file: Path | None = None,
+    /,
+    *,
+    cost: str | None = None,
+    fresh: int | None = None,
+    seed: int | None = None,
+    runs: int | None = None,
+    **others: Any,
+) -> tuple[Grid, int]:
+    """Return the grid of a file, or else the paper's, changed by words, and the number of its fresh runs.
+
+    Args:
+        cost: replaces the grid's objective by one with default statistic and parameters, even if the file has others.
+        others: words of a search, of which a grid takes the method only.
+    Raises:
+        InputError: a word or the file is wrong.
+    """
+    for name, value in others.items():
+        if value is not None and name != "method":
+            raise InputError("does not apply to a grid", field=f"--{name}")
+    grid = Grid.paper() if file is None else Grid.read(file)
+    study = grid.study if runs is None else grid.study.with_runs(runs)
+    study = study if seed is None else replace(study, seed=seed)
+    fresh = FRESH if fresh is None else fresh
+    if fresh < 2:
+        raise InputError(f"{fresh} is too few; at least 2", field="--fresh")
+    return Grid(study, grid.objective if cost is None else Objective(cost)), fresh
+
+
+class Searched(NamedTuple):
+    """What ``vibroswarm optimize`` finds."""
+
+    found: Found
+    truth: Truth | None
+    """The winner on fresh runs; None with several objectives."""
+    front: Front | None
+    """The Pareto front on fresh runs; None with one objective."""
+    versions: list[dict[str, str]]
+    """What made the folder; empty without one."""
+
+
+def searched(
+    search: Search,
+    folder: Path | None = None,
+    *,
+    progress: Callable[[SearchProgress], None] = lambda state: None,
+    stages: Stages = SILENT,
+    mixed: bool = False,
+    **where: Any,
+) -> Searched:
+    """Run a search, score its winner or its Pareto front on fresh runs, and write its files.
+
+    Args:
+        folder: where it is saved, and continued; None: nowhere. progress: told the state of the search. stages: told
+            how many fresh runs are done. mixed, where: as of ``run_search``.
+    """
+    found = run_search(search, folder, progress=progress, mixed=mixed, **where)
+    truth, front = validated(found, folder, counting(stages), **where)
+    if folder is not None:
+        write_search(found, folder, front)
+    return Searched(found, truth, front, [] if folder is None else made_by(folder))
+
+
+class GridSearched(NamedTuple):
+    """What ``vibroswarm optimize --method grid`` finds."""
+
+    nodes: Nodes
+    truth: Truth
+    """The best cell on fresh runs."""
+    versions: list[dict[str, str]]
+    """What made the folder; empty without one."""
+
+
+def grid_searched(
+    grid: Grid,
+    fresh: int = FRESH,
+    folder: Path | None = None,
+    *,
+    stages: Stages = SILENT,
+    mixed: bool = False,
+    **where: Any,
+) -> GridSearched:
+    """Run a grid, score its cell of lowest cost on fresh runs, and write its files; as ``searched`` does."""
+    with stages.runs("simulating") as progress:
+        result = run_study(grid.study, folder, progress=progress, mixed=mixed, **where)
+    nodes = scores_of(grid, result)
+    with stages.runs("scoring on fresh runs") as progress:
+        truth = truth_of_grid(nodes, fresh, progress=progress, **where)
+    if folder is not None:
+        write_grid(nodes, folder)
+    return GridSearched(nodes, truth, [] if folder is None else made_by(folder))
+
+
+def counting(stages: Stages) -> Callable[[str, int], AbstractContextManager[Callable[[int], None]]]:
+    """Return a function that begins a stage of some name and number of runs, and is told how many are done."""
+
+    @contextmanager
+    def stage(what: str, runs: int) -> Iterator[Callable[[int], None]]:
+        with stages.runs(what) as progress:
+            # How many runs failed is not known here; the results report it.
+            yield lambda done: progress(StudyProgress(done=done, wanted=runs, failed=0))
+
+    return stage

@@ -1,0 +1,152 @@
+"""What ``vibroswarm evaluate`` does: run a study or a part of it, repeat comparisons on other seeds, summarise, write.
+
+``evaluate`` does all of it in one call; ``words.study_of`` makes the study from the words of the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from vibroswarm.core.displayed import document_of
+from vibroswarm.core.folders import REPORT
+from vibroswarm.core.stages import SILENT, Stages
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.show.data import document_data
+from vibroswarm.show.document import Document
+from vibroswarm.show.page import write_page
+from vibroswarm.show.page_origin import is_made_from, origin
+from vibroswarm.study.baselines import references_of
+from vibroswarm.study.cell_comparison import pairs_of, second_block
+from vibroswarm.study.run import run
+from vibroswarm.study.runner import Job, failures_in_words
+from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.summary import Outcome, outcome_of, write_outcome
+
+
+def evaluate(
+    study: Study,
+    folder: Path | None = None,
+    *,
+    reference: str | None = None,
+    confirm: bool = True,
+    equal_error: bool = False,
+    stages: Stages = SILENT,
+    **how: Any,
+) -> Outcome:
+    """Run a study, repeat its comparisons on other seeds, and summarise it; in a folder, write its tables and its page.
+
+    Args:
+        folder: where the study is saved, and continued; None: a temporary one.
+        reference, confirm, equal_error: as of ``outcome_after``. stages: told what is done.
+        how: further arguments of ``study.run.run``, such as workers.
+    Raises:
+        InputError: the study, the folder or the reference is wrong, or no run finished. RunError: runs failed; what is
+            finished is saved and written.
+    """
+    pairs_of(study, reference)  # refuses an unknown reference before anything runs
+    with stages.runs("simulating") as progress:
+        result = run(study, folder, progress=progress, allow_failures=True, **how)
+    if not result.cells["there"].sum():
+        raise_failures(result, None, kept=folder is not None)
+    outcome = outcome_after(
+        result, folder, reference=reference, confirm=confirm, equal_error=equal_error, stages=stages, **how
+    )
+    if folder is not None and not has_report(outcome, folder):
+        write_report(outcome, folder, stages)
+    raise_failures(result, outcome, kept=folder is not None)
+    return outcome
+
+
+def outcome_after(
+    result: StudyResult,
+    folder: Path | None = None,
+    *,
+    reference: str | None = None,
+    confirm: bool = True,
+    equal_error: bool = False,
+    stages: Stages = SILENT,
+    **how: Any,
+) -> Outcome:
+    """Repeat the comparisons of a finished study on other seeds, and summarise it; in a folder, write its tables.
+
+    Args:
+        reference: see ``cell_comparison.pairs_of``. confirm: whether compared cells run again on other seeds.
+        equal_error: whether strategies are also compared at equal error. how: as of ``evaluate``.
+    """
+    second = None
+    if confirm and pairs_of(result.study, reference):
+        with stages.runs("repeating on other seeds") as progress:
+            # Failed runs are allowed, because they are reported after the results.
+            second = second_block(result, progress=progress, allow_failures=True, **how)
+    with stages.share("at equal error") as replayed:
+        outcome = outcome_of(result, second, reference, replayed, equal_error=equal_error)
+    if folder is not None:
+        write_outcome(outcome, folder)
+    return outcome
+
+
+def has_report(outcome: Outcome, folder: Path) -> bool:
+    """Return whether the page of a study in a folder is that of this outcome already, whole, and of this program."""
+    return is_made_from(folder / REPORT, _made_from(outcome, folder))
+
+
+def write_report(outcome: Outcome, folder: Path, stages: Stages = SILENT) -> Document:
+    """Write the page of a study, and its table of references, which few cells have; return the page's document.
+
+    A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
+    once.
+    """
+    with stages.share("references") as progress:
+        references = tuple(references_of(outcome.result, progress=progress))
+    with_references = replace(outcome, references=references)
+    write_outcome(with_references, folder)
+    document: Document = document_of(with_references)
+    with stages.share("drawing") as progress:
+        write_page(folder / REPORT, document, progress, _made_from(outcome, folder))
+    return document
+
+
+def _made_from(outcome: Outcome, folder: Path) -> str:
+    """Return what the page of a study is made from: its tables, its stored runs, and the files of references.
+
+    Args:
+        outcome: without references, which follow from the runs.
+    """
+    stored = [
+        [shard.name, dict(shard.made_by)]
+        for part in (outcome.result, outcome.replicate or outcome.failed_replicate)
+        if part is not None
+        for shard in sorted(part.store.shards, key=lambda shard: shard.name)
+    ]
+    content = {"document": document_data(document_of(outcome)), "runs": stored}
+    return origin(content, (folder / "references.csv", folder / "references.parquet"))
+
+
+def raise_failures(result: StudyResult, outcome: Outcome | None, *, kept: bool) -> None:
+    """Raise ``RunError`` if runs of a study or of its repetition failed; ``kept``: whether the study's folder stays."""
+    second = None if outcome is None else outcome.replicate or outcome.failed_replicate
+    for one in (result, second):
+        if one is not None and one.store.failures:
+            raise RunError(failures_in_words(one.store, kept=kept, is_repetition=one is second))
+
+
+def check_part(study: Study, shard: str | None, batch: str | None, folder: Path | None) -> Job | None:
+    """Return the job of a shard, such as "3/16"; None without one.
+
+    Raises:
+        InputError: it is not of this form, or does not go together with the study, a batch or results that are not
+            saved: a part of a study is of use only if it is joined with the others.
+    """
+    job = None if shard is None else Job.from_words(shard)
+    if job is not None and study.until is not None:
+        raise InputError(
+            "needs a fixed number of runs, not --until: shards run independently", field="--shard"
+        )
+    if job is not None and batch is not None:
+        raise InputError("cannot be used with --shard", field="--batch")
+    if (job or batch) and folder is None:
+        raise InputError("needs --out DIR", field="--shard" if job else "--batch")
+    return job

@@ -1,0 +1,265 @@
+"""A scenario from the words of the command line: a preset or file, changed by options.
+
+Each function takes the options of a command as keywords, so that Python makes the same scenario with the same words::
+
+    scenario_of(preset="text", floor="diagonal:0.46", robots=8, settings=["run.t_end_s=600"])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.floors.floor import rows_of
+from vibroswarm.floors.grid_text import parse_tiles
+from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
+from vibroswarm.floors.source import is_generated, resolve, values_in
+from vibroswarm.observation.measured_csv import read_energies
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.presets import preset_names
+from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset
+
+
+class ScenarioWords(TypedDict, total=False):
+    """What a scenario is made of, as on the command line; None, and an empty list, are as if left out."""
+
+    preset: str | None
+    scenario: Path | None
+    """A file in TOML, in the place of a preset."""
+    floor: str | None
+    tiles: str | None
+    image_threshold: float | None
+    strategy: str | Sequence[str] | None
+    robots: int | Sequence[int] | None
+    network: str | None
+    task: str | None
+    energies: Path | None
+    settings: Sequence[str]
+    """Of ``--set``: texts FIELD=VALUE."""
+
+
+def scenario_of(**words: Unpack[ScenarioWords]) -> Scenario:
+    """Return the scenario that the words describe.
+
+    The base is the scenario of ``preset`` or ``scenario``, or else the preset "paper". Other words such as ``floor``
+    change its fields; the fields of ``settings`` override these.
+
+    Raises:
+        InputError: a word or field is wrong.
+    """
+    named, file = words.get("preset"), words.get("scenario")
+    if named and file:
+        raise InputError("conflicts with --preset; use one of them", field="--scenario")
+    base = Scenario.read(file) if file else preset(named or "paper")
+    return base.with_values(values_of(base, **words))
+
+
+def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:
+    """Return the scenario of a preset or file, with fields set by ``settings``.
+
+    Args:
+        field: what names it, for messages.
+    Raises:
+        InputError: there is neither such a preset nor such a file, or a field or value is wrong.
+    """
+    if name in preset_names():
+        base = preset(name)
+    elif Path(name).is_file():
+        base = Scenario.read(name)
+    else:
+        raise InputError(
+            f"'{name}' is neither a file nor a preset{nearest(name, preset_names())} (there are "
+            f"{', '.join(preset_names())})",
+            field=field,
+        )
+    return base.with_values(parse_settings(settings))
+
+
+def stated_fields(**words: Unpack[ScenarioWords]) -> list[str]:
+    """Return the names of the fields that --set and --strategy state, and that logs therefore do not decide.
+
+    No other option states a field that can be inferred from logs, except --preset and --scenario, whose values are
+    replaced by inferred ones.
+    """
+    stated = [*parse_settings(words.get("settings", ()))]
+    return stated + (["strategy.name"] if words.get("strategy") is not None else [])
+
+
+def check_one_floor(made: Scenario, /, **words: Unpack[ScenarioWords]) -> None:
+    """Refuse a recording without its floor, or with a random one: its robots were on one real floor.
+
+    A random floor that all runs share (``redraw = "study"``) is refused too: it depends on the seed of a simulation.
+    The floor of a preset is that of a simulation.
+
+    Args:
+        made: the scenario that the words describe. words: of which ``floor`` or ``scenario`` must state the floor.
+    Raises:
+        InputError: neither is given; or the floor of the scenario, or its change, is random.
+    """
+    if words.get("floor") is None and words.get("scenario") is None:
+        raise InputError("is required: on which floor were the robots?", field="--floor")
+    if made.change.is_random:
+        raise InputError(
+            "is random, but a recording's floor changed as it did; state the tiles", field="change"
+        )
+    if made.floor.is_named and is_generated(made.floor.source):
+        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+
+
+def values_of(base: Scenario, **words: Unpack[ScenarioWords]) -> dict[str, Any]:
+    """Return the values of the fields that words set, by dotted names such as ``swarm.robots``.
+
+    If a value is user code (FILE.py:NAME), the file is loaded.
+
+    Args:
+        base: the scenario whose fields are set. Its random floor is used if ``tiles`` is given without ``floor``, and
+            its numbers of rows and columns if ``floor`` names a random floor and ``tiles`` is not given.
+    Raises:
+        InputError: a value is wrong.
+    """
+    values: dict[str, Any] = {}
+    floor, tiles = words.get("floor"), words.get("tiles")
+    settings = parse_settings(words.get("settings", ()))
+    threshold = _image_threshold(floor, words.get("image_threshold"), settings)
+    if floor is not None or tiles is not None:
+        values |= _floor_values(base, floor, tiles, threshold)
+    if threshold is not None:
+        values["floor.image_threshold"] = threshold
+    robots = _the_one(words.get("robots"), "--robots")
+    if robots is not None:
+        values["swarm.robots"] = robots
+    for kind in ("strategy", "network", "task"):
+        name = _the_one(words.get(kind), f"--{kind}")
+        if name is not None:
+            values[f"{kind}.name"] = chosen(kind, name)
+    if (energies := words.get("energies")) is not None:
+        vibrating, still = read_energies(energies)
+        values |= {
+            "sensor.model": "energies",
+            "sensor.vibrating_energies": vibrating,
+            "sensor.still_energies": still,
+        }
+    for kind in plugins.KINDS:  # user code may also be named by --set, as in strategy.name=FILE.py:NAME
+        field = plugins.field_of(kind)
+        if plugins.is_code(settings.get(field)):
+            settings[field] = chosen(kind, settings[field])
+    values |= settings  # --set overrides other options
+    # Without --tiles, each pixel of a picture became a tile.
+    if floor is not None and tiles is None and is_picture(floor):
+        check_pixel_tiles(base.with_values(values), floor)
+    return values
+
+
+def _the_one(value: Any, option: str) -> Any:
+    """Return the value of an option that may hold several, but only one here.
+
+    Raises:
+        InputError: it holds several.
+    """
+    if not isinstance(value, tuple | list):
+        return value
+    if len(value) > 1:
+        raise InputError(f"{','.join(map(str, value))}: give one value here", field=option)
+    return value[0]
+
+
+def chosen(kind: str, text: str) -> str:
+    """Check the name of a strategy, network, task or motion source, and return it as scenarios and results store it.
+
+    Args:
+        kind: "strategy", "network", "task" or "motion".
+        text: a known name, or FILE.py:NAME, which is loaded and returned with the hash of its code.
+    Raises:
+        InputError: the name is unknown, or the file cannot be loaded.
+    """
+    if plugins.is_code(text):
+        return str(plugins.load_file(kind, text).code)
+    if kind == "motion":
+        import vibroswarm.simulation  # noqa: F401  (registers the engines)
+    known = plugins.known_for(kind, text)
+    parts = [part.strip() for part in text.split(",")]
+    if kind == "strategy" and len(parts) > 1 and all(part in known for part in parts):
+        raise InputError(
+            f"'{text}' names several strategies, and this command takes one; to compare them: "
+            f"vibroswarm evaluate --strategy {','.join(parts)}",
+            field="--strategy",
+        )
+    if text not in known:
+        raise InputError(
+            f"unknown {kind} '{text}'{nearest(text, known)} (known: {', '.join(known)}; or FILE.py:NAME)",
+            field=f"--{kind}",
+        )
+    return text
+
+
+def _image_threshold(floor: str | None, given: Any, settings: dict[str, Any]) -> float | None:
+    """Return the brightness from which tiles of the picture vibrate; None if no option sets it.
+
+    Args:
+        floor, given: of ``--floor`` and ``--image-threshold``. settings: of ``--set``, which override other options.
+    Raises:
+        InputError: it is no share, or is given without a picture.
+    """
+    name = "floor.image_threshold"
+    field: str = "--image-threshold"
+    if name in settings:
+        field, given = name, settings[name]
+        check_threshold(given, field)
+    if given is not None and (floor is None or not is_picture(floor)):
+        raise InputError("applies to a picture; add --floor FILE.png", field=field)
+    return None if given is None else float(given)
+
+
+def _floor_values(
+    base: Scenario, spec: str | None, tiles: str | None, threshold: float | None
+) -> dict[str, Any]:
+    """Return the fields of the floor that ``--floor`` and ``--tiles`` describe.
+
+    A random floor is stored by name and size, a pattern by name. The tiles of a file are copied into the scenario, so
+    that the scenario does not depend on the file; ``floor.rows`` and ``floor.columns``, which only random floors use,
+    are not set then.
+
+    Args:
+        base: the scenario whose fields are set. Without ``--floor``, its random floor is used; without ``--tiles``, a
+            random floor has the base's size.
+        spec: the text of ``--floor``; None if it is not given.
+        tiles: the text of ``--tiles``; None if it is not given.
+        threshold: brightness from which tiles of a picture vibrate; None: the default.
+    Raises:
+        InputError: there is no such floor, or ``--tiles`` is wrong or does not apply to the floor.
+    """
+    size = None if tiles is None else parse_tiles(tiles)
+    if spec is None:
+        if not (base.floor.is_named and is_generated(base.floor.source)):
+            raise InputError(
+                "applies to a random floor, coordinate list or picture; add --floor", field="--tiles"
+            )
+        spec = base.floor.source
+    if is_generated(spec) and size is None:
+        size = (base.floor.rows, base.floor.columns)
+    if (found := values_in(spec, size)) is not None:
+        return {"floor.source": _printable(found[1]), "floor.tiles": None, "floor.values": found[0]}
+    # A random floor is drawn when it is simulated: here, only the size of its grid counts.
+    grid, name = resolve(spec, size, threshold=THRESHOLD if threshold is None else threshold)
+    name = _printable(name)
+    if is_generated(spec):
+        return {
+            "floor.source": spec,
+            "floor.tiles": None,
+            "floor.values": None,
+            "floor.rows": grid.shape[0],
+            "floor.columns": grid.shape[1],
+        }
+    rows = rows_of(grid)
+    # For a pattern, `resolve` returns its standard name, such as diagonal:0.46. A pattern whose fill ratio is written
+    # in another way, such as diagonal:.46, is not recognised here, so its tiles are stored too. For a file, `resolve`
+    # returns the name of the file, which is assumed to have no colon.
+    is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
+    return {"floor.source": name, "floor.tiles": None if is_pattern else rows, "floor.values": None}
+
+
+def _printable(name: str) -> str:
+    """Return the name of a file, which may contain anything, with printable characters only."""
+    return "".join(c if c.isprintable() else "?" for c in name)
