@@ -150,8 +150,8 @@ def course_of(
 
 def _own_truth(scenario: Scenario, floor: Floor, answers: list[Answer], end_s: float) -> Truth:
     """Return what is right for a robot that is asked anew after each answer 1."""
-    ones = [one.since_s for one in answers if one.answer == 1]
-    since_s, truth, ended = truth_of_robot(scenario, floor, ones)
+    asked_anew_s = [one.since_s for one in answers if one.answer == 1]
+    since_s, truth, ended = truth_of_robot(scenario, floor, asked_anew_s)
     given = _spans_at(since_s, answers)
     given[[one.answer == 1 for one in answers]] = ended  # before it was asked anew
     within = since_s < end_s
@@ -182,8 +182,8 @@ def _truth_at(course: Course, time_s: float) -> float:
 def _right_when_given(course: Course) -> float:
     right = []
     for answers, truth in zip(course.robots, course.truths, strict=True):
-        ones = [k for k, one in enumerate(answers) if course.is_own and one.answer == 1]
-        last = ones[-1] if ones else len(answers) - 1
+        changes = [k for k, one in enumerate(answers) if course.is_own and one.answer == 1]
+        last = changes[-1] if changes else len(answers) - 1
         right.append(bool(answers) and answers[last].answer == truth.answer[truth.given[last]])
     return float(np.mean(right))
 

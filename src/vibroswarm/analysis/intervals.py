@@ -346,18 +346,21 @@ def cluster_share_of_distinct(
     order = np.lexsort((of, count))
     count, of, runs = count[order], of[order], runs[order]
     valid = (of > 0) & (runs > 0)
-    ones, sizes, number = count[valid].astype(np.float64), of[valid].astype(np.float64), runs[valid]
+    robots_with_it, sizes, number = count[valid].astype(np.float64), of[valid].astype(np.float64), runs[valid]
     n = int(number.sum())
     if n == 0:
         return undefined(level, 0, "cluster bootstrap")
-    share = float(ones @ number) / float(sizes @ number)
-    runs_above_0, runs_below_1 = int(number[ones > 0].sum()), int(number[ones < sizes].sum())
+    share = float(robots_with_it @ number) / float(sizes @ number)
+    runs_above_0, runs_below_1 = (
+        int(number[robots_with_it > 0].sum()),
+        int(number[robots_with_it < sizes].sum()),
+    )
     if min(runs_above_0, runs_below_1) < FEW:
-        effective = _independent_robots(ones, sizes, number, share)
+        effective = _independent_robots(robots_with_it, sizes, number, share)
         low, high = wilson_limits(share * effective, effective, level)
         # Rounding must not put the share outside its limits.
         return Interval(share, min(float(low), share), max(float(high), share), level, n, "cluster wilson")
-    low_, high_ = _resampled(ones, sizes, number, level, seed, DRAWS)
+    low_, high_ = _resampled(robots_with_it, sizes, number, level, seed, DRAWS)
     return Interval(share, max(low_, 0.0), min(high_, 1.0), level, n, "cluster bootstrap")
 
 

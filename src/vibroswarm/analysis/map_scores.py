@@ -49,14 +49,14 @@ def map_scores(p: Floats, floor: Floor) -> dict[str, float]:
 
 def _auc(p: Floats, x: Floats) -> float:
     """Return the area under the curve of hits against false calls; nan if all tiles are alike."""
-    ones, zeros = int((x == 1).sum()), int((x == 0).sum())
-    if not ones or not zeros:
+    vibrating, still = int((x == 1).sum()), int((x == 0).sum())
+    if not vibrating or not still:
         return float("nan")
     # Mann and Whitney: ranks of the vibrating tiles, ties at their mean rank, less those among themselves.
     ranks = (
         pl.Series(p).rank().to_numpy()
     )  # the mean rank of equal values; scipy.stats takes a second to import
-    return float((ranks[x == 1].sum() - 0.5 * ones * (ones + 1)) / (ones * zeros))
+    return float((ranks[x == 1].sum() - 0.5 * vibrating * (vibrating + 1)) / (vibrating * still))
 
 
 def _location_error_m(p: Floats, x: Floats, floor: Floor) -> float:

@@ -349,12 +349,12 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
         name: states[name].astype(np.float64) if name in fields else np.full(agents.size, np.nan)
         for name in ("alpha", "beta")
     }
-    ones, zeros = counts["alpha"], counts["beta"]
+    of_kind, of_others = counts["alpha"], counts["beta"]
     if shares := strategy_used(scenario).shares:
         of_kinds = getattr(swarm.arrays, shares).astype(np.float64)
-        ones = of_kinds[:, getattr(scenario.task.params, "kind", 1)]
-        zeros = of_kinds.sum(axis=1) - ones
-    estimate, spread = estimate_of(ones, zeros), spread_of(ones, zeros)
+        of_kind = of_kinds[:, getattr(scenario.task.params, "kind", 1)]
+        of_others = of_kinds.sum(axis=1) - of_kind
+    estimate, spread = estimate_of(of_kind, of_others), spread_of(of_kind, of_others)
     if "estimate" in fields and "estimate_spread" in fields:  # the strategy's own
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     return {

@@ -119,9 +119,9 @@ def any_but_still(samples: Samples) -> Samples:
     there is one, unless kind 0 is taken for one of them more often than for another.
     """
     shares = claimed_rates(samples.law.sensor, samples.law.place)
-    zeros = (float(shares[0, 0]), float(shares[1:, 0].mean()))
+    read_0 = (float(shares[0, 0]), float(shares[1:, 0].mean()))
     two = Scenario().with_values(
-        {"sensor.model": "confusion", "sensor.confusion.rates": [[zero, 1.0 - zero] for zero in zeros]}
+        {"sensor.model": "confusion", "sensor.confusion.rates": [[share, 1.0 - share] for share in read_0]}
     )
     law = replace(samples.law, sensor=two.sensor, bits=True)
     read = (samples.column("value") > 0).astype(np.float64)

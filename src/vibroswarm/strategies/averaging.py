@@ -63,7 +63,7 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
     """Add the share to those heard since the last own sample."""
-    if a.before[m.kind]:
+    if a.before[m.kind] == 1:
         a.before[m.kind], a.heard[m.kind], a.total[m.kind] = 0, 0, 0.0
     a.heard[m.kind] += 1
     a.total[m.kind] += m.share
