@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
+from scipy.special import logsumexp
 
 from vibroswarm import Scenario, preset, simulate
 from vibroswarm.analysis.intervals import generator, wilson_limits
@@ -30,6 +31,7 @@ from vibroswarm.inspection.damage import (
     random_places,
     ratios_at,
     sensed,
+    tables_of,
     values_where,
 )
 from vibroswarm.inspection.laws import law_of_measured, law_of_scenario
@@ -179,9 +181,10 @@ def measure_isotonic(count: int) -> None:
     for name, until_s in (("optimised-places", 300.0), ("paper", 600.0), ("calibrated", 600.0)):
         damaged = list(inspections(name, count, until_s, "random:0.0", 21))
         fresh = list(inspections(name, INTACT, until_s, "random:0.0", 22))
-        for level, sides_m, some in ((0.05, even_m, damaged), (0.2, wide_m, damaged[: count // 3])):
+        cases = (0.05, even_m, damaged, 1), (0.2, wide_m, damaged[: count // 5], 5)
+        for level, sides_m, some, each in cases:
             trials = pooled_trials(
-                some, fresh, until_s=until_s, each=1, sides_m=sides_m.tolist(), level=level
+                some, fresh, until_s=until_s, each=each, sides_m=sides_m.tolist(), level=level
             )
             print(f"{name}, {until_s:g} s, {level:.0%} false calls:")
             compare_with_isotonic(trials, len(some), sides_m)
@@ -341,6 +344,49 @@ def measure_power(count: int) -> None:
         print(f"{name}: {'; '.join(f'{what} {share(k, count)}' for what, k in refused.items())}", flush=True)
 
 
+def measure_best(count: int) -> None:
+    """Print how often a gain of one robot would be noticed by the best test, at 5 % and at Holm's first step (1.25 %).
+
+    It knows the floor, true places, the law and the gain, but not which robot has it: the mean over robots of the
+    likelihood ratio. The logarithm of a value is taken as normal, with factors of tiles and robots.
+    """
+    for name, floor, gain in itertools.product(("optimised-places", "calibrated"), FLOORS, (1.25, 1.5)):
+        noticed = [
+            noticed_at_best(samples, np.log(gain), number)
+            for number, samples in enumerate(inspections(name, count, 1200.0, floor, 92))
+        ]
+        at_5, at_first = np.mean(noticed, axis=0)
+        print(f"{name}, {floor}, gain {gain:g}: {at_5:.0%} at 5 %, {at_first:.0%} at 1.25 %", flush=True)
+
+
+def noticed_at_best(samples: Samples, log_gain: float, seed: int, drawn: int = 4000) -> list[float]:
+    """Return the power of the best test at 5 % and at 1.25 %, for a gain of the first robot."""
+    law, floor = samples.law, samples.floor
+    assert floor is not None
+    table, tile = tables_of(law), floor.tile_at(samples.column("true_x_m"), samples.column("true_y_m"))
+    of_kind = np.stack([np.log(np.maximum(each, 1e-2)) for each in (table.still, table.vibrating)])
+    weight = np.gradient(table.u)
+    mean = (of_kind @ weight / weight.sum())[:, None]
+    variance = (of_kind - mean) ** 2 @ weight / weight.sum()
+    precision = np.zeros((len(samples.robots), floor.tiles.size))
+    robot, on = samples.frame["robot"].to_numpy(), tile >= 0
+    np.add.at(precision, (robot[on], tile[on]), 1.0 / variance[floor.tiles.ravel()[tile[on]]])
+    # One mean of logarithms for each robot and tile is all that the samples say.
+    of_robot, of_tile = np.nonzero(precision)
+    robots = (of_robot[:, None] == np.arange(len(samples.robots))).astype(np.float64)
+    covariance = np.diag(1.0 / precision[of_robot, of_tile])
+    for group, spread in ((of_robot, law.sensor.robot_spread), (of_tile, law.sensor.tile_spread)):
+        covariance += (spread or 0.0) ** 2 * (group[:, None] == group)
+    normal = generator(seed, "best test").standard_normal((of_robot.size, drawn))
+    still = np.linalg.cholesky(covariance) @ normal
+    slope = log_gain * robots.T @ np.linalg.inv(covariance)
+    size = 0.5 * log_gain * (slope * robots.T).sum(axis=1, keepdims=True)
+    null, changed = (
+        logsumexp(slope @ each - size, axis=0) for each in (still, still + log_gain * robots[:, :1])
+    )
+    return [float((changed >= np.quantile(null, 1.0 - level)).mean()) for level in (0.05, 0.0125)]
+
+
 def measure_reference(count: int) -> None:
     """Print false calls, and squares of 15 cm that are found, by a law of few measured values."""
     found = list(inspections("optimised-places", count, 300.0, "random:0.0", 12))
@@ -479,7 +525,8 @@ def with_right_places(samples: Samples, seed: int) -> Samples:
         for one in samples.robots:
             error[robot == one] = correlated(random, int((robot == one).sum()), 1)[:, 0]
         columns[f"{axis}_m"] = samples.column(f"true_{axis}_m") + error * samples.column(f"spread_{axis}_m")
-    return samples.with_columns(**columns)
+    # Some may be outside of the surface.
+    return samples.with_frame(samples.frame.with_columns(**{k: pl.Series(v) for k, v in columns.items()}))
 
 
 def multiplied(samples: Samples, factor: Floats) -> Samples:
