@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
+from scipy.special import logsumexp
 
 from vibroswarm import Scenario, preset, simulate
 from vibroswarm.analysis.intervals import generator, wilson_limits
@@ -30,6 +31,7 @@ from vibroswarm.inspection.damage import (
     random_places,
     ratios_at,
     sensed,
+    tables_of,
     values_where,
 )
 from vibroswarm.inspection.laws import law_of_measured, law_of_scenario
@@ -191,15 +193,16 @@ def compare_with_isotonic(trials: Trials, count: int, sides_m: Floats) -> None:
     """Print a90 of an isotonic fit to all trials, beside a90 and a90/95 of 200 repeats."""
     rates = [trials.found[trials.size_m == side].mean() for side in sides_m]
     truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
-    print(
-        f"  isotonic a90 {100 * truth_m:.2f} cm, fitted {100 * trials.fit().a90_m:.2f} cm, "
-        f"without p_f {100 * trials.fit(floor=False).a90_m:.2f} cm, of {trials.found.size} surfaces"
-    )
+    print(f"  isotonic a90 {100 * truth_m:.2f} cm of {trials.found.size} surfaces, {sides_m.size} sizes")
     for floor in (True, False):
+        pod = trials.fit(floor=floor)
+        expected = np.clip(pod.at(sides_m), 1e-6, 1.0 - 1e-6)
+        misfit = count * ((rates - expected) ** 2 / (expected * (1.0 - expected))).sum()
         a90_m, limit_m = fits_of_plates(trials, count, 200, floor=floor)
         above = int(np.sum(~(limit_m < truth_m)))  # a limit that does not exist is above
         print(
-            f"  {'with' if floor else 'without'} p_f: a90 of 200 plates {100 * np.nanmean(a90_m):.2f} cm on average, "
+            f"  {'with' if floor else 'without'} p_f: a90 of all {100 * pod.a90_m:.2f} cm, chi squared {misfit:.0f}; "
+            f"of 200 plates {100 * np.nanmean(a90_m):.2f} cm on average, "
             f"a90/95 {100 * np.nanmedian(limit_m):.2f} cm in the median, above the truth in {share(above, 200)}",
             flush=True,
         )
@@ -341,6 +344,49 @@ def measure_power(count: int) -> None:
         print(f"{name}: {'; '.join(f'{what} {share(k, count)}' for what, k in refused.items())}", flush=True)
 
 
+def measure_best(count: int) -> None:
+    """Print how often a gain of one robot would be noticed by the best test, at 5 % and at Holm's first step (1.25 %).
+
+    It knows the floor, true places, the law and the gain, but not which robot has it: the mean over robots of the
+    likelihood ratio. The logarithm of a value is taken as normal, with factors of tiles and robots.
+    """
+    for name, floor, gain in itertools.product(("optimised-places", "calibrated"), FLOORS, (1.25, 1.5)):
+        noticed = [
+            noticed_at_best(samples, np.log(gain), number)
+            for number, samples in enumerate(inspections(name, count, 1200.0, floor, 92))
+        ]
+        at_5, at_first = np.mean(noticed, axis=0)
+        print(f"{name}, {floor}, gain {gain:g}: {at_5:.0%} at 5 %, {at_first:.0%} at 1.25 %", flush=True)
+
+
+def noticed_at_best(samples: Samples, log_gain: float, seed: int, drawn: int = 4000) -> list[float]:
+    """Return the power of the best test at 5 % and at 1.25 %, for a gain of the first robot."""
+    law, floor = samples.law, samples.floor
+    assert floor is not None
+    table, tile = tables_of(law), floor.tile_at(samples.column("true_x_m"), samples.column("true_y_m"))
+    of_kind = np.stack([np.log(np.maximum(each, 1e-2)) for each in (table.still, table.vibrating)])
+    weight = np.gradient(table.u)
+    mean = (of_kind @ weight / weight.sum())[:, None]
+    variance = (of_kind - mean) ** 2 @ weight / weight.sum()
+    precision = np.zeros((len(samples.robots), floor.tiles.size))
+    robot, on = samples.frame["robot"].to_numpy(), tile >= 0
+    np.add.at(precision, (robot[on], tile[on]), 1.0 / variance[floor.tiles.ravel()[tile[on]]])
+    # One mean of logarithms for each robot and tile is all that the samples say.
+    of_robot, of_tile = np.nonzero(precision)
+    robots = (of_robot[:, None] == np.arange(len(samples.robots))).astype(np.float64)
+    covariance = np.diag(1.0 / precision[of_robot, of_tile])
+    for group, spread in ((of_robot, law.sensor.robot_spread), (of_tile, law.sensor.tile_spread)):
+        covariance += (spread or 0.0) ** 2 * (group[:, None] == group)
+    normal = generator(seed, "best test").standard_normal((of_robot.size, drawn))
+    still = np.linalg.cholesky(covariance) @ normal
+    slope = log_gain * robots.T @ np.linalg.inv(covariance)
+    size = 0.5 * log_gain * (slope * robots.T).sum(axis=1, keepdims=True)
+    null, changed = (
+        logsumexp(slope @ each - size, axis=0) for each in (still, still + log_gain * robots[:, :1])
+    )
+    return [float((changed >= np.quantile(null, 1.0 - level)).mean()) for level in (0.05, 0.0125)]
+
+
 def measure_reference(count: int) -> None:
     """Print false calls, and squares of 15 cm that are found, by a law of few measured values."""
     found = list(inspections("optimised-places", count, 300.0, "random:0.0", 12))
@@ -479,7 +525,8 @@ def with_right_places(samples: Samples, seed: int) -> Samples:
         for one in samples.robots:
             error[robot == one] = correlated(random, int((robot == one).sum()), 1)[:, 0]
         columns[f"{axis}_m"] = samples.column(f"true_{axis}_m") + error * samples.column(f"spread_{axis}_m")
-    return samples.with_columns(**columns)
+    # Some may be outside of the surface.
+    return samples.with_frame(samples.frame.with_columns(**{k: pl.Series(v) for k, v in columns.items()}))
 
 
 def multiplied(samples: Samples, factor: Floats) -> Samples:

@@ -399,7 +399,7 @@ def test_physics_on_another_floor_than_that_of_its_law_is_refused_with_the_reaso
     found = inspect(scenario, seed=2, question=Question(contrasts=(1.0,)), replicates=19)
     assert found.assessment is not None
     assert "law of still places" in found.assessment.refusals[0]
-    assert "depends on the tiles around it" in found.assessment.refusals[1]
+    assert any("depends on the tiles around it" in word for word in found.assessment.refusals)
     # The control: a wrong law of a sensor that feels the tile below alone is refused without that reason.
     alone = preset("optimised-places").with_values({"floor.source": "random:0.08", "run.t_end_s": 600.0})
     wrong = alone.with_values({"sensor.still_scale": 1.5})
