@@ -21,20 +21,20 @@ statistics.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.features import wall_distance
 from vibroswarm.calibrate.fit_rays import scaled_angles
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.motion.event import event_run as _event  # noqa: F401 - makes the engine known
-from vibroswarm.motion.source import source
+from vibroswarm.motion.event.event_run import EventRun
+from vibroswarm.motion.kernel_run import likely_samples
+from vibroswarm.motion.recorder import SampleColumns
 from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -51,6 +51,8 @@ PRIOR: Final[dict[str, tuple[float, float]]] = {
 """Bounds of each parameter, in the unit of its name; the prior is uniform between them."""
 UNSEEN: Final[dict[str, tuple[float, float]]] = {"threshold_mm": (20.0, 80.0), "ray_deg": (10.0, 70.0)}
 """Prior of the parameters that are fitted here only if ``fit_rays`` could not fit the rays."""
+COLUMNS: Final = ("robot", "time_s", "x_m", "y_m", "avoid_s")
+"""Columns of the samples that ``summary`` reads."""
 LEG_END_S: Final = 0.43
 """An interval without avoidance that exceeds the usual one by this contains the end of a leg."""
 SUMMARIES: Final = (
@@ -117,7 +119,7 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
     return fields
 
 
-def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
+def summary(samples: Mapping[str, NDArray[Any]], arena_m: tuple[float, float]) -> Floats:
     """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``.
 
     The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles. The quantiles of
@@ -126,14 +128,13 @@ def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
     quantiles and the ends of legs are.
 
     Args:
-        samples: samples of one session, ordered by robot and time.
+        samples: columns ``COLUMNS`` of the samples of one session, ordered by robot and time.
         arena_m: width and height of the arena.
     """
     width, height = arena_m
-    x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
-    robot, time = samples["robot"].to_numpy(), samples["time_s"].to_numpy()
+    robot, time, x, y = (samples[name] for name in COLUMNS[:4])
     same_robot = robot[1:] == robot[:-1]  # whether a sample has a previous sample of the same robot
-    avoid_s = samples["avoid_s"].to_numpy().astype(float)[1:][same_robot]
+    avoid_s = samples["avoid_s"].astype(float)[1:][same_robot]
     known_s = avoid_s[np.isfinite(avoid_s)]
     positive_s = known_s[known_s > 1e-9]
     quantiles_s = (
@@ -172,7 +173,12 @@ def fit_avoidance(
         candidates: number of parameter vectors tried, one run each.
         progress: called with the share of the runs that is done, after each run; 1 at the end.
     """
-    real = np.array([summary(session.sort("robot", "time_s"), found.arena_m) for session in found.by_session])
+    real = np.array(
+        [
+            summary({name: ordered[name].to_numpy() for name in COLUMNS}, found.arena_m)
+            for ordered in (session.sort("robot", "time_s") for session in found.by_session)
+        ]
+    )
     # ``fit_rays`` sets this field together with the angles; ``fit`` resets it where the rays are not fitted.
     rays_fitted = scenario.rays.forward_each_m is not None
     prior = PRIOR | ({} if rays_fitted else UNSEEN)
@@ -261,8 +267,14 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
         values: parameters by name. speed_m_s: as for ``fields_of``. run: number of the run, for its random numbers.
     """
     tried = scenario.with_values(fields_of(values, scenario, speed_m_s))
-    moved = source("event").batch(tried, _SEED, [run], segments=False).samples
-    return summary(moved.sort("robot", "time_s"), (scenario.arena.width_m, scenario.arena.height_m))
+    state = EventRun(tried, _SEED, run)
+    taken = SampleColumns(state.tick_ms, likely_samples(tried))
+    state.go_on(tried.run.t_end_s, taken.take)
+    # No table is made, which would take as long as the motion. Samples are in the order of time.
+    columns = taken.by_name()
+    by_robot = np.argsort(columns["robot"], kind="stable")
+    ordered = {name: columns[name][by_robot] for name in COLUMNS}
+    return summary(ordered, (scenario.arena.width_m, scenario.arena.height_m))
 
 
 def _predicted(

@@ -274,12 +274,15 @@ class SampleColumns:
         )
         self.count += rows.size
 
-    def frame(self) -> pl.DataFrame:
-        """Return all samples as a table, in the order in which they were taken; its columns are views of the arrays."""
+    def by_name(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of all samples, (samples,) each, in the order in which they were taken; they are views."""
         columns = {kind: iter(array) for kind, array in self.arrays.items()}
         # Each column of MOTION takes the next row of the array of its type.
-        named = {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in MOTION.items()}
-        return pl.DataFrame(named, schema=MOTION)
+        return {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in MOTION.items()}
+
+    def frame(self) -> pl.DataFrame:
+        """Return all samples as a table, in the order in which they were taken; its columns are views of the arrays."""
+        return pl.DataFrame(self.by_name(), schema=MOTION)
 
 
 def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
