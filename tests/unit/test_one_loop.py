@@ -38,7 +38,6 @@ WHOLE_RESULTS = {
     "inspection/inspection.py": "one run",
     "inspection/missed.py": "samples, in which damage is drawn",
     "paper/items/example_run.py": "one run, drawn",
-    "calibrate/fit_avoidance.py": "motion of one run",
     "calibrate/cross_validation.py": "sessions as recordings have them",
     "paper/items/calibration.py": "sessions as recordings have them",
     "paper/items/side_claims.py": "places of samples",

@@ -25,7 +25,7 @@ from vibroswarm.calibrate.cross_validation import simulated_by
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions
 from vibroswarm.calibrate.fit import Fit, fit
-from vibroswarm.calibrate.similarity import Drawn, at_equal_counts
+from vibroswarm.calibrate.similarity import at_equal_counts
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
 from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work, needs_column
@@ -70,7 +70,8 @@ def predict(
     for feature in FEATURES:
         (own,), ours, others = (one.values(feature) for one in (real, ours_by, theirs_by))
         count = min(len(values) for values in (own, *ours, *others))
-        drawn: Drawn = {}  # the held-out session's own draws are those of all comparisons
+        # The held-out session's own draws are those of all comparisons.
+        drawn: dict[tuple[int, int, int, int], NDArray[np.float64]] = {}
         near, far = (
             [at_equal_counts(feature, own, one, count, drawn) for one in source] for source in (ours, others)
         )
