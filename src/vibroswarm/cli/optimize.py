@@ -89,9 +89,10 @@ def _search(file: Path | None, options: SearchOptions, execution: Execution, out
     from vibroswarm.documents.search import plan_sentences, search_document
     from vibroswarm.optimize.loop import check_libraries
     from vibroswarm.optimize.steps import SearchFolder
-    from vibroswarm.optimize.words import search_of, searched
+    from vibroswarm.optimize.words import check_budgeted, search_of, searched
 
     search = search_of(file, **vars(options))
+    check_budgeted(search)
     check_libraries(search)  # now, since `--force` removes the folder
     # Making a `SearchFolder` writes nothing, but refuses a folder that holds anything but this search.
     claim(output, lambda folder: SearchFolder(folder, search, mixed=execution.mixed))

@@ -52,10 +52,6 @@ def search_of(
     method = None if method is None else chosen("method", method)
     # `Search.read` gets these words, since it checks how they fit the other entries of the file.
     search = Search() if file is None else Search.read(file, method=method, cost=cost, budget=budget)
-    if search.study.runs != Study().runs:
-        raise InputError(
-            "is for grids (--method grid); a search has a budget of runs, search.budget", field="runs"
-        )
     # The words change the default search too.
     given: dict[str, Any] = {"budget": budget, "fresh": fresh, "method": method}
     changes = {name: value for name, value in given.items() if value is not None}
@@ -69,6 +65,18 @@ def search_of(
         objectives=objectives,
         settings=replace(search.settings, **changes),
     )
+
+
+def check_budgeted(search: Search) -> None:
+    """Refuse a search whose file has a number of runs, which only a grid and comparisons of scenarios read.
+
+    Raises:
+        InputError: it has one.
+    """
+    if search.study.runs != Study().runs:
+        raise InputError(
+            "is for grids (--method grid); a search has a budget of runs, search.budget", field="runs"
+        )
 
 
 def grid_of(
@@ -127,7 +135,10 @@ def searched(
     Args:
         folder: where it is saved, and continued; None: nowhere. progress: told the state of the search. stages: told
             how many fresh runs are done. mixed, where: as of ``run_search``.
+    Raises:
+        InputError: the search or the folder is wrong.
     """
+    check_budgeted(search)
     found = run_search(search, folder, progress=progress, mixed=mixed, **where)
     truth, front = validated(found, folder, counting(stages), **where)
     if folder is not None:
