@@ -13,7 +13,7 @@ import threading
 from bisect import bisect_right, insort
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -221,15 +221,14 @@ def _simulated_together(
     """
     courses = [_ScenarioRuns(scenario, seed, runs) for scenario in scenarios]
     loops = [course.loop for course in courses]
-    # The motion source makes further tables only on request: segments of motion are never needed here.
-    needs_segments, needs_moves = False, any(loop.needs_moves for loop in loops)
-    # Any of the scenarios will do, since they have the same settings of motion.
-    of_motion = _MotionKey(scenarios[0], motion, needs_moves)
-    state: MotionState | None = _take_motion(of_motion)
+    state: MotionState | None = None
     for r, run in enumerate(runs):
         if isinstance(state, KernelRun):
             state.start(seed, run)  # reuses the memory of the run before
         else:
+            # The motion source makes further tables only on request: segments of motion are never needed here.
+            needs_segments, needs_moves = False, any(loop.needs_moves for loop in loops)
+            # Any of the scenarios will do, since they have the same settings of motion.
             state = source(motion).init(scenarios[0], seed, run, needs_segments, needs_moves)
         for course in courses:
             course.loop.begin(run, course.grounds[r])
@@ -247,18 +246,15 @@ def _simulated_together(
             course.finish(r)
     for loop in loops:
         _put_back(loop)
-    if isinstance(state, KernelRun):
-        _put_motion_back(of_motion, state)
     return [course.outcomes() for course in courses]
 
 
 _cache = threading.local()
-"""``loops`` is this thread's list of closed loops that are not in use, the last used at the end; ``motions`` is that of
-states of motion, each with its ``_MotionKey``."""
+"""``loops`` is this thread's list of closed loops that are not in use, the last used at the end."""
 MANY: Final = 30
 """Number of runs of earlier calls from which, with those of this call, the end of the next run is estimated."""
 KEPT: Final = 4
-"""Closed loops, and states of motion, that a thread caches: a search simulates each scenario a few runs at a time."""
+"""Closed loops that a thread caches, since a search simulates each scenario a few runs at a time."""
 
 
 def _take_loop(scenario: Scenario, seed: int) -> ClosedLoop:
@@ -281,32 +277,6 @@ def _put_back(loop: ClosedLoop) -> None:
     loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
     loops.append(loop)
     del loops[:-KEPT]  # the last KEPT loops remain
-
-
-class _MotionKey(NamedTuple):
-    """What a state of motion is made for; scenarios are compared by identity, as in ``_take_loop``."""
-
-    scenario: Scenario
-    source: str
-    has_moves: bool
-
-    def is_for(self, other: _MotionKey) -> bool:
-        """Return whether a state that was made for ``other`` serves this."""
-        return self.scenario is other.scenario and self[1:] == other[1:]
-
-
-def _take_motion(key: _MotionKey) -> KernelRun | None:
-    """Take the state of motion that was made for this out of the thread's cache; None if there is none."""
-    motions: list[tuple[_MotionKey, KernelRun]] = vars(_cache).setdefault("motions", [])
-    place = next((k for k, (made_for, _) in enumerate(motions) if key.is_for(made_for)), None)
-    return None if place is None else motions.pop(place)[1]
-
-
-def _put_motion_back(key: _MotionKey, state: KernelRun) -> None:
-    """Put a state of motion into the thread's cache; drop the one that was not used for longest if there are many."""
-    motions: list[tuple[_MotionKey, KernelRun]] = vars(_cache).setdefault("motions", [])
-    motions.append((key, state))
-    del motions[:-KEPT]
 
 
 class _ScenarioRuns:
