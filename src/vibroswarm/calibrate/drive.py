@@ -212,23 +212,6 @@ def _mean(values: Floats) -> float | None:
     return float(values.mean()) if values.size else None
 
 
-class SpeedLine(NamedTuple):
-    """The line v(t) of a robot in one session, by least squares."""
-
-    start_m_s: float
-    """v_0."""
-    slope_m_s2: float
-    """-v_0 / life."""
-    deviations_m_s: Floats
-    """Of the speeds from the line, (drives,)."""
-
-
-def speed_line(time_s: Floats, speed_m_s: Floats) -> SpeedLine:
-    """Fit the line v(t) to the speeds of a robot's drives, (drives,)."""
-    slope, start = np.polyfit(time_s, speed_m_s, 1)
-    return SpeedLine(float(start), float(slope), speed_m_s - start - slope * time_s)
-
-
 def _robot(own: pl.DataFrame) -> tuple[float, ...]:
     """Return seven statistics of one robot's drives in one session.
 
@@ -239,16 +222,17 @@ def _robot(own: pl.DataFrame) -> tuple[float, ...]:
     Args:
         own: rows of ``drive_table`` of the robot, in the order of time, at least ``LEAST_DRIVES``.
     """
-    speed = own["speed_m_s"].to_numpy()
-    start, slope, deviation = speed_line(own["time_s"].to_numpy(), speed)
+    time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
+    slope, start = np.polyfit(time, speed, 1)
+    deviation = speed - (start + slope * time)
     variance = float((deviation**2).mean())
     veer = own["veer_rad_s"].drop_nulls().to_numpy()
     lag = float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
     veers = (float(veer.mean()), float(veer.std(ddof=1))) if veer.size >= LEAST_DRIVES else (math.nan,) * 2
     return (
         float(speed.mean()),
-        start,
-        -slope * SPAN_S / start,
+        float(start),
+        float(-slope * SPAN_S / start),
         float(np.sqrt(variance)),
         lag,
         *veers,

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.drive import LEAST_DRIVES, calm_intervals, course_of, speed_line, undisturbed
+from vibroswarm.calibrate.drive import calm_intervals, course_of, undisturbed
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.recordings.threshold import resample
@@ -56,6 +56,8 @@ _SEED: Final = 32
 APART: Final = (0.003, np.radians(1.5))
 """Largest plausible difference of a robot's speed (m/s) and veer (rad/s) between sessions. With larger differences the
 sessions are taken to have different robots, and no field of individual robots is set."""
+_LEAST: Final = 10
+"""Fewest drives of a robot in a session."""
 BLOCKS: Final = 10
 """Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
 LEAST_VARIATION: Final = 1e-3
@@ -361,13 +363,14 @@ def _table_of_robots(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
     for key, own in found.drives.sort("run", "robot", maintain_order=True).group_by(
         "run", "robot", maintain_order=True
     ):
-        if own.height < LEAST_DRIVES:
+        if own.height < _LEAST:
             continue
         time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
-        start, slope, deviations = speed_line(time, speed)
+        slope, start = np.polyfit(time, speed, 1)
+        deviations = speed - start - slope * time
         within = float(np.sqrt((deviations**2).mean()))
         veer = own["veer_rad_s"].drop_nulls().to_numpy()
-        mean_veer = float(veer.mean()) if veer.size >= LEAST_DRIVES else np.nan
+        mean_veer = float(veer.mean()) if veer.size >= _LEAST else np.nan
         course = courses.get(key)
         rows.append(
             (float(speed.mean()), start, -slope / start, within, mean_veer)
