@@ -22,4 +22,4 @@ def _silent(what: str) -> Iterator[Callable[[Any], None]]:
 
 
 SILENT: Final = Stages(_silent, _silent)
-"""Stages of which nobody is told."""
+"""Stages that show nothing."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,7 +16,7 @@ from vibroswarm.core.code_version import code_hash
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_memory, robot_program
 from vibroswarm.export.assembly import Classifier, RobotParts, omitted_of_world
-from vibroswarm.export.c_functions import Program
+from vibroswarm.export.c_functions import Compiled, Program
 from vibroswarm.export.c_types import (
     BOOL,
     EMPTY,
@@ -92,7 +92,6 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
         InputError: a construct cannot be translated; file and line are named.
     """
     structs, (precision, why) = structs_of(parts), precision_of(parts)
-    robot = structs["Robot"]
     # Constant rows are static structs in C, filled in from the macros of the header of parameters. Without localisation
     # there is no LOCALISER.
     constants = {name: structs[row] for name, row in ROWS.items() if row in structs}
@@ -113,16 +112,7 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
         enums={name: value for names in ENUMS.values() for name, value in names.items()},
         public=names,
     )
-    api = {}  # functions of the API in C, by name; translating one also translates the functions that it calls
-    for name in names:
-        function = getattr(robot_program, name)
-        given = [
-            type_of_argument(item, robot, structs, parts.classifier)
-            for item in inspect.signature(function).parameters.values()
-        ]
-        # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
-        program.polls = name not in robot_program.PROMPT
-        api[name] = program.function(function, given)
+    api = _translated(program, names, parts, structs)
     public = {item.name for item in api.values()}
     compiled = program.called_from(public)
     texts = [text_of(item.text, item.name in public) for item in compiled]
@@ -154,6 +144,23 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
             functions="\n\n".join(texts),
         ),
     )
+
+
+def _translated(
+    program: Program, names: Sequence[str], parts: RobotParts, structs: Mapping[str, Struct]
+) -> dict[str, Compiled]:
+    """Translate functions of the API, and those that they call; return the former in C, by name."""
+    api = {}
+    for name in names:
+        function = getattr(robot_program, name)
+        given = [
+            type_of_argument(item, structs["Robot"], structs, parts.classifier)
+            for item in inspect.signature(function).parameters.values()
+        ]
+        # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
+        program.polls = name not in robot_program.PROMPT
+        api[name] = program.function(function, given)
+    return api
 
 
 def precision_of(parts: RobotParts) -> tuple[int, str]:

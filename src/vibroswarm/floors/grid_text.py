@@ -249,7 +249,12 @@ def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.u
     return tiles
 
 
+def printable(text: str) -> str:
+    """Return a text, such as the name of a file, with '?' for characters that cannot be printed."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
 def _short(text: str) -> str:
-    """Return ``text`` for a message: '?' for characters that cannot be printed, and at most 40 characters."""
-    printable = "".join(c if c.isprintable() else "?" for c in text)
-    return printable if len(printable) <= 40 else f"{printable[:37]}..."
+    """Return ``text`` for a message: printable, and at most 40 characters."""
+    shown = printable(text)
+    return shown if len(shown) <= 40 else f"{shown[:37]}..."

@@ -177,7 +177,7 @@ def grid_searched(
 
 
 def counting(stages: Stages) -> Callable[[str, int], AbstractContextManager[Callable[[int], None]]]:
-    """Return a function that begins a stage of some name and number of runs, and is told how many are done."""
+    """Return a function that begins a stage, given its name and number of runs; a stage takes how many are done."""
 
     @contextmanager
     def stage(what: str, runs: int) -> Iterator[Callable[[int], None]]:

@@ -142,11 +142,7 @@ def spectra_of(
     Raises:
         InputError: the file or the rate is wrong, no stop holds a sample, or places are missing.
     """
-    if unit not in M_S2:
-        raise InputError(f"'{unit}' is no unit of acceleration; give {', '.join(M_S2)}", field="--unit")
-    for motor_hz in motors_hz:
-        if not 0.0 < motor_hz <= FASTEST_HZ:
-            raise InputError(f"{motor_hz:g} is not a frequency above 0, in Hz", field="--motors")
+    _check_words(unit, motors_hz)
     table = read_acceleration(path, optional=("x_m", "y_m", "heading_rad", "sample"))
     stops = [
         stop
@@ -189,6 +185,14 @@ def spectra_of(
         found,
         (*_other_unit(samples, unit), *_warnings(motors_hz, known), *_left_out(groups)),
     )
+
+
+def _check_words(unit: str, motors_hz: Sequence[float]) -> None:
+    if unit not in M_S2:
+        raise InputError(f"'{unit}' is no unit of acceleration; give {', '.join(M_S2)}", field="--unit")
+    for motor_hz in motors_hz:
+        if not 0.0 < motor_hz <= FASTEST_HZ:
+            raise InputError(f"{motor_hz:g} is not a frequency above 0, in Hz", field="--motors")
 
 
 def periodograms(signals: Floats, rate_hz: float) -> tuple[Floats, Floats]:

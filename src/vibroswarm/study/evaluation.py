@@ -90,7 +90,8 @@ def outcome_after(
 
 def has_report(outcome: Outcome, folder: Path) -> bool:
     """Return whether the page of a study in a folder is that of this outcome already, whole, and of this program."""
-    return is_made_from(folder / REPORT, _made_from(outcome, folder))
+    page = folder / REPORT
+    return page.is_file() and is_made_from(page, _made_from(outcome, folder))
 
 
 def write_report(outcome: Outcome, folder: Path, stages: Stages = SILENT) -> Document:

@@ -13,7 +13,7 @@ from typing import Any, TypedDict, Unpack
 
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import rows_of
-from vibroswarm.floors.grid_text import parse_tiles
+from vibroswarm.floors.grid_text import parse_tiles, printable
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
 from vibroswarm.floors.source import is_generated, resolve, values_in
 from vibroswarm.observation.measured_csv import read_energies
@@ -240,10 +240,10 @@ def _floor_values(
     if is_generated(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
     if (found := values_in(spec, size)) is not None:
-        return {"floor.source": _printable(found[1]), "floor.tiles": None, "floor.values": found[0]}
+        return {"floor.source": printable(found[1]), "floor.tiles": None, "floor.values": found[0]}
     # A random floor is drawn when it is simulated: here, only the size of its grid counts.
     grid, name = resolve(spec, size, threshold=THRESHOLD if threshold is None else threshold)
-    name = _printable(name)
+    name = printable(name)
     if is_generated(spec):
         return {
             "floor.source": spec,
@@ -258,8 +258,3 @@ def _floor_values(
     # returns the name of the file, which is assumed to have no colon.
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
     return {"floor.source": name, "floor.tiles": None if is_pattern else rows, "floor.values": None}
-
-
-def _printable(name: str) -> str:
-    """Return the name of a file, which may contain anything, with printable characters only."""
-    return "".join(c if c.isprintable() else "?" for c in name)
