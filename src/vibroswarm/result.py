@@ -217,7 +217,7 @@ class Result(NotebookView):
         outcomes = self.runs["consensus"].drop_nulls().value_counts(sort=True).rows() if runs else []
         parts = [
             count(runs, "run"),
-            f"{scenario.swarm.robots} robots",
+            count(scenario.swarm.robots, "robot"),
             scenario.strategy.name,
             f"floor {shown(scenario.floor.source)}",
             "recorded" if self.seed is None else f"seed {self.seed}",

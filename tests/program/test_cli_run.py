@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -52,6 +53,17 @@ def test_pictures_are_drawn_on_request(tmp_path, capsys):
     assert {path.name for path in out.glob("*.png")} == {"run.png", "maps.png"}
     assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
     assert "run.png" in capsys.readouterr().out
+
+
+def test_one_thing_is_written_in_the_singular(tmp_path, capsys):
+    alone = (*SHORT, "--set", "swarm.robots=1")
+    assert run(*alone, "--out", str(tmp_path / "run")) == 0
+    assert main(["evaluate", *alone, "--strategy", "none,soft", "--runs", "1", "--no-confirm"]) == 0
+    printed = capsys.readouterr()
+    said = printed.out + printed.err + (tmp_path / "run" / "run.html").read_text(encoding="utf-8")
+    assert "1 robot on" in said
+    assert "1 run each" in said
+    assert not re.findall(r"\b1 (?:robots|runs|cells|samples|tiles|items)\b", said)
 
 
 def test_pictures_need_a_folder(capsys):

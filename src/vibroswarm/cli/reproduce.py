@@ -11,6 +11,7 @@ from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.options import Drawn, Workers
 from vibroswarm.cli.progress import labelled_progress_bar
 from vibroswarm.core.atomic_io import folder_lock, make_folder
+from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def reproduce(
     make_folder(out)
     with folder_lock(out):
         begin(out, "reproduce")
-        with labelled_progress_bar(f"reproducing {len(items)} items") as progress:
+        with labelled_progress_bar(f"reproducing {count(len(items), 'item')}") as progress:
             # An archive holds the cells of all items, also of those whose results are in the folder already.
             reproduction = computed(settings, out, items, progress, with_cells=archive is not None)
         write_tables(reproduction, out / TABLES)

@@ -29,7 +29,7 @@ def plan_sentence(plan: Plan) -> str:
     """
     study = plan.study
     # With --until, intervals are computed after 100 runs for the first time.
-    runs = whole(study.runs) if study.runs else f"{FIRST_LOOK} or more"
+    runs = count(study.runs, "run") if study.runs else f"{FIRST_LOOK} or more runs"
     shared = ", ".join(
         (
             count(len(plan.groups), "motion"),
@@ -37,7 +37,7 @@ def plan_sentence(plan: Plan) -> str:
             count(plan.inferences, "inference"),
         )
     )
-    return f"{count(len(study.cells), 'cell')}, {runs} runs each, seed {study.seed}; shared per run: {shared}"
+    return f"{count(len(study.cells), 'cell')}, {runs} each, seed {study.seed}; shared per run: {shared}"
 
 
 def work_sentence(

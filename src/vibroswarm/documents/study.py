@@ -540,7 +540,7 @@ def _made_by(outcome: Outcome) -> Mapping[str, str]:
     made_by = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
     if outcome.replicate is not None:  # the runs from another seed, with which differences are confirmed
         second = outcome.replicate.study
-        made_by["second block"] = f"seed {second.seed}, {second.runs} runs per cell"
+        made_by["second block"] = f"seed {second.seed}, {count(second.runs or 0, 'run')} per cell"
     made_by |= versions_in_words(outcome.result.store.made_by)
     folder = outcome.result.store.folder
     if not outcome.result.is_saved:

@@ -17,7 +17,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
-from vibroswarm.core.numbers import stated
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
@@ -230,14 +230,14 @@ def _incidence(
         series = name_of(cell_outcome.cell) if layout is None else layout.series[cell_outcome.cell.number]
         frames.append(incidence(robots, runs, t_end_s, times_s).with_columns(series=pl.lit(series)))
     # The caption gives one number of runs and one of robots for all cells. The smallest of each is what every cell has.
-    count = min(cell_outcome.summary.runs for cell_outcome in cells)
+    fewest = min(cell_outcome.summary.runs for cell_outcome in cells)
     size = min(cell_outcome.cell.scenario.swarm.robots for cell_outcome in cells)
     t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in cells)
     return draw_incidence(
         pl.concat(frames),
-        runs=count * size if unit == "robot" else count,
+        runs=fewest * size if unit == "robot" else fewest,
         unit="robot" if unit == "robot" else "run",
-        interval=f"95 % interval over {count} runs",
+        interval=f"95 % interval over {count(fewest, 'run')}",
         t_end=t_end_s,
         style=style,
     )
@@ -369,7 +369,7 @@ def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
         tiles=floor.tiles if fixed else None,
         tile_size_m=(floor.tile_width_m, floor.tile_height_m) if fixed else None,
         corner_m=(floor.left_m, floor.bottom_m) if fixed else (0.0, 0.0),  # not used without tiles
-        title=f"{runs} of {one.summary.runs} runs" if runs < one.summary.runs else "",
+        title=f"{runs} of {count(one.summary.runs, 'run')}" if runs < one.summary.runs else "",
         style=style,
     )
 

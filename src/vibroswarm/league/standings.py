@@ -181,8 +181,8 @@ class Standings(NotebookView):
         """Return the size of the league, and the entry with the smallest forced error, in one line."""
         league = self.league
         return (
-            f"Standings({len(league.entries)} entries, {len(league.floors)} floors, {count(league.runs, 'run')} of "
-            f"each; smallest forced error: {shown(self.table['name'][0])})"
+            f"Standings({len(league.entries)} entries, {count(len(league.floors), 'floor')}, "
+            f"{count(league.runs, 'run')} of each; smallest forced error: {shown(self.table['name'][0])})"
         )
 
     @cached_property

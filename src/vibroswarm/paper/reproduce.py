@@ -174,7 +174,7 @@ class Reproduction(NotebookView):
         counts = Counter(one.verdict for one in self.decided)
         words = ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())
         runs = count(self.settings.runs, "run")
-        return f"Reproduction({len(self.made)} items, {runs} of each cell; {words or 'no claims'})"
+        return f"Reproduction({count(len(self.made), 'item')}, {runs} of each cell; {words or 'no claims'})"
 
     @property
     def decided(self) -> list[Decided]:

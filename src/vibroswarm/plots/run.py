@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of
-from vibroswarm.core.numbers import number
+from vibroswarm.core.numbers import count, number
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patches import Patch
 from vibroswarm.floors.surfaces import STEPS
@@ -160,7 +160,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     # that it wraps.
     floor_name = floor.name.replace("$", r"\$")
     axes.set_title(
-        f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {number(summary['fill_ratio'], digits=3)}"
+        f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, fill ratio {number(summary['fill_ratio'], digits=3)}"
         f"{' at the end' if small else ''}, "
         f"{feedback}, {origin}: {outcome}" + "".join(f"\n({text})" for text in edge_warnings(scenario)),
         fontsize=9,

@@ -21,6 +21,7 @@ from vibroswarm.analysis.reports_over_time import estimates_of, report_headings,
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError, check_kind, path_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.localisation.locate import is_estimated
@@ -165,7 +166,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     return RunRecord(
-        title=title or f"{scenario.swarm.robots} robots on {floor.name}",
+        title=title or f"{count(scenario.swarm.robots, 'robot')} on {floor.name}",
         floor=floor,
         t_end_s=summary["end_s"],
         seed=result.seed,
