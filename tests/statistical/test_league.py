@@ -17,7 +17,7 @@ from scipy.stats import binom
 from vibroswarm.analysis.best_group import best_group
 from vibroswarm.league.best import GUESS, best_table, guesses
 from vibroswarm.league.entries import Entry, floors_of
-from vibroswarm.league.fronts import LEVELS, REACHES, front_table
+from vibroswarm.league.fronts import LESS, LEVELS, NOT, REACHES, front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.league.tuning import chosen_along, hull_of
 from vibroswarm.scenario.scenario import preset
@@ -106,6 +106,14 @@ def test_twins_share_the_front_and_a_slower_strategy_is_not_with_them() -> None:
     assert at_level["soft"]["behind_s_low"] < 60.0 < at_level["soft"]["behind_s_high"]
     assert at_level["none"]["time_s"] == pytest.approx(450 - 200 / 3, abs=30)
     assert set(table.filter(level=LEVELS[0])["reached"]) == {"no"}
+
+
+def test_a_strategy_that_errs_less_is_not_said_to_miss_a_level() -> None:
+    table = front_table(league_of({"none": [(0.13, 900.0), (0.24, 250.0)], "places": [(0.03, 500.0)]}))
+    reached = dict(table.filter(strategy="places").select("level", "reached").iter_rows())
+    assert reached[0.01] == NOT
+    assert reached[0.2] == LESS
+    assert table.filter(level=0.2, strategy="none")["reached"].item() == REACHES
 
 
 def test_a_strategy_that_guesses_is_never_the_fastest() -> None:

@@ -217,7 +217,8 @@ def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
         "The settings of a strategy, each a point of its front, were chosen on other motions and floors. Between two "
         "of them, a swarm draws one for each run. Times are read at the same forced errors for all, which no strategy "
         "sets. An asterisk: among the fastest, which cannot be told apart (paired bootstrap, intervals that hold "
-        "together with 95 % for all pairs at that error). A dash: not reached; open: reached in some bootstrap draws."
+        "together with 95 % for all pairs at that error). A dash: not reached; errs less: with all settings; open: "
+        "reached in some bootstrap draws."
     )
     levels = _levels(fronts)
     compared = fronts.filter(pl.col("reached") == REACHES).drop("reached")
@@ -236,7 +237,7 @@ def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
 
 def _levels(fronts: pl.DataFrame) -> tuple[Table, ...]:
     """Return the table of times, one row per strategy and one column per level that one of them reaches."""
-    shown = fronts.filter((pl.col("reached") != NOT).any().over("level"))
+    shown = fronts.filter(pl.col("reached").is_in([REACHES, OPEN]).any().over("level"))
     if shown.is_empty():
         return ()
     order = (
@@ -257,7 +258,7 @@ def _levels(fronts: pl.DataFrame) -> tuple[Table, ...]:
 def _cell_of(row: Mapping[str, Any]) -> str:
     """Write the time of a strategy at a level."""
     if row["reached"] != REACHES:
-        return OPEN if row["reached"] == OPEN else "-"
+        return "-" if row["reached"] == NOT else str(row["reached"])
     return with_limits(Estimate.of(row, "time_s"), "", 0) + ("*" if row["in_group"] else "")
 
 

@@ -14,7 +14,7 @@ from vibroswarm.core.numbers import Estimate, listed, number, percent, span, wit
 from vibroswarm.league.belief_calibration import AS_PLAYED, COMMON, OWN
 from vibroswarm.league.best import guess_level, guesses
 from vibroswarm.league.entries import GUESSING, default_strategies
-from vibroswarm.league.fronts import NOT, OPEN, REACHES
+from vibroswarm.league.fronts import LESS, NOT, OPEN, REACHES
 from vibroswarm.league.standings import Standings
 
 CERTAIN: Final = 0.05
@@ -53,7 +53,11 @@ def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
                 for name, by_s in slower.select("strategy", "behind_s").iter_rows()
             ]
             words.append(f"slower: {listed(behind)}")
-        for kind, title in ((OPEN, "open whether they reach it"), (NOT, "do not reach it")):
+        for kind, title in (
+            (LESS, "err less with all their settings"),
+            (OPEN, "open whether they reach it"),
+            (NOT, "do not reach it"),
+        ):
             names = at_level.filter(pl.col("reached") == kind)["strategy"]
             if len(names):
                 words.append(f"{title}: {listed(names)}")

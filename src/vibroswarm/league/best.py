@@ -49,8 +49,8 @@ def guesses(standings: Standings, entry: int) -> bool:
 def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
     """Compare entries by forced error, and by decision time those that do not guess.
 
-    Of a strategy with settings along a front only those with the least error are compared, by forced error alone: at
-    equal error, its front is compared (``fronts``).
+    Of a strategy with settings along a front only those with the least error are compared. Where any strategy has a
+    front, times are compared at equal error alone (``fronts``), and not here.
 
     Args:
         standings: results of the league. seed: of the bootstrap.
@@ -60,9 +60,10 @@ def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
     entries = standings.league.entries
     places, least = range(len(entries)), least_entries(entries)
     known = [k for k in places if not np.isnan(standings.interval(k, "forced_error").estimate)]
+    has_fronts = any(entry.aim is not None for entry in entries)
     compared = {
         "forced_error": [k for k in known if entries[k] in least],
-        "decision_time_s": [k for k in known if entries[k].aim is None and not guesses(standings, k)],
+        "decision_time_s": [k for k in known if not has_fronts and not guesses(standings, k)],
     }
     rows: list[dict[str, Any]] = []
     for figure, chosen in compared.items():

@@ -16,8 +16,9 @@ settings. The settings were chosen on other runs (``tuning``), so the fronts are
 
 Limits are from a bootstrap over units (a run of one swarm size). The same draws serve all strategies, so that
 comparisons stay paired; each draw has its own fronts. A front has no value beyond its ends. That is the tolerance of a
-level: a strategy **reaches** it if at least 95 % of the draws have a value, does **not reach** it if at most 5 % have
-one, and otherwise it is **open**. Only strategies that reach a level are compared at it.
+level: a strategy **reaches** it if at least 95 % of the draws have a value; if at most 5 % have one, it does **not
+reach** it or, where the largest error of its front is below the level, **errs less**; otherwise it is **open**. Only
+strategies that reach a level are compared at it.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ LEVELS: Final = (0.01, 0.02, 0.05, 0.10, 0.15, 0.20)
 REACHES: Final = "yes"
 OPEN: Final = "open"
 NOT: Final = "no"
+LESS: Final = "errs less"
 """Whether a strategy reaches a level."""
 FRONTS: Final[dict[str, Any]] = {
     "level": pl.Float64,
@@ -58,19 +60,24 @@ def drawn_means(standings: Standings, figure: str, seed: int = 0) -> Array:
     return paired.drawn_means(values, seed, "league front")
 
 
-def times_at_levels(standings: Standings, seed: int = 0) -> tuple[list[str], Array]:
-    """Return the strategies, and the time of each at each level, (levels, strategies, 1 + draws); nan: none."""
+def times_at_levels(standings: Standings, seed: int = 0) -> tuple[list[str], Array, Array]:
+    """Return the strategies, times at the levels, and the largest error on each front.
+
+    Shapes: (levels, strategies, 1 + draws), nan where a front has no value; (strategies,).
+    """
     times, errors = (drawn_means(standings, name, seed) for name in ("decision_time_s", "forced_error"))
     entries = standings.league.entries
     names = list(dict.fromkeys(entry.strategy for entry in entries))
     found = np.full((len(LEVELS), len(names), times.shape[1]), np.nan)
+    largest = np.empty(len(names))
     for row, name in enumerate(names):
         own = [k for k, entry in enumerate(entries) if entry.strategy == name]
+        largest[row] = front_of(times[own, 0], errors[own, 0])[1].max()
         for draw in range(times.shape[1]):
             # ``on_line`` wants rising x. Along a front time rises and error falls, so it is reversed.
             time_s, error = (each[::-1] for each in front_of(times[own, draw], errors[own, draw]))
             found[:, row, draw] = [on_line(level, error, time_s) for level in LEVELS]
-    return names, found
+    return names, found, largest
 
 
 def front_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
@@ -82,30 +89,31 @@ def front_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
         league. time_s is null where the front has no value, its limits also unless the level is reached; the last four
         columns are null unless it is reached.
     """
-    names, times = times_at_levels(standings, seed)
+    names, times, largest = times_at_levels(standings, seed)
     units = standings.by_unit(0, "decision_time_s").size
     return pl.DataFrame(
         [
             row
             for level, of_level in zip(LEVELS, times, strict=True)
-            for row in _rows(level, names, of_level, units)
+            for row in _rows(level, names, of_level, largest, units)
         ],
         schema=FRONTS,
     )
 
 
-def _rows(level: float, names: list[str], times: Array, units: int) -> list[dict[str, Any]]:
-    """Return the rows of a level; ``times``: (strategies, 1 + draws)."""
+def _rows(level: float, names: list[str], times: Array, largest: Array, units: int) -> list[dict[str, Any]]:
+    """Return the rows of a level; ``times``: (strategies, 1 + draws); ``largest``: error on each front."""
     known = (~np.isnan(times[:, 1:])).mean(axis=1)  # share of draws with a value
     reached = (known >= LEAST_KNOWN) & ~np.isnan(times[:, 0])
+    unread = np.where(known > 1.0 - LEAST_KNOWN, OPEN, np.where(largest < level, LESS, NOT))
     rows: list[dict[str, Any]] = [
         {
             "level": level,
             "strategy": name,
-            "reached": REACHES if reaches else NOT if share <= 1.0 - LEAST_KNOWN else OPEN,
+            "reached": REACHES if reaches else str(why_not),
             "time_s": plain(float(of_name[0])),
         }
-        for name, of_name, share, reaches in zip(names, times, known, reached, strict=True)
+        for name, of_name, why_not, reaches in zip(names, times, unread, reached, strict=True)
     ]
     if reached.any():
         group = best_group(times[reached], units)
