@@ -26,8 +26,8 @@ PLAIN: Final = "--plain"
 """The option that runs the kernels as plain Python, without compiling them."""
 
 GC_THRESHOLD: Final = 700_000
-"""New objects between garbage collections: more than short commands make (run 300,000, a small study 460,000), which one
-collection, at their end, would take a tenth longer."""
+"""New objects between garbage collections: more than short commands make (300,000 a run, 460,000 a small study).
+A single collection at their end would take a tenth longer."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -19,7 +19,7 @@ from pydantic import Field
 from vibroswarm.core.jit import inner
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.dirichlet import leader
+from vibroswarm.strategies.kind_belief import leader
 from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["averaging", "decision"]

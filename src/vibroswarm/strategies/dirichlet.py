@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 
 from vibroswarm.core.jit import inner
-from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision, enough
+from vibroswarm.strategies.kind_belief import is_most_common, leader
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below
 
 __all__ = ["decision", "dirichlet"]
@@ -81,70 +81,6 @@ def observe_and_decide(s: Row, a: Row, x: Reading, w: World) -> None:
         kind = leader(a.counts)
         if is_most_common(a.counts, kind, w):
             s.decision = kind
-
-
-@inner
-def leader(counts: Row) -> int:
-    """Return the kind with the largest count, the first of several."""
-    first = 0
-    for kind in range(1, counts.size):
-        if counts[kind] > counts[first]:
-            first = kind
-    return first
-
-
-@inner
-def is_most_common(counts: Row, kind: int, w: World) -> bool:
-    """Return whether P_j > p_c for j = ``kind``, a kind with the largest count.
-
-    The integral is computed only if p_c is between bounds of P_j.
-    """
-    if counts.size == 2:
-        return bool(belief_in(counts, kind, w) > w.credible_threshold)
-    if most_belief(counts, kind, w) <= w.credible_threshold:
-        return False
-    if least_belief(counts, kind, w) > w.credible_threshold:
-        return True
-    return most_common_belief(counts, kind) > w.credible_threshold
-
-
-@inner
-def most_belief(counts: Row, kind: int, w: World) -> float:
-    """Return an upper bound of P_j for j = ``kind``: the least probability of a larger share than another kind's."""
-    most = 1.0
-    for other in range(counts.size):
-        if other != kind:
-            most = min(most, pair_belief(counts, kind, other, w))
-    return most
-
-
-@inner
-def least_belief(counts: Row, kind: int, w: World) -> float:
-    """Return a lower bound of P_j for j = ``kind``: the product of the probabilities of a larger share than each other.
-
-    If the kind's Gamma variable is x, the others are below it independently, with probabilities that all rise with x.
-    So they are positively correlated (Chebyshev's inequality).
-    """
-    least = 1.0
-    for other in range(counts.size):
-        if other != kind:
-            least *= pair_belief(counts, kind, other, w)
-    return least
-
-
-@inner
-def pair_belief(counts: Row, one: int, other: int, w: World) -> float:
-    """Return P(share of kind ``one`` > share of kind ``other``)."""
-    return belief_below(counts[other], counts[one], w)
-
-
-@inner
-def belief_in(counts: Row, kind: int, w: World) -> float:
-    """Return P_j for j = ``kind``."""
-    if counts.size > 2:
-        return most_common_belief(counts, kind)
-    below = belief_below(counts[1], counts[0], w)
-    return below if kind == 0 else 1.0 - below
 
 
 dirichlet = register(

@@ -13,7 +13,6 @@ with two kinds it is ``soft``, bit by bit.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from vibroswarm.core.jit import inner
 from vibroswarm.robot.belief import variance
@@ -25,13 +24,17 @@ from vibroswarm.strategies.dirichlet import (
     State,
     begin,
     belief,
+    observe_and_decide,
+    on_message,
+)
+from vibroswarm.strategies.kind_belief import (
+    UNSURE,
     belief_in,
+    kind_within_bounds,
     leader,
     least_belief,
     most_belief,
-    observe_and_decide,
-    on_message,
-)  # fmt: skip
+)
 from vibroswarm.strategies.soft import ROUNDING, Params, message
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below, u
 
@@ -89,37 +92,6 @@ def drawn_kind(reading: int, counts: Row, eta: float, kappa: float, number: floa
         upper += delta * belief_in(counts, sent, w) + (1.0 - delta) * (sent == reading)
         if number < upper:
             return sent
-    return 0
-
-
-UNSURE: Final = -1
-"""Bounds of the beliefs do not tell which kind is drawn."""
-
-
-@inner
-def kind_within_bounds(reading: int, counts: Row, least: float, most: float, number: float, w: World) -> int:
-    """Draw the kind to send as ``drawn_kind`` does, by bounds of the beliefs; ``UNSURE`` if they do not tell.
-
-    Hardly a message needs more, and the integrals of ``belief_in`` take a hundred times as long.
-
-    Args:
-        least, most: bounds of delta.
-    """
-    all_least = 0.0
-    for kind in range(counts.size):
-        all_least += least_belief(counts, kind, w)
-    above_least, above_most = 0.0, 0.0  # bounds of the belief in any kind from ``sent`` on
-    for after in range(1, counts.size):
-        sent: int = counts.size - after
-        above_least += least_belief(counts, sent, w)
-        above_most = min(above_most + most_belief(counts, sent, w), 1.0 - (all_least - above_least))
-        low, high = least * above_least, most * above_most
-        if reading >= sent:
-            low, high = 1.0 - most * (1.0 - above_least), 1.0 - least * (1.0 - above_most)
-        if number < low - ROUNDING:
-            return sent
-        if number < high + ROUNDING:
-            return UNSURE
     return 0
 
 

@@ -1,0 +1,110 @@
+"""The belief P_j that kind j of tile is the most common, from counts of readings, and its bounds.
+
+The counts a_j, prior included, stand for shares ~ Dirichlet(a). For two kinds P_1 and P_0 are p and 1 - p of Eq. 12.
+For more, P_j is an integral (``robot.most_common``), which is computed only where its bounds do not tell.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from vibroswarm.core.jit import inner
+from vibroswarm.robot.most_common import most_common_belief
+from vibroswarm.strategies.bayes import Row
+from vibroswarm.strategies.soft import ROUNDING
+from vibroswarm.strategies.world import World, belief_below
+
+
+@inner
+def leader(counts: Row) -> int:
+    """Return the kind with the largest count, the first of several."""
+    first = 0
+    for kind in range(1, counts.size):
+        if counts[kind] > counts[first]:
+            first = kind
+    return first
+
+
+@inner
+def is_most_common(counts: Row, kind: int, w: World) -> bool:
+    """Return whether P_j > p_c for j = ``kind``, a kind with the largest count.
+
+    The integral is computed only if p_c is between bounds of P_j.
+    """
+    if counts.size == 2:
+        return bool(belief_in(counts, kind, w) > w.credible_threshold)
+    if most_belief(counts, kind, w) <= w.credible_threshold:
+        return False
+    if least_belief(counts, kind, w) > w.credible_threshold:
+        return True
+    return most_common_belief(counts, kind) > w.credible_threshold
+
+
+@inner
+def most_belief(counts: Row, kind: int, w: World) -> float:
+    """Return an upper bound of P_j for j = ``kind``: the least probability of a larger share than another kind's."""
+    most = 1.0
+    for other in range(counts.size):
+        if other != kind:
+            most = min(most, pair_belief(counts, kind, other, w))
+    return most
+
+
+@inner
+def least_belief(counts: Row, kind: int, w: World) -> float:
+    """Return a lower bound of P_j for j = ``kind``: the product of the probabilities of a larger share than each other.
+
+    If the kind's Gamma variable is x, the others are below it independently, with probabilities that all rise with x.
+    So they are positively correlated (Chebyshev's inequality).
+    """
+    least = 1.0
+    for other in range(counts.size):
+        if other != kind:
+            least *= pair_belief(counts, kind, other, w)
+    return least
+
+
+@inner
+def pair_belief(counts: Row, one: int, other: int, w: World) -> float:
+    """Return P(share of kind ``one`` > share of kind ``other``)."""
+    return belief_below(counts[other], counts[one], w)
+
+
+@inner
+def belief_in(counts: Row, kind: int, w: World) -> float:
+    """Return P_j for j = ``kind``."""
+    if counts.size > 2:
+        return most_common_belief(counts, kind)
+    below = belief_below(counts[1], counts[0], w)
+    return below if kind == 0 else 1.0 - below
+
+
+UNSURE: Final = -1
+"""Bounds of the beliefs do not tell which kind is drawn."""
+
+
+@inner
+def kind_within_bounds(reading: int, counts: Row, least: float, most: float, number: float, w: World) -> int:
+    """Draw the kind to send as ``drawn_kind`` does, by bounds of the beliefs; ``UNSURE`` if they do not tell.
+
+    Hardly a message needs more, and the integrals of ``belief_in`` take a hundred times as long.
+
+    Args:
+        least, most: bounds of delta.
+    """
+    all_least = 0.0
+    for kind in range(counts.size):
+        all_least += least_belief(counts, kind, w)
+    above_least, above_most = 0.0, 0.0  # bounds of the belief in any kind from ``sent`` on
+    for after in range(1, counts.size):
+        sent: int = counts.size - after
+        above_least += least_belief(counts, sent, w)
+        above_most = min(above_most + most_belief(counts, sent, w), 1.0 - (all_least - above_least))
+        low, high = least * above_least, most * above_most
+        if reading >= sent:
+            low, high = 1.0 - most * (1.0 - above_least), 1.0 - least * (1.0 - above_most)
+        if number < low - ROUNDING:
+            return sent
+        if number < high + ROUNDING:
+            return UNSURE
+    return 0
