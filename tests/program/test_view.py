@@ -23,6 +23,7 @@ from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
+from vibroswarm.view.picture import scene_xml
 from vibroswarm.view.scene import (
     LESS,
     MORE,
@@ -32,6 +33,7 @@ from vibroswarm.view.scene import (
     Playback,
     colour_of,
     floor_picture,
+    kind_colours,
     robot_parts,
     words_of,
 )
@@ -140,9 +142,35 @@ def test_robots_on_wheels_are_drawn_as_mujoco_has_them(result: Result) -> None:
 
 def test_colours_and_words_of_beliefs() -> None:
     assert [colour_of(belief) for belief in (0.0, 0.5, 1.0)] == [MORE, UNSURE, LESS]
-    assert words_of(0.634, -1) == "p 0.63"
-    assert words_of(0.99, 0) == "p 0.99 decided less"
-    assert words_of(0.01, 1) == "p 0.01 decided more"
+    answers = "less", "more"
+    assert words_of(0.634, -1, answers) == "p 0.63"
+    assert words_of(0.99, 0, answers) == "p 0.99 decided less"
+    assert words_of(0.01, 1, answers) == "p 0.01 decided more"
+
+
+def test_each_of_three_kinds_has_its_colours_and_decisions_their_words() -> None:
+    three: dict[str, Any] = {
+        "sensor.model": "confusion", "strategy.name": "dirichlet", "task.name": "majority",
+        "floor.source": "random:0.16,0.16,0.68", "decision.min_observations": 20, "run.t_end_s": 120.0,
+    }  # fmt: skip
+    playback = Playback(simulate(preset("paper").with_values(three), 3, [0], segments=True), 0)
+    shown = np.unique(floor_picture(playback, 0.0).reshape(-1, 3), axis=0)
+    assert {tuple(colour) for colour in shown.tolist()} == {kind_colours(kind)[0] for kind in range(3)}
+    assert playback.looks(0, 0.0) == ("", UNSURE)
+    assert playback.looks(0, 120.0) == ("decided kind 2 is most common", kind_colours(2)[1])
+    points = scene_xml(playback, 120.0).split('type="cylinder"')
+    for kind in range(3):  # samples are discs that are 1 mm high
+        rgba = " ".join(f"{part / 255.0:.6g}" for part in kind_colours(kind)[1])
+        drawn = sum('size="0.004 0.0005"' in one and rgba in one for one in points)
+        assert drawn == (playback.readings == kind).sum() > 0
+
+
+def test_values_are_drawn_between_still_and_vibrating() -> None:
+    mean = {"floor.source": "gradient:0..1", "decision.boundary_of": "tiles", "task.name": "mean"}
+    hill = preset("paper").with_values({**mean, "run.t_end_s": 20.0})
+    picture = floor_picture(Playback(simulate(hill, 3, [0]), 0), 0.0)
+    assert len(np.unique(picture[..., 0])) > 4
+    assert VIBRATING[0] <= picture[..., 0].min() < picture[..., 0].max() <= STILL[0]
 
 
 def test_the_server_is_for_this_machine_only_and_prints_nothing(

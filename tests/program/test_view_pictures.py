@@ -18,7 +18,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.view import picture
 from vibroswarm.view.picture import FOV_DEG, HEIGHT, WIDTH, camera_of, write_picture
-from vibroswarm.view.scene import ROBOT_HEIGHT_M, STILL, VIBRATING, Playback, colour_of
+from vibroswarm.view.scene import ROBOT_HEIGHT_M, STILL, VIBRATING, Playback
 from vibroswarm.view.server import Server
 
 QUICK = {"run.t_end_s": 60.0, "floor.source": "diagonal:0.46", "strategy.name": "soft"}
@@ -87,14 +87,11 @@ def test_a_picture_shows_floor_and_robots_where_they_are(result: Result, drawn: 
             y_m - 0.008 * math.sin(heading_rad),
         )  # the front is dark
         colour = drawn[pixel(result, *behind, ROBOT_HEIGHT_M)]
-        assert np.abs(colour - np.array(colour_of(playback.belief(robot, 30.0)[0]))).max() < 25
+        assert np.abs(colour - np.array(playback.looks(robot, 30.0)[1])).max() < 25
     elsewhere = [
         drawn[pixel(result, *Playback(result, 2).poses(i, 50.0)[0][:2], ROBOT_HEIGHT_M)] for i in range(5)
     ]
-    assert any(
-        np.abs(c - np.array(colour_of(playback.belief(i, 30.0)[0]))).max() > 25
-        for i, c in enumerate(elsewhere)
-    )
+    assert any(np.abs(c - np.array(playback.looks(i, 30.0)[1])).max() > 25 for i, c in enumerate(elsewhere))
 
 
 def test_where_nothing_can_draw_a_sentence_says_so(

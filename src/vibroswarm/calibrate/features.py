@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, refuse_kinds
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
@@ -71,7 +71,7 @@ def sample_table(result: Result) -> pl.DataFrame:
     the previous sample.
 
     Raises:
-        InputError: the result has no energies.
+        InputError: the result has no energies, or a floor has more than two kinds of tile.
     """
     key = ["run", "robot", "sample"]
     energies = result.rows if isinstance(result, Recording) else result.observations
@@ -84,6 +84,7 @@ def sample_table(result: Result) -> pl.DataFrame:
     run = frame["run"].to_numpy()
     for number in np.unique(run):
         of_run, floor = run == number, result.floor(int(number))
+        refuse_kinds(floor)
         x, y = (frame[name].to_numpy()[of_run] for name in ("x_m", "y_m"))
         vibrating[of_run] = floor.tiles[nearest_tile(floor, x, y)] == 1
     frame = frame.with_columns(vibrating=pl.Series(vibrating)).sort("run", "robot", "time_s")

@@ -58,7 +58,9 @@ def run_document(result: Result, run: int) -> Document:
     parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(result, run, found))]
     parts += map(Text, fault_sentences(result, run))
     parts += [Text(OPINION_NOTE)] if opinions else []
-    parts += robot_tables(found, "opinion" if opinions else "share of ones" if _counts(found) else "estimate")
+    parts += robot_tables(
+        found, "opinion" if opinions else "share of ones" if _counts(found, scenario) else "estimate"
+    )
     parts += answers_table(answers)
     parts += _reports(result, run)
     parts += _map(result, run)
@@ -225,9 +227,10 @@ def failure_sentences(result: Result) -> list[str]:
     ]
 
 
-def _counts(found: Verdict) -> bool:
-    """Return whether robots have a posterior of counts, or no estimate at all."""
-    return any(robot.alpha is not None for robot in found.robots) or found.robots[0].estimate is None
+def _counts(found: Verdict, scenario: Scenario) -> bool:
+    """Return whether robots have a posterior of counts, or of two kinds no estimate at all."""
+    has_none = scenario.sensor.kinds == 2 and found.robots[0].estimate is None
+    return has_none or any(robot.alpha is not None for robot in found.robots)
 
 
 def _answers_over_time(result: Result, run: int) -> pl.DataFrame:

@@ -488,12 +488,13 @@ def _sampling_table(outcome: Outcome) -> Table:
         }
         for one in outcome.cells
     ]
+    of_two = all(one.cell.scenario.sensor.kinds == 2 for one in outcome.cells)
     columns = {
         "name": Column("cell"),
         "avoid_per_sample_s": Column("avoidance per sample", "s"),
         "distance_m": Column("distance between samples", "m"),
         "spacing_s": Column("time between samples", "s"),
-        "ones": Column("read as vibrating", share=True),
+        "ones": Column("read as vibrating" if of_two else "read as kind 1", share=True),
         "effective_samples": Column("effective number of independent samples"),
         "lag_one": Column("correlation of consecutive readings"),
         "packet_loss": Column("packet loss", share=True),

@@ -320,6 +320,18 @@ def refuse_changes(floor: Floor) -> None:
         raise InputError("changes during the run, and this presumes that it stays as it is", field="floor")
 
 
+def refuse_kinds(floor: Floor) -> None:
+    """Refuse a floor with more kinds of tile than two, for what distinguishes still and vibrating ones.
+
+    Raises:
+        InputError: there is another kind, at any time.
+    """
+    if any((stage.tiles > 1).any() for _, stage in floor.stages()):
+        raise InputError(
+            "has tiles of other kinds than 0 (still) and 1 (vibrating); this is for two", field="floor"
+        )
+
+
 def _is_finite(value: object) -> bool:
     """Return whether a value is a finite real number, of Python or NumPy."""
     if type(value) is float:  # the most frequent case: ``isinstance`` with ``Real`` takes longer

@@ -82,7 +82,8 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     Args:
         samples: a table with the columns x_m, y_m and energy. Samples off all tiles, or without an energy above 0, do
             not count.
-    Returns: the fits; none if fewer than four tiles were sampled, or if all tiles of the floor are of one kind.
+    Returns: the fits; none if fewer than four tiles were sampled, or if the floor has still tiles only, vibrating ones
+        only, or other kinds.
     """
     tile = floor.tile_at(samples["x_m"].to_numpy(), samples["y_m"].to_numpy())
     energy = samples["energy"].to_numpy()
@@ -90,7 +91,7 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     count = np.bincount(tile[on], minlength=floor.tiles.size)
     total = np.bincount(tile[on], np.log(energy[on]), floor.tiles.size)
     seen = count > 0
-    if seen.sum() < 4 or floor.tiles.all() or not floor.tiles.any():
+    if seen.sum() < 4 or floor.tiles.min() == 1 or floor.tiles.max() != 1:
         return []
     mean = total[seen] / count[seen]
     fits = []
@@ -144,7 +145,7 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     fits = floor_fits(floor, samples)
     if not fits:
         return (
-            "The fit of the floor is inconclusive: too few of its tiles were sampled, or all are of one kind."
+            "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are not of two kinds."
         )
     as_given = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
     if as_given is None:

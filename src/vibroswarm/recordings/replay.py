@@ -42,6 +42,7 @@ from vibroswarm.inference.replayer import counts_only
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
+from vibroswarm.observation.energy_model import model_of, readings_of
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
@@ -183,6 +184,13 @@ def _replayed(
 
 def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, seed: int) -> Replayed:
     """Replay a strategy that reads places, with messages that are lost as often as in each session's log."""
+    sensor = scenario.sensor
+    numbers = model_of(sensor).names_of_numbers(sensor.params)
+    if sensor.readings > 2 and len(numbers) > 1:
+        raise InputError(
+            f"'{sensor.model}' reads {', '.join(numbers)}, and recordings have energies only",
+            field="sensor.model",
+        )
     lost = dict(packet_loss(recording).select("run", "packet_loss").iter_rows())
     scenario = scenario.with_values({"localisation.method": "true"})
     runs = recording.runs["run"].to_list()
@@ -193,8 +201,8 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
         motion = Motion(samples=samples, ends=recording.ends.filter(of_run))
         key = ["run", "robot", "sample"]
         energy = samples.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left")["energy"]
-        bits = (energy > scenario.sensor.rms_threshold).cast(pl.UInt8)
-        seen = recording.observations.filter(of_run).with_columns(observation=bits)
+        read = pl.Series(readings_of(sensor, energy.to_numpy())).set(energy.is_null(), None)
+        seen = recording.observations.filter(of_run).with_columns(observation=read)
         radio = {"network.name": "loss", "network.loss.share": min(max(lost.get(run) or 0.0, 0.0), 1.0)}
         of_session = scenario.with_values(radio)
         replays.append((of_session, timeline_of(of_session, motion), seen))

@@ -35,7 +35,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor, refuse_changes
+from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 
@@ -157,7 +157,7 @@ def labelled(recording: Recording) -> Labelled:
     """Return the samples of a recording that lie on tiles, with the kind of their tile.
 
     Raises:
-        InputError: all samples are on one kind of tile.
+        InputError: all samples are on one kind of tile, or the floor has more than two.
     """
     key = ["run", "robot", "sample"]
     frame = recording.motion.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left").join(
@@ -167,6 +167,7 @@ def labelled(recording: Recording) -> Labelled:
     floor = recording.floor(int(recording.runs["run"][0]))  # all sessions have the same floor
     tile = frame["tile"].cast(pl.Int64).to_numpy()
     refuse_changes(floor)
+    refuse_kinds(floor)
     vibrating = floor.tiles.ravel()[tile] == 1
     if vibrating.all() or not vibrating.any():
         raise InputError("has samples on one kind of tile only; both are needed", field="the recording")

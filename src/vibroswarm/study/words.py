@@ -171,7 +171,12 @@ def detection_scenario(
     values: dict[str, Any] = {}
     if more_than is not None:
         values["decision.decision_boundary"] = more_than
-    if boundary_of is not None or not ("decision.boundary_of" in given or _file_says_boundary(scenario)):
+    scenario["robots"] = None
+    base = scenario_of(**scenario)
+    by_default = base.task.name == "fill_ratio"  # ``detection_study`` refuses other tasks
+    if boundary_of is not None or (
+        by_default and not ("decision.boundary_of" in given or _file_says_boundary(scenario))
+    ):
         values["decision.boundary_of"] = boundary_of or "tiles"
     for name, option in (
         ("decision.decision_boundary", "--more-than"),
@@ -179,8 +184,7 @@ def detection_scenario(
     ):
         if name in given and name in values:
             raise InputError(f"is also set by --set {name}; use one of them", field=option)
-    scenario["robots"] = None
-    return scenario_of(**scenario).with_values(values)
+    return base.with_values(values)
 
 
 def _file_says_boundary(scenario: ScenarioWords) -> bool:

@@ -24,13 +24,11 @@ from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.view.scene import (
     INK,
-    LESS,
-    MORE,
     SAMPLE_M,
     WALL_M,
     Playback,
-    colour_of,
     floor_picture,
+    kind_colours,
     robot_parts,
 )
 
@@ -149,7 +147,7 @@ def scene_xml(playback: Playback, time_s: float) -> str:
         geoms += _robot(playback, robot, time_s)
     for k in range(playback.samples_by(time_s)):
         x_m, y_m = playback.places[k]
-        colour = MORE if playback.readings[k] == 1 else LESS
+        colour = kind_colours(playback.readings[k])[1]
         # A flat disc on the floor, 1 mm high.
         geoms.append(_geom("cylinder", (SAMPLE_M / 2, 0.0005), (x_m, y_m, 0.0005), colour))
     return f"""<mujoco>
@@ -193,7 +191,7 @@ def _robot(playback: Playback, robot: int, time_s: float) -> list[str]:
     if not math.isfinite(x_m):
         return []
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-    body_colour = colour_of(playback.belief(robot, time_s)[0])
+    _, body_colour = playback.looks(robot, time_s)
     geoms = []
     for k, (kind, size_m, (ahead, left, up)) in enumerate(robot_parts(playback.result)):
         at = (x_m + ahead * cos - left * sin, y_m + ahead * sin + left * cos, up)

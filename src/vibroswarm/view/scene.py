@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.motion.physics.sources import WHEELS
@@ -30,6 +31,7 @@ from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
 
 Floats = NDArray[np.float64]
+Colour = tuple[int, int, int]
 
 UNKNOWN: Final = 0.5
 """Belief before the first sample."""
@@ -39,7 +41,7 @@ class Playback:
     """One run of a result, with its state at any time.
 
     ``sample_s`` (samples,), ``places`` (samples, 2) and ``readings`` (samples,) are time (s), place (x and y, m) and
-    reading (0: still, 1: vibrating) of all samples, in the order of time. ``end_s`` is the end of the run, ``robots``
+    reading (a kind of tile) of all samples, in the order of time. ``end_s`` is the end of the run, ``robots``
     the number of robots.
 
     Args:
@@ -64,6 +66,10 @@ class Playback:
         self.sample_s = samples["time_s"].to_numpy()
         self.places = samples.select("x_m", "y_m").to_numpy()
         self.readings = samples["observation"].cast(pl.Int64).to_numpy()
+        self.has_beliefs = samples["belief_below"].null_count() < samples.height
+        self.answers = (
+            ("less", "more") if result.scenario.task.name == "fill_ratio" else answers_of(result.scenario)
+        )
         # Samples and segments by robot; no segments if the result has none.
         self._samples = [samples.filter(pl.col("robot") == robot) for robot in range(self.robots)]
         segments = None if result.segments is None else result.segments.filter(of_run)
@@ -115,6 +121,13 @@ class Playback:
         belief, decision = own["belief_below"][k], own["decision"][k]
         return UNKNOWN if belief is None else float(belief), -1 if decision is None else int(decision)
 
+    def looks(self, robot: int, time_s: float) -> tuple[str, Colour]:
+        """Return the text over a robot at a time, and its colour: that of its belief, or else of its decision."""
+        belief, decision = self.belief(robot, time_s)
+        if self.has_beliefs:
+            return words_of(belief, decision, self.answers), colour_of(belief)
+        return words_of(None, decision, self.answers), UNSURE if decision < 0 else kind_colours(decision)[1]
+
     def samples_by(self, time_s: float) -> int:
         """Return how many samples the swarm has taken up to a time."""
         return int(np.searchsorted(self.sample_s, time_s, side="right"))
@@ -128,6 +141,17 @@ LESS: Final = (33, 102, 172)
 """Colour (RGB) of the answer "less" (belief near 1), and of samples read as still: blue."""
 MORE: Final = (178, 24, 43)
 """Colour (RGB) of the answer "more" (belief near 0), and of samples read as vibrating: red."""
+KINDS: Final = (
+    (STILL, LESS),
+    (VIBRATING, MORE),
+    ((200, 224, 200), (29, 122, 58)),
+    ((220, 204, 234), (122, 63, 160)),
+    ((238, 228, 176), (138, 109, 0)),
+    ((190, 220, 228), (0, 112, 127)),
+    ((238, 200, 214), (168, 41, 92)),
+    ((206, 196, 184), (77, 77, 77)),
+)
+"""Colours of tiles of each kind, and of readings and decisions; further kinds use them again."""
 UNSURE: Final = (247, 247, 247)
 """Colour (RGB) of a belief of 1/2: nearly white."""
 INK: Final = (60, 60, 60)
@@ -182,7 +206,12 @@ def robot_parts(result: Result) -> list[Part]:
     return [body, front, *wheels]
 
 
-def colour_of(belief: float) -> tuple[int, int, int]:
+def kind_colours(kind: int) -> tuple[Colour, Colour]:
+    """Return the colour of tiles of a kind, and that of readings of it and of robots that decided for it."""
+    return KINDS[kind % len(KINDS)]
+
+
+def colour_of(belief: float) -> Colour:
     """Return the colour (RGB) of a belief in the answer "less", from red (0) over pale (0.5) to blue (1)."""
     end = LESS if belief > 0.5 else MORE
     share = 2.0 * abs(belief - 0.5)
@@ -190,11 +219,10 @@ def colour_of(belief: float) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def words_of(belief: float, decision: int) -> str:
-    """Return the text over a robot: its belief p, and its decision if it has decided."""
-    if decision < 0:
-        return f"p {number(belief, 2)}"
-    return f"p {number(belief, 2)} decided {'less' if decision == 0 else 'more'}"
+def words_of(belief: float | None, decision: int, answers: tuple[str, ...]) -> str:
+    """Return the text over a robot: its belief p, if it has one, and its decision if it has decided."""
+    words = "" if belief is None else f"p {number(belief, 2)}"
+    return words if decision < 0 else f"{words} decided {answers[decision]}".lstrip()
 
 
 def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:
@@ -204,16 +232,17 @@ def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:
     # Coordinates of the middles of pixels, and the tile that each lies on.
     x = (np.arange(max(round(arena.width_m / pixel_m), 1)) + 0.5) * pixel_m
     y = arena.height_m - (np.arange(max(round(arena.height_m / pixel_m), 1)) + 0.5) * pixel_m
-    # Width and height of a tile, and the left and lower edge of the floor. The first row of tiles is at the top.
-    width_m, height_m, left_m, bottom_m = floor.geometry[2:]
-    rows, columns = floor.tiles.shape
-    column = np.floor((x - left_m) / width_m).astype(int)
-    row = rows - 1 - np.floor((y - bottom_m) / height_m).astype(int)
-    inside = ((row >= 0) & (row < rows))[:, None] & ((column >= 0) & (column < columns))[None, :]
-    # Pixels off all tiles get some tile here, and become white below.
-    tile = floor.tiles[np.clip(row, 0, rows - 1)[:, None], np.clip(column, 0, columns - 1)[None, :]]
-    picture = np.where(tile[..., None] > 0, np.array(VIBRATING), np.array(STILL)).astype(np.uint8)
-    picture[~inside] = 255
+    x_m, y_m = np.meshgrid(x, y)
+    tile = floor.tile_at(x_m, y_m)
+    kind = floor.tiles.ravel()[tile][
+        ..., None
+    ]  # pixels off all tiles get some tile here, and become white below
+    of_kind = np.array([kind_colours(one)[0] for one in range(kind.max() + 1)])[kind[..., 0]]
+    between = np.array(STILL) + floor.contrast_at(x_m, y_m)[..., None] * (
+        np.array(VIBRATING) - np.array(STILL)
+    )
+    picture = np.where(kind > 1, of_kind, between.round()).astype(np.uint8)
+    picture[tile < 0] = 255
     return picture
 
 
@@ -298,15 +327,14 @@ class Scene:
             self.frames[robot].position = (x_m, y_m, 0.0)
             # Rotation about the vertical axis, as a quaternion.
             self.frames[robot].wxyz = (math.cos(heading_rad / 2), 0.0, 0.0, math.sin(heading_rad / 2))
-        belief, decision = self.playback.belief(robot, time_s)
-        words = words_of(belief, decision)
+        words, colour = self.playback.looks(robot, time_s)
         # The colour changes only with the text: changes of the belief that its two decimals do not show are not sent.
         if self._words.get(robot) != words:
             self._words[robot] = words
-            self.labels[robot].text, self.bodies[robot].color = f"{robot}: {words}", colour_of(belief)
+            self.labels[robot].text, self.bodies[robot].color = f"{robot}: {words}", colour
 
     def _show_samples(self, count: int) -> None:
-        """Show the first ``count`` samples: blue if read as still, red if read as vibrating.
+        """Show the first ``count`` samples in the colours of their readings.
 
         Samples are shown in clouds of up to ``CHUNK`` points. A cloud cannot be changed once it is made, so each cloud
         whose number of samples must change is replaced by a new one.
@@ -328,9 +356,7 @@ class Scene:
             self.clouds[chunk] = self.api.add_point_cloud(
                 f"/samples/{chunk}",
                 np.hstack([self.playback.places[rows], heights]).astype(np.float32),
-                np.where(self.playback.readings[rows, None] == 1, np.array(MORE), np.array(LESS)).astype(
-                    np.uint8
-                ),
+                np.array([kind_colours(one)[1] for one in self.playback.readings[rows]], dtype=np.uint8),
                 point_size=SAMPLE_M,
                 point_shape="circle",
                 point_shading="flat",

@@ -91,9 +91,13 @@ class Server:
         self.speed = gui.add_slider("Speed", min=1.0, max=200.0, step=1.0, initial_value=speed)
         if not self.playback.is_exact:
             gui.add_markdown("Poses are known at samples only; in between robots go straight.")
+        sensor = result.scenario.sensor
         gui.add_markdown(
             "Over each robot: its belief p that less than the boundary vibrates (blue: less, red: more). Points: "
             "samples read as still (blue) or vibrating (red). Dark tiles vibrate."
+            if max(sensor.kinds, sensor.readings) == 2
+            else "Over each robot: its decision. Each kind has a colour: light of its tiles, dark of samples read as "
+            "this kind, and of robots that decided for it."
         )
         self.scene.set_time(0.0)
 
