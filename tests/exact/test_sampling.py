@@ -260,6 +260,15 @@ def test_near_samples_are_alike_and_far_ones_are_not() -> None:
         correlogram(result, of="energies")  # type: ignore[arg-type]
 
 
+def test_numbers_of_classes_do_not_matter_for_what_consecutive_samples_read() -> None:
+    three = {"sensor.model": "confusion", "strategy.name": "dirichlet", "task.name": "majority"}
+    result = simulate(preset("paper").with_values({**three, "floor.source": "random:0.4,0.36,0.24"}), 2, 3)
+    turned = pl.col("observation").replace_strict({0: 2, 1: 0, 2: 1}, return_dtype=pl.UInt8)
+    renamed = Result(**{**vars(result), "observations": result.observations.with_columns(turned)})
+    assert lag_one(renamed).estimate == pytest.approx(lag_one(result).estimate, abs=1e-12)
+    assert lag_one(result).estimate > 0.05
+
+
 @pytest.mark.parametrize("loss", [0.0, 0.09])
 def test_packet_loss(loss: float) -> None:
     result = simulate(

@@ -35,7 +35,8 @@ all tiles are visited equally often: then the samples of a perfect sensor give t
 | lag-1 correlation | r | the same over pairs of consecutive samples of one robot |
 | packet loss | - | 1 - heard / addressed |
 
-o_i is the bit of sample i and m the mean of the run's bits. Since m comes from the same bits, I is about
+o_i is the bit of sample i and m the mean of the run's bits; of more than two classes, products and squares of r are
+summed over the indicators of all classes, which is the same for two. Since m comes from the same bits, I is about
 -1 / (samples - 1) without any correlation. Both samples of a pair are of one run, of the same or different robots; I
 is Moran's I with the pairs at that distance as neighbours. The run is the unit: figures are computed for each run and
 averaged.
@@ -419,13 +420,15 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
     ordered = result.observations.sort("run", "robot", "sample")
     # A number that is the same in all rows of one robot in one run.
     robot = ordered.select(pl.struct("run", "robot").rle_id()).to_series().to_numpy()
+    readings = result.scenario.sensor.readings
+    classes = np.arange(readings) if readings > 2 else np.ones(1)
     correlations = []
     for low, high in _bounds(ordered):
-        read = ordered["observation"][low:high].cast(pl.Float64).to_numpy()
-        deviation = read - read.mean()
+        read = ordered["observation"][low:high].to_numpy()[:, None] == classes
+        deviation = read - read.mean(axis=0)
         same_robot = robot[low + 1 : high] == robot[low : high - 1]
-        products = (deviation[1:] * deviation[:-1])[same_robot]
-        variance = float((deviation**2).mean())
+        products = (deviation[1:] * deviation[:-1]).sum(axis=1)[same_robot]
+        variance = float((deviation**2).sum(axis=1).mean())
         correlations.append(float(products.mean()) / variance if products.size and variance > 0 else math.nan)
     return mean_interval(correlations, level)
 

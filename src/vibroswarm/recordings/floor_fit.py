@@ -144,9 +144,7 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
         samples = samples.filter(pl.col("time_s") < floor.changes.time_s[0])
     fits = floor_fits(floor, samples)
     if not fits:
-        return (
-            "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are not of two kinds."
-        )
+        return "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are not of two kinds."
     as_given = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
     if as_given is None:
         return "The fit of the floor is inconclusive: all sampled tiles are of one kind."
