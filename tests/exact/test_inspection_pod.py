@@ -59,8 +59,12 @@ def test_the_limit_covers_the_truth_and_a_fit_without_false_calls_does_not_fit()
     with_floor, without = [one.fit() for one in trials], [one.fit(floor=False) for one in trials[:40]]
     assert np.mean([fit.a90_95_m >= TRUE_A90_M for fit in with_floor]) >= 0.94
     assert np.mean([fit.a90_m for fit in with_floor]) == pytest.approx(TRUE_A90_M, rel=0.02)
-    # The control: false calls are taken for detections, and the curve is too flat.
+    # The control: false calls are taken for detections. A curve in ln a, which begins at 0, is then far too flat; the
+    # choice among all curves takes the one whose foot is highest at small sizes, and hides most of it.
     assert np.mean([fit.a90_m for fit in without]) > np.mean([fit.a90_m for fit in with_floor]) * 1.04
+    in_log_size = [drawn(2, 800).fit(floor=floor, curves=["log size"]).a90_m for floor in (True, False)]
+    assert in_log_size[0] == pytest.approx(TRUE_A90_M, rel=0.02)
+    assert in_log_size[1] > 1.15 * TRUE_A90_M
     many, of_small = drawn(2, 800), FALSE + (1 - FALSE) * expit(-6.0 + 60.0 * 0.06)
     assert many.fit().at(0.06) == pytest.approx(of_small, abs=0.01)
     assert many.fit(floor=False).at(0.06) > of_small + 0.03

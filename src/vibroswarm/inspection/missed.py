@@ -7,7 +7,7 @@ places and times of this inspection; another one has other places (``pooled_tria
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -51,9 +51,9 @@ class Trials(NamedTuple):
     false: int
     intact: int
 
-    def fit(self, *, floor: bool = True, asymptote: bool = False) -> Pod:
-        """Return the fitted PoD; the other arguments are those of ``fit_pod``."""
-        return fit_pod(self.size_m, self.found, self.false, self.intact, floor=floor, asymptote=asymptote)
+    def fit(self, **how: Any) -> Pod:
+        """Return the fitted PoD; the arguments are those of ``fit_pod``."""
+        return fit_pod(self.size_m, self.found, self.false, self.intact, **how)
 
     def _repr_html_(self) -> str:
         return html_view(self)

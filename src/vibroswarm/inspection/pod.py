@@ -14,12 +14,13 @@
 The most likely curve of few inspections is too steep, and its a90 too small. The penalty (Jeffreys; Firth 1993) takes
 most of that away, and keeps the slope finite where all damage above a size was found and none below. Several curves
 often fit alike, but differ near the top: a90/95 is the largest of those of all curves that are not rejected at the same
-level. A fit that leaves p_f out takes false calls on small damage for detections, and its a90 is too large.
+level. A fit that leaves p_f out takes false calls on small damage for detections, so that a curve in ln a, which begins
+at 0, is too flat, and its a90 too large; the logistic curve in a, which does not, hides them in its own foot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
@@ -205,8 +206,9 @@ def _fit(name: str, trials: _Trials, ends_below: bool) -> _Fit:
 
 
 def fit_pod(
-    size_m: Floats, found: Floats, false: int, intact: int, *, floor: bool = True, asymptote: bool = False
-) -> Pod:
+    size_m: Floats, found: Floats, false: int, intact: int, *, floor: bool = True, asymptote: bool = False,
+    curves: Collection[str] = tuple(_CURVES),
+) -> Pod:  # fmt: skip
     """Fit PoD to inspections.
 
     Args:
@@ -214,6 +216,7 @@ def fit_pod(
         false, intact: number of intact surfaces that were called, and that were inspected.
         floor: whether the curve begins at p_f; without, only for the control that such a fit fails.
         asymptote: whether the curve may end below 1, by AIC, as where coverage is incomplete.
+        curves: names of those that are tried.
     Raises:
         InputError: there are fewer than 20 inspections, of fewer than 3 sizes, or none of intact surfaces.
     """
@@ -226,8 +229,8 @@ def fit_pod(
     hits = np.bincount(at, np.asarray(found, dtype=np.float64)).astype(np.float64)
     p_f = false / intact if floor else 0.0
     fits = []
-    for name, curve in _CURVES.items():
-        trials = _Trials(sizes, hits, number, p_f, curve)
+    for name in curves:
+        trials = _Trials(sizes, hits, number, p_f, _CURVES[name])
         ends = [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
         fits.append(min(ends, key=lambda fit: fit.aic))
     best = min(fits, key=lambda fit: fit.aic)
