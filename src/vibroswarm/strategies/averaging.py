@@ -6,20 +6,18 @@
 | heard share | h_j | mean of the shares of kind j that came between two own readings, the latest there were |
 | share | m_j | (1 - a) o_j + a h_j (o_j before any is heard) for j > 0, and the rest for j = 0 |
 | counts | c_j | m_j n; n = own readings / ((1 - a)^2 + (1 - (1 - a)^2) / robots): as if all read independently |
-| decision | d | j if m_j - m_i > 1.645 sqrt((m_j + m_i - (m_j - m_i)^2) / (n + 1)) for all other kinds i |
+| decision | d | the kind whose share is clearly the largest (``kind_belief.clear_leader``) |
 """
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inner
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.kind_belief import leader
+from vibroswarm.strategies.kind_belief import clear_leader
 from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["averaging", "decision"]
@@ -88,17 +86,6 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     out.kind = 1 + x.number % (w.kinds - 1)
     out.share = a.counts[out.kind] / n
     return True
-
-
-@inner
-def clear_leader(counts: Row, n: float) -> int:
-    """Return the decision: the kind with the largest share, -1 if another one is too near."""
-    first = leader(counts)
-    for kind in range(counts.size):
-        apart, both = (counts[first] - counts[kind]) / n, (counts[first] + counts[kind]) / n
-        if kind != first and apart <= 1.6449 * math.sqrt((both - apart * apart) / (n + 1.0)):
-            return -1
-    return first
 
 
 averaging = register(

@@ -6,6 +6,7 @@ For more, P_j is an integral (``robot.most_common``), which is computed only whe
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from vibroswarm.core.jit import inner
@@ -22,6 +23,23 @@ def leader(counts: Row) -> int:
     for kind in range(1, counts.size):
         if counts[kind] > counts[first]:
             first = kind
+    return first
+
+
+@inner
+def clear_leader(counts: Row, n: float) -> int:
+    """Return the kind with clearly the largest share m_j = a_j / n, by a normal approximation; -1 if there is none.
+
+    It is j if m_j - m_i > 1.645 sqrt((m_j + m_i - (m_j - m_i)^2) / (n + 1)) for all other kinds i.
+
+    Args:
+        n: sum of the counts.
+    """
+    first = leader(counts)
+    for kind in range(counts.size):
+        apart, both = (counts[first] - counts[kind]) / n, (counts[first] + counts[kind]) / n
+        if kind != first and apart <= 1.6449 * math.sqrt((both - apart * apart) / (n + 1.0)):
+            return -1
     return first
 
 
