@@ -234,14 +234,12 @@ def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:
     y = arena.height_m - (np.arange(max(round(arena.height_m / pixel_m), 1)) + 0.5) * pixel_m
     x_m, y_m = np.meshgrid(x, y)
     tile = floor.tile_at(x_m, y_m)
-    kind = floor.tiles.ravel()[tile][
-        ..., None
-    ]  # pixels off all tiles get some tile here, and become white below
-    of_kind = np.array([kind_colours(one)[0] for one in range(kind.max() + 1)])[kind[..., 0]]
+    kind = floor.tiles.ravel()[tile]  # pixels off all tiles get some tile here, and become white below
+    of_kind = np.array([kind_colours(one)[0] for one in range(kind.max() + 1)])[kind]
     between = np.array(STILL) + floor.contrast_at(x_m, y_m)[..., None] * (
         np.array(VIBRATING) - np.array(STILL)
     )
-    picture = np.where(kind > 1, of_kind, between.round()).astype(np.uint8)
+    picture = np.where((kind > 1)[..., None], of_kind, between.round()).astype(np.uint8)
     picture[tile < 0] = 255
     return picture
 
