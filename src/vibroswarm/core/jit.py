@@ -364,18 +364,39 @@ def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> C
     del none  # there are no keyword arguments; type checkers require P.kwargs where P.args is used
     if not compiles():
         return kernel
-    dispatcher: Any = kernel
-    key = (dispatcher, *map(_type_key, arguments))
-    if key not in _entries:
-        signature = tuple(dispatcher.typeof_pyval(argument) for argument in arguments)
-        dispatcher.compile(signature)
-        _entries[key] = dispatcher.overloads[signature].entry_point
-    entry: Callable[P, R] = _entries[key]
+    entry: Callable[P, R] = _overload(kernel, arguments).entry_point
     return entry
 
 
-_entries: dict[Any, Any] = {}
-"""Compiled entry points by kernel and argument types: Numba takes 2 ms to find the types of fifty arrays."""
+def address_of(kernel: Callable[..., int], *arguments: Any) -> Any:
+    """Compile a kernel for the types of these arguments; return its address for ``kernel_call.call``.
+
+    In plain mode the kernel itself is returned.
+    """
+    if not compiles():
+        return kernel
+    overload = _overload(kernel, arguments)
+    return _address(overload.library, overload.fndesc.llvm_func_name)
+
+
+@cache
+def _address(library: Any, name: str) -> int:
+    """Return the address of a function in a compiled library; cached, since LLVM takes 50 microseconds to find it."""
+    return int(library.get_pointer_to_function(name))
+
+
+def _overload(kernel: Any, arguments: tuple[Any, ...]) -> Any:
+    """Return the compiled form of a kernel for the types of these arguments."""
+    key = (kernel, *map(_type_key, arguments))
+    if key not in _overloads:
+        signature = tuple(kernel.typeof_pyval(argument) for argument in arguments)
+        kernel.compile(signature)
+        _overloads[key] = kernel.overloads[signature]
+    return _overloads[key]
+
+
+_overloads: dict[Any, Any] = {}
+"""Compiled forms by kernel and argument types: Numba takes 2 ms to find the types of fifty arrays."""
 
 
 def _type_key(value: Any) -> Any:

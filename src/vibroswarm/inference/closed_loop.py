@@ -6,21 +6,27 @@ which robots have decided, and where a strategy wants to steer them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeGuard
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import entry_for, kernel, read_only, signed, zero_rows
+from vibroswarm.core.jit import address_of, entry_for, kernel, read_only, signed, zero_rows
+from vibroswarm.core.kernel_call import call
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import write_heard
-from vibroswarm.inference.replay_arrays import Readings, Rows, Stops
-from vibroswarm.inference.replayer import NO_VALUES, replayer_of
+from vibroswarm.inference.replay_arrays import DONE, Readings, Rows, Stops
+from vibroswarm.inference.replayer import NO_VALUES, CountsReplayer, replayer_of
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
 from vibroswarm.localisation.locate import draws_read, is_estimated
 from vibroswarm.localisation.online import OnlineLocalisation
+from vibroswarm.motion.event.engine import events
+from vibroswarm.motion.event.event_run import EventRun
+from vibroswarm.motion.event.neighbours import SMALL_SWARM
+from vibroswarm.motion.event.world import World
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
@@ -136,6 +142,47 @@ def record_samples(
     return filled
 
 
+class Calls(NamedTuple):
+    """Addresses of the kernels that ``follow`` calls."""
+
+    events: int
+    record_samples: int
+    replay: int
+
+
+@kernel
+def follow(
+    calls: Calls, world: World, ground: SensedFloor, buffer: SampleBuffer, bounds: NDArray[np.int64],
+    decision: NDArray[np.int64], replay: Any, from_start: bool, to_end: bool, limit_s: float, tick: int, until: int,
+    check_ticks: int, tick_ms: int,
+) -> int:  # fmt: skip
+    """Simulate, observe and replay a run until all robots have decided, which is checked every ``check_ticks``.
+
+    Args:
+        bounds: its last entry is the number of samples in the buffer, changed. decision: (robots,): of the replay.
+        replay: arguments of the replay, except its last three, ``from_start``, ``to_end`` and ``limit_s``.
+        tick: where the run is, at least 1. until: latest end.
+    Returns: the tick reached; -1 if the replay failed.
+    """
+    record = world.record
+    while tick < until:
+        tick = call(calls.events, (world, min(tick + check_ticks, until)))
+        rows = record.samples[: record.filled[0]]
+        bounds[1] = call(
+            calls.record_samples, (rows, ground, buffer, bounds[1], world.seed, world.run, tick_ms)
+        )
+        record.filled[0] = 0
+        if call(calls.replay, (*replay, from_start, to_end, limit_s)) != DONE:
+            return -1
+        from_start = False
+        undecided = 0
+        for i in range(decision.size):
+            undecided += decision[i] < 0
+        if undecided == 0:
+            break
+    return tick
+
+
 NO_STOP_TICKS: Final = np.empty(0, dtype=np.int64)
 """Given to ``ClosedLoop.catch_up`` if no replayer needs stops."""
 
@@ -175,6 +222,8 @@ class ClosedLoop:
         self.ends_s: list[float] = []
         """Ends of the runs, s; callers append to this list, it is not used here."""
         self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
+        self.calls: Calls | None = None  # with ``following``, the compiled ``follow``: see the method ``follow``
+        self.following: Callable[..., int] | None = None
         # bounds: 0 and the number of samples in the buffer, so that all its samples are those of one run (``Rows``).
         # runs: the number of the run. walked_tick, known_tick: as in ``Stops``; see ``catch_up``.
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
@@ -323,6 +372,48 @@ class ClosedLoop:
             self.rows, self.readings, self.stops, from_start=self.is_new, tracks=self.tracks
         )
         self.is_new = False
+
+    def follow(self, state: EventRun, check_s: float) -> None:
+        """Simulate a run that ``can_follow`` from its start until all robots have decided, by one kernel.
+
+        Args:
+            state: the run's motion at time 0, changed. check_s: time between checks whether all robots have decided.
+        """
+        until, check = state.until_tick(self.scenario.run.t_end_s), state.until_tick(check_s)
+        world, (ground,), buffer = state.world(), self.ground.stages, self.buffer
+        replay = self.replayer.arguments(self.rows, self.readings, self.stops, NO_TRACKS)
+        flags = (True, False, math.inf)  # from the start, not to the end, without a limit
+        recorded = (state.record.samples, ground, buffer, 0, self.seed, self.run, self.tick_ms)
+        if self.calls is None:
+            self.calls = Calls(
+                address_of(events, world, until),
+                address_of(record_samples, *recorded),
+                address_of(self.replayer.module.replay, *replay, *flags),
+            )
+        arguments = (
+            self.calls, world, ground, buffer, self.bounds, self.decision, replay, *flags, 1, until, check, self.tick_ms
+        )  # fmt: skip
+        if self.following is None:
+            self.following = entry_for(follow, *arguments)
+        self.replayer.restart(self.rows)
+        state.tick = self.following(*arguments)
+        self.located, self.is_new = int(self.bounds[1]), False
+
+    def can_follow(self, state: MotionState) -> TypeGuard[EventRun]:
+        """Return whether ``follow`` can simulate this run, which must not record segments or moves.
+
+        Samples of a small swarm need no more than ``record_samples`` and ``replay`` if they are counted, without a
+        user's code, on a floor that does not change. Decisions must be final.
+        """
+        replayer = self.replayer
+        return (
+            isinstance(state, EventRun)
+            and state.swarm.size <= SMALL_SWARM
+            and isinstance(replayer, CountsReplayer)
+            and len(self.ground.stages) == 1
+            and not (self.needs_moves or self.is_sensed or self.weighed.size or self.steers or self.may_change)
+            and not (replayer.strategy.code or replayer.network.code)
+        )
 
     def _weigh_energies(self, new: slice) -> None:
         """Write values and log likelihood ratios of the samples in the rows ``new``."""

@@ -122,8 +122,7 @@ class Replayer(ABC):
         status = BUFFER_FULL
         while status == BUFFER_FULL:
             if from_start:
-                self.clear()
-                set_failures(self.swarm, self.scenario, self.seed, rows.runs)
+                self.restart(rows)
             arguments = self.arguments(rows, readings, stops, tracks)
             status = self.call((*arguments, from_start, to_end, limit_s))
             if status == BUFFER_FULL:  # repeat everything with a larger buffer
@@ -136,9 +135,10 @@ class Replayer(ABC):
         """Replace the buffer that was full by a buffer of twice its size."""
         raise NotImplementedError  # only a kernel with a buffer can say that it is full
 
-    def clear(self) -> None:
-        """Zero all states and arrays, as the strategy's ``begin`` expects; at the first call they are zero already."""
-        if self.is_new:
+    def restart(self, rows: Rows) -> None:
+        """Prepare a replay from time 0: zero all states and arrays, as ``begin`` expects, and set the runs' failures."""
+        set_failures(self.swarm, self.scenario, self.seed, rows.runs)
+        if self.is_new:  # they are zero already
             self.is_new = False
             return
         # Viewed as bytes, all fields of the records are zeroed at once.
