@@ -399,11 +399,14 @@ _overloads: dict[Any, Any] = {}
 """Compiled forms by kernel and argument types: Numba takes 2 ms to find the types of fifty arrays."""
 
 
+TYPE_FLAGS: Final = 0x1 | 0x2 | 0x100 | 0x400
+"""Flags of an array on which its Numba type depends: C-contiguous, Fortran-contiguous, aligned, writeable."""
+
+
 def _type_key(value: Any) -> Any:
     """Return a key that tells arguments of different Numba types apart; it is computed faster than the Numba type."""
     if isinstance(value, np.ndarray):
-        flags = value.flags
-        return value.dtype, value.ndim, flags.writeable, flags.c_contiguous, flags.f_contiguous, flags.aligned
+        return value.dtype, value.ndim, value.flags.num & TYPE_FLAGS
     if isinstance(value, tuple):
         return (type(value), *map(_type_key, value))
     if isinstance(value, np.generic):

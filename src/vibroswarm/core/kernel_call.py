@@ -6,41 +6,46 @@ would so compile the engine again for each strategy, which takes 20 s; by their 
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Final
 
 from vibroswarm.core.jit import compiles
 
-if compiles():
+
+def _call_plain(address: Any, arguments: tuple[Any, ...]) -> Any:
+    """Call a kernel that is not compiled, whose address is the kernel itself (``jit.address_of``)."""
+    return address(*arguments)
+
+
+def _call_compiled() -> Any:
+    """Return the function that Numba replaces, in the kernel that calls it, by the call of an address."""
     from numba.core import cgutils, types
     from numba.extending import intrinsic
 
-    @intrinsic
-    def call(typing_context: Any, address: Any, arguments: Any) -> Any:
-        """Call the kernel at ``address`` (``jit.address_of``), which returns an integer, and return its result.
+    tools: Any = cgutils  # which has no types
 
-        Args:
-            address: int. arguments: a tuple; each must have exactly the type for which the kernel was compiled.
-        """
+    def by_address(typing_context: Any, address: Any, arguments: Any) -> Any:
         del typing_context
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             kinds, convention = list(signature.args[1]), context.call_conv
             kind = convention.get_function_type(types.int64, kinds).as_pointer()
-            status, result = convention.call_function(
-                builder,
+            kernel, unpacked = (
                 builder.inttoptr(values[0], kind),
-                types.int64,
-                kinds,
-                cgutils.unpack_tuple(builder, values[1], len(kinds)),
+                tools.unpack_tuple(builder, values[1], len(kinds)),
             )
-            with cgutils.if_unlikely(builder, status.is_error):
+            status, result = convention.call_function(builder, kernel, types.int64, kinds, unpacked)
+            with tools.if_unlikely(builder, status.is_error):
                 convention.return_status_propagate(builder, status)
             return result
 
         return types.int64(address, arguments), generate
 
-else:
+    return intrinsic(by_address)
 
-    def call(address: Any, arguments: Any) -> Any:
-        """Call a kernel that is not compiled: ``address`` is the kernel itself."""
-        return address(*arguments)
+
+call: Final[Callable[[Any, tuple[Any, ...]], Any]] = _call_compiled() if compiles() else _call_plain
+"""Call the kernel at an address, which returns an integer, with a tuple of arguments.
+
+Each argument must have exactly the type for which the kernel was compiled (``jit.address_of``).
+"""

@@ -183,6 +183,8 @@ def follow(
     return tick
 
 
+_calls: dict[Any, Calls] = {}
+"""What a compiled ``follow`` calls, by it and by the module of the replay."""
 NO_STOP_TICKS: Final = np.empty(0, dtype=np.int64)
 """Given to ``ClosedLoop.catch_up`` if no replayer needs stops."""
 
@@ -222,8 +224,9 @@ class ClosedLoop:
         self.ends_s: list[float] = []
         """Ends of the runs, s; callers append to this list, it is not used here."""
         self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
-        self.calls: Calls | None = None  # with ``following``, the compiled ``follow``: see the method ``follow``
-        self.following: Callable[..., int] | None = None
+        self.following: Callable[..., int] | None = (
+            None  # compiled ``follow``; its first argument is ``calls``
+        )
         # bounds: 0 and the number of samples in the buffer, so that all its samples are those of one run (``Rows``).
         # runs: the number of the run. walked_tick, known_tick: as in ``Stops``; see ``catch_up``.
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
@@ -383,20 +386,23 @@ class ClosedLoop:
         world, (ground,), buffer = state.world(), self.ground.stages, self.buffer
         replay = self.replayer.arguments(self.rows, self.readings, self.stops, NO_TRACKS)
         flags = (True, False, math.inf)  # from the start, not to the end, without a limit
-        recorded = (state.record.samples, ground, buffer, 0, self.seed, self.run, self.tick_ms)
-        if self.calls is None:
-            self.calls = Calls(
-                address_of(events, world, until),
-                address_of(record_samples, *recorded),
-                address_of(self.replayer.module.replay, *replay, *flags),
-            )
         arguments = (
-            self.calls, world, ground, buffer, self.bounds, self.decision, replay, *flags, 1, until, check, self.tick_ms
+            world, ground, buffer, self.bounds, self.decision, replay, *flags, 1, until, check, self.tick_ms
         )  # fmt: skip
         if self.following is None:
-            self.following = entry_for(follow, *arguments)
+            self.following = entry_for(follow, Calls(0, 0, 0), *arguments)
+            key = self.following, self.replayer.module  # which determine the types of all arguments
+            if key not in _calls:
+                _calls[key] = Calls(
+                    address_of(events, world, until),
+                    address_of(
+                        record_samples, state.record.samples, ground, buffer, 0, self.seed, self.run, check
+                    ),
+                    address_of(self.replayer.module.replay, *replay, *flags),
+                )
+            self.calls = _calls[key]
         self.replayer.restart(self.rows)
-        state.tick = self.following(*arguments)
+        state.tick = self.following(self.calls, *arguments)
         self.located, self.is_new = int(self.bounds[1]), False
 
     def can_follow(self, state: MotionState) -> TypeGuard[EventRun]:
@@ -411,7 +417,9 @@ class ClosedLoop:
             and state.swarm.size <= SMALL_SWARM
             and isinstance(replayer, CountsReplayer)
             and len(self.ground.stages) == 1
-            and not (self.needs_moves or self.is_sensed or self.weighed.size or self.steers or self.may_change)
+            and not (
+                self.needs_moves or self.is_sensed or self.weighed.size or self.steers or self.may_change
+            )
             and not (replayer.strategy.code or replayer.network.code)
         )
 
@@ -462,7 +470,7 @@ class ClosedLoop:
         """Time of the latest current decision, s; None while any robot is undecided."""
         if -1 in self.decision.tolist():  # for a few robots faster than NumPy
             return None
-        return float(self.decision_time_s.max())
+        return float(max(self.decision_time_s.tolist()))
 
     @property
     def first_all_decided_s(self) -> float | None:

@@ -136,7 +136,7 @@ class Replayer(ABC):
         raise NotImplementedError  # only a kernel with a buffer can say that it is full
 
     def restart(self, rows: Rows) -> None:
-        """Prepare a replay from time 0: zero all states and arrays, as ``begin`` expects, and set the runs' failures."""
+        """Prepare a replay from time 0: set failures, and zero all states and arrays, as ``begin`` expects."""
         set_failures(self.swarm, self.scenario, self.seed, rows.runs)
         if self.is_new:  # they are zero already
             self.is_new = False

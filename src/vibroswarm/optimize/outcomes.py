@@ -235,10 +235,9 @@ def _simulated_together(
 
         # The motion is simulated up to the latest time that a scenario needs. ``finish`` then rewinds the loop of each
         # other scenario to the end of its run.
-        until_s = max(course.until_s(0.0) for course in courses)
         if len(loops) == 1 and loops[0].can_follow(state):
             loops[0].follow(state, POLL_S)
-            until_s = courses[0].until_s(state.time_s)
+        until_s = max(course.until_s(state.time_s) for course in courses)
         while not reached(state.time_s, until_s, loops[0].tick_ms):
             if loops[0].steers:  # then it is the only one
                 steer_on(steerable(state, motion), loops[0], until_s)

@@ -149,7 +149,15 @@ class Scenario(Sections, NotebookView):
             InputError: there is no such field (the nearest is suggested), or a value is wrong.
         """
         check_kind(values, Mapping, "values", "a table of values by dotted name")
-        data = self.model_dump(exclude_none=True)
+        # Sections that stay are not checked again, except choices: the code of the selected entry may be loaded since.
+        data: dict[str, Any] = {section: getattr(self, section) for section in type(self).model_fields}
+        is_changed = {str(name).partition(".")[0] for name in values}
+        data |= self.model_dump(
+            include={
+                name for name, section in data.items() if name in is_changed or isinstance(section, Choice)
+            },
+            exclude_none=True,
+        )
         for name, value in values.items():
             check_kind(name, str, "values", "the dotted name of a field")
             section, _, field = name.partition(".")
