@@ -95,14 +95,24 @@ def summary(
             between 0 and 1.
     """
     table = run_figures(robots, runs, t_end_s, agreements, costs)
-    by_run = columns_of(table)
+    return summary_of(table, times_by_run(robots, t_end_s), t_end_s, level, seed)
+
+
+def summary_of(
+    table: pl.DataFrame, times: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0
+) -> CellSummary:
+    """Compute all figures of a cell from those of its runs.
+
+    Args:
+        table: of ``run_figures``. times: of ``times_by_run``. t_end_s, level, seed: as of ``summary``.
+    """
     robot_counts = table["robots"].to_numpy()
     # Right and wrong are defined only in runs with a truth.
     with_truth = table.filter(pl.col("truth").is_not_null())
     right, counts_with_truth = (with_truth[name].to_numpy() for name in ("right", "robots"))
     undecided = table["undecided"].to_numpy()
     iccs = {
-        "decision_time": icc_of_times(robots, t_end_s),
+        "decision_time": icc(*(times[name].to_numpy() for name in times.columns)),
         "right": icc_of_counts(right, counts_with_truth),
         "undecided": icc_of_counts(undecided, robot_counts),
     }
@@ -113,7 +123,9 @@ def summary(
         robots=int(robot_counts.sum()),
         t_end_s=t_end_s,
         level=level,
-        figures={figure.name: interval(figure.name, by_run, level, seed, t_end_s) for figure in FIGURES},
+        figures={
+            figure.name: interval(figure.name, columns_of(table), level, seed, t_end_s) for figure in FIGURES
+        },
         correlations={
             **{f"icc_{name}": value for name, value in iccs.items()},
             **{f"design_effect_{name}": design_effect(value, sizes[name]) for name, value in iccs.items()},
@@ -121,16 +133,13 @@ def summary(
     )
 
 
-def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
-    """Compute the intra-run correlation of min(decision time, t_end) from a table of robots.
-
-    It is nan for fewer than 2 runs, if every run has a single robot, and if all times are equal.
-    """
+def times_by_run(robots: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
+    """Return the arguments of ``icc`` for min(decision time, t_end) of a table of robots, one row per run."""
     by_run = ByRun(robots)
     time_s = by_run.capped_time_s(t_end_s)
     means = by_run.mean(time_s)
     within = by_run.sum((time_s - np.repeat(means, by_run.count)) ** 2)
-    return icc(means, within, by_run.count.astype(np.float64))
+    return pl.DataFrame({"means": means, "within": within, "sizes": by_run.count.astype(np.float64)})
 
 
 def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:

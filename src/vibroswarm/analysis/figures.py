@@ -603,8 +603,11 @@ def run_figures(
 
 
 def columns_of(table: pl.DataFrame) -> dict[str, Array]:
-    """Return the figures of a table of ``run_figures`` as arrays, (runs,) each; nan where a run does not have one."""
-    return {name: numbers(table[name]) for name in table.columns if name not in ("run", "truth", "consensus")}
+    """Return the figures of a table of ``run_figures`` as arrays, (runs,) each; nan where a run does not have one.
+
+    Each is made when it is first asked for.
+    """
+    return _TableColumns(table)
 
 
 def interval(

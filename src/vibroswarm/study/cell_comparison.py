@@ -16,7 +16,7 @@ Strategies can also be compared at equal error, on request: their cells are repl
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -244,8 +244,16 @@ def second_block(
     return replace(replicate, selected=result.selected)
 
 
+def compared_columns(figures: pl.DataFrame) -> pl.DataFrame:
+    """Return the columns of ``figures.run_figures`` in which cells are compared, and the runs."""
+    return figures.select("run", *dict.fromkeys((*COMPARED, *ESTIMATED)))
+
+
 def comparisons(
-    result: StudyResult, replicate: StudyResult | None = None, reference: str | None = None
+    result: StudyResult,
+    replicate: StudyResult | None = None,
+    reference: str | None = None,
+    known: Mapping[int, pl.DataFrame] | None = None,
 ) -> list[Compared]:
     """Compare all pairs of the selected cells in all figures, with p-values corrected over all comparisons (Holm).
 
@@ -253,6 +261,7 @@ def comparisons(
 
     Args:
         replicate: the second block, None if there is none. reference: as of ``pairs_of``.
+        known: ``compared_columns`` of some cells of ``result``, by number, which are not computed again.
     Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``, or of its
         ``ESTIMATED`` where the task asks for a number.
     """
@@ -264,7 +273,7 @@ def comparisons(
     ]
     if not pairs:
         return []
-    figures, figures_again = _Figures(result), None if replicate is None else _Figures(replicate)
+    figures, figures_again = _Figures(result, known), None if replicate is None else _Figures(replicate)
     entries = []  # cell, reference, compared field, comparison in the own runs, comparison in the second block
     for cell, other, name in pairs:
         own = _pair(figures, cell, other)
@@ -314,15 +323,15 @@ def _compared(
 class _Figures:
     """Computes the figures of a cell's runs; caches those of the last ``KEPT`` cells, since pairs share a reference."""
 
-    def __init__(self, result: StudyResult) -> None:
+    def __init__(self, result: StudyResult, known: Mapping[int, pl.DataFrame] | None = None) -> None:
         # The cache is by number of the cell; the most recently used cell is the last one.
-        self.result, self._cache = result, dict[int, pl.DataFrame]()
+        self.result, self._cache = result, dict(known or {})
 
     def __call__(self, cell: Cell) -> pl.DataFrame:
-        """Return ``figures.run_figures`` of a cell, one row per run."""
+        """Return the compared columns of ``figures.run_figures`` of a cell, one row per run."""
         figures = self._cache.pop(cell.number, None)
         if figures is None:
-            figures = self.result.figures(cell.number)
+            figures = compared_columns(self.result.figures(cell.number))
         self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
         if len(self._cache) > KEPT:
             least_recently_used = next(iter(self._cache))

@@ -296,8 +296,8 @@ class Store:
         gaps = missing((0, limit), self.ranges(group))
         return gaps[0][0] if gaps else limit  # the first gap begins where the stored runs end
 
-    def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
-        """Return a lazy table of the rows of the first ``runs`` runs of a group.
+    def scan(self, group: int, runs: int, table: str = "robots", start: int = 0) -> pl.LazyFrame | None:
+        """Return a lazy table of the rows of the runs of a group from ``start`` to ``runs`` - 1.
 
         Shards may overlap if several writers ran the same runs; each run is taken from one shard only. The column
         ``code`` of the robots is the hash of the program's code that made the run.
@@ -306,7 +306,10 @@ class Store:
         """
         check_threads()
         shards = [shard for shard in self.shards if shard.group == group]
-        frames, low = [], 0  # runs below ``low`` are no longer taken, since an earlier shard has given them
+        frames, low = (
+            [],
+            start,
+        )  # runs below ``low`` are no longer taken, since an earlier shard has given them
         # Of shards that begin at the same run, the longest comes first: it makes the others needless. The name decides
         # between shards of the same runs, so that the choice does not depend on the order of the files.
         for shard in sorted(shards, key=lambda shard: (shard.first, -shard.last, shard.name)):

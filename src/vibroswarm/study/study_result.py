@@ -75,6 +75,8 @@ class _TemporaryFolder:
 
 ROWS_AT_A_TIME: Final = 400_000
 """Rows of a study (one per robot of a run) that are read at once by ``StudyResult.blocks``, to limit memory."""
+ROWS_IN_A_PART: Final = 20_000
+"""Rows of a cell that are read at once to compute the figures of its runs."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
 
@@ -237,12 +239,14 @@ class StudyResult(NotebookView):
             return pl.concat(frames)
         raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
 
-    def _scans(self, table: str, cells: Sequence[int]) -> list[pl.LazyFrame]:
+    def _scans(
+        self, table: str, cells: Sequence[int], start: int = 0, end: int = MOST_RUNS
+    ) -> list[pl.LazyFrame]:
         """Return a lazy table of the store for each group with stored rows, limited to the cells with these numbers.
 
         Args:
             table: ``robots``, ``samples``, ``failures``, ``agreements``, ``maps`` or ``reported``.
-            cells: by number; if empty, all selected cells.
+            cells: by number; if empty, all selected cells. start, end: first run, and one past the last.
         """
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
@@ -250,7 +254,7 @@ class StudyResult(NotebookView):
             if not numbers:
                 continue
             runs = self.runs_of(numbers[0])  # all cells of a group have the same number of runs
-            frame = self.store.scan(group.number, runs, table)
+            frame = self.store.scan(group.number, min(runs, end), table, start)
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(numbers)))
         return frames
@@ -311,8 +315,27 @@ class StudyResult(NotebookView):
 
     def figures(self, cell: int) -> pl.DataFrame:
         """Return all figures of each run of a cell (``figures.run_figures``), one row per run."""
-        scenario, (robots, runs) = self.cell(cell).scenario, self.tables(cell)
-        return run_figures(robots, runs, scenario.run.t_end_s, self.agreements(cell), costs_of(scenario))
+        return pl.concat(figures for figures, *_ in self.parts(cell))
+
+    def parts(self, cell: int) -> Iterator[tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]]:
+        """Yield figures (``figures.run_figures``), table of robots and table of runs of some runs of a cell at a time.
+
+        So the rows of all robots are never in memory at once.
+
+        Raises:
+            InputError: the cell has no runs yet.
+        """
+        scenario, agreements = self.cell(cell).scenario, self.agreements(cell)
+        step, is_empty = max(ROWS_IN_A_PART // scenario.swarm.robots, 1), True
+        for start in range(0, self.runs_of(cell), step):
+            for rows in self._scans("robots", (cell,), start, start + step):
+                robots, runs = tables_of(rows.sort("run", "robot").collect())
+                own, is_empty = agreements, False
+                if own is not None:
+                    own = own.filter(pl.col("run").is_between(start, start + step, closed="left"))
+                yield run_figures(robots, runs, scenario.run.t_end_s, own, costs_of(scenario)), robots, runs
+        if is_empty:
+            self._scan("robots", (cell,))  # which raises
 
     def _refuse_missing(self, rows: pl.DataFrame, cells: Sequence[Cell]) -> None:
         """Raise an error about the first of these cells that has not all its runs."""

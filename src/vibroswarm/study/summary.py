@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import CellSummary, summary
+from vibroswarm.analysis.cell_summary import CellSummary, summary_of, times_by_run
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.atomic_io import write_files
@@ -27,7 +27,7 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References, reference_table
-from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
+from vibroswarm.study.cell_comparison import KEPT, Compared, compared_columns, comparison_table, comparisons
 from vibroswarm.study.equal_error import at_equal_error
 from vibroswarm.study.settled import Settled, figure_of
 from vibroswarm.study.spec import Cell
@@ -175,30 +175,31 @@ def outcome_of(
         # in ``Outcome.without_runs``.
         replicate_with_runs, _ = _with_runs(replicate)
         replicate, failed_replicate = (replicate_with_runs, None) if has_runs else (None, replicate)
+    known: dict[int, pl.DataFrame] = {}
     for number in result.selected:
         cell = result.study.cells[number]
-        robots, runs = result.tables(number)
-        settled = result.settled(number)
-        plain_figures = summary(
-            robots,
-            runs,
-            cell.scenario.run.t_end_s,
-            agreements=result.agreements(number),
-            costs=costs_of(cell.scenario),
+        t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
+        parts = (
+            (figures, times_by_run(robots, t_end_s), runs.select(WALK))
+            for figures, robots, runs in result.parts(number)
         )
+        table, times, walked = (pl.concat(part) for part in zip(*parts, strict=True))
+        if len(result.selected) <= KEPT:
+            known[number] = compared_columns(table)
+        plain_figures = summary_of(table, times, t_end_s)
         figures = _with_corrected_interval(plain_figures, result, number, settled)
         failed, decidable = result.failed_runs(number), decidability(cell.scenario)
         cells.append(
             CellOutcome(
                 cell=cell,
                 summary=figures,
-                walk=_walk(runs),
+                walk=_walk(walked),
                 decidable=decidable,
                 failed=failed,
                 settled=settled,
             )
         )
-    compared = tuple(comparisons(result, replicate, reference)) if compare else ()
+    compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
     answers = answers_of(compared, at_equal_error(result, compared, progress) if equal_error else {})
     return Outcome(
         result=result,
@@ -243,7 +244,7 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     """Return the means of the columns ``WALK`` over the runs that have a value, with ``_low`` and ``_high``.
 
     Args:
-        runs: table of runs of a cell, as ``StudyResult.tables`` gives it.
+        runs: table of runs of a cell with these columns.
     Returns: values by name of the column; None in place of a value that is not finite.
     """
     columns: dict[str, Any] = {}
