@@ -162,7 +162,7 @@ def follow(
         bounds: its last entry is the number of samples in the buffer, changed. decision: (robots,): of the replay.
         replay: arguments of the replay, except its last three, ``from_start``, ``to_end`` and ``limit_s``.
         tick: where the run is, at least 1. until: latest end.
-    Returns: the tick reached; -1 if the replay failed.
+    Returns: the tick reached; the negative error code of the replay if it failed.
     """
     record = world.record
     while tick < until:
@@ -172,8 +172,9 @@ def follow(
             calls.record_samples, (rows, ground, buffer, bounds[1], world.seed, world.run, tick_ms)
         )
         record.filled[0] = 0
-        if call(calls.replay, (*replay, from_start, to_end, limit_s)) != DONE:
-            return -1
+        status: int = call(calls.replay, (*replay, from_start, to_end, limit_s))
+        if status != DONE:
+            return -status
         from_start = False
         undecided = 0
         for i in range(decision.size):
@@ -224,9 +225,8 @@ class ClosedLoop:
         self.ends_s: list[float] = []
         """Ends of the runs, s; callers append to this list, it is not used here."""
         self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
-        self.following: Callable[..., int] | None = (
-            None  # compiled ``follow``; its first argument is ``calls``
-        )
+        # compiled ``follow``, whose first argument is ``calls``
+        self.following: Callable[..., int] | None = None
         # bounds: 0 and the number of samples in the buffer, so that all its samples are those of one run (``Rows``).
         # runs: the number of the run. walked_tick, known_tick: as in ``Stops``; see ``catch_up``.
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
@@ -402,7 +402,9 @@ class ClosedLoop:
                 )
             self.calls = _calls[key]
         self.replayer.restart(self.rows)
-        state.tick = self.following(self.calls, *arguments)
+        tick = self.following(self.calls, *arguments)
+        self.replayer.refuse(max(-tick, DONE))
+        state.tick = tick
         self.located, self.is_new = int(self.bounds[1]), False
 
     def can_follow(self, state: MotionState) -> TypeGuard[EventRun]:

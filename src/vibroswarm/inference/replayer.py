@@ -128,6 +128,14 @@ class Replayer(ABC):
             if status == BUFFER_FULL:  # repeat everything with a larger buffer
                 self.enlarge_buffer()
                 from_start = True  # as the new buffer lacks the messages so far
+        self.refuse(status)
+
+    def refuse(self, status: int) -> None:
+        """Raise an error if the kernel ended with an error code.
+
+        Raises:
+            CodeError: the strategy did something that strategies may not do.
+        """
         if status != DONE:
             raise CodeError(f"strategy '{self.strategy.name}': {ERROR_TEXT[status]}")
 

@@ -306,10 +306,8 @@ class Store:
         """
         check_threads()
         shards = [shard for shard in self.shards if shard.group == group]
-        frames, low = (
-            [],
-            start,
-        )  # runs below ``low`` are no longer taken, since an earlier shard has given them
+        # Runs below ``low`` are no longer taken: an earlier shard has given them.
+        frames, low = [], start
         # Of shards that begin at the same run, the longest comes first: it makes the others needless. The name decides
         # between shards of the same runs, so that the choice does not depend on the order of the files.
         for shard in sorted(shards, key=lambda shard: (shard.first, -shard.last, shard.name)):
