@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import address_of, entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.core.kernel_call import call
 from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replay_arrays import DONE, Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, CountsReplayer, replayer_of
@@ -402,7 +403,8 @@ class ClosedLoop:
                 )
             self.calls = _calls[key]
         self.replayer.restart(self.rows)
-        tick = self.following(self.calls, *arguments)
+        with translate_errors(self.replayer.strategy, self.replayer.network):
+            tick = self.following(self.calls, *arguments)
         self.replayer.refuse(max(-tick, DONE))
         state.tick = tick
         self.located, self.is_new = int(self.bounds[1]), False

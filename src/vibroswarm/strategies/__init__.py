@@ -5,13 +5,14 @@ from __future__ import annotations
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
 
 # isort: split
+from vibroswarm.strategies import asdf, dirichlet  # noqa: F401
+
+# isort: split
 from vibroswarm.strategies import (  # noqa: F401
-    asdf,
     averaging,
     bayes_bots,
     bayes_cpf,
     dbbs,
-    dirichlet,
     dirichlet_positive,
     dirichlet_soft,
     distrust,
