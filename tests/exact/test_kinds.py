@@ -24,7 +24,7 @@ from vibroswarm.robot.belief import belief_below
 from vibroswarm.robot.most_common import gamma_below, most_common_belief
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import sensor as sensor_of
-from vibroswarm.strategies.dirichlet_soft import drawn_kind
+from vibroswarm.strategies.drawn_kind import drawn_kind
 from vibroswarm.strategies.kind_belief import least_belief, most_belief
 from vibroswarm.tasks import Asked, task
 

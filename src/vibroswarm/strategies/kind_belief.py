@@ -7,12 +7,10 @@ For more, P_j is an integral (``robot.most_common``), which is computed only whe
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from vibroswarm.core.jit import inner
 from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.strategies.bayes import Row
-from vibroswarm.strategies.soft import ROUNDING
 from vibroswarm.strategies.world import World, belief_below
 
 
@@ -95,34 +93,3 @@ def belief_in(counts: Row, kind: int, w: World) -> float:
         return most_common_belief(counts, kind)
     below = belief_below(counts[1], counts[0], w)
     return below if kind == 0 else 1.0 - below
-
-
-UNSURE: Final = -1
-"""Bounds of the beliefs do not tell which kind is drawn."""
-
-
-@inner
-def kind_within_bounds(reading: int, counts: Row, least: float, most: float, number: float, w: World) -> int:
-    """Draw the kind to send as ``drawn_kind`` does, by bounds of the beliefs; ``UNSURE`` if they do not tell.
-
-    Hardly a message needs more, and the integrals of ``belief_in`` take a hundred times as long.
-
-    Args:
-        least, most: bounds of delta.
-    """
-    all_least = 0.0
-    for kind in range(counts.size):
-        all_least += least_belief(counts, kind, w)
-    above_least, above_most = 0.0, 0.0  # bounds of the belief in any kind from ``sent`` on
-    for after in range(1, counts.size):
-        sent: int = counts.size - after
-        above_least += least_belief(counts, sent, w)
-        above_most = min(above_most + most_belief(counts, sent, w), 1.0 - (all_least - above_least))
-        low, high = least * above_least, most * above_most
-        if reading >= sent:
-            low, high = 1.0 - most * (1.0 - above_least), 1.0 - least * (1.0 - above_most)
-        if number < low - ROUNDING:
-            return sent
-        if number < high + ROUNDING:
-            return UNSURE
-    return 0
