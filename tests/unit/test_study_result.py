@@ -17,6 +17,7 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from vibroswarm import InputError, Scenario, Study, StudyResult, preset
+from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.forced_error import Reached
 from vibroswarm.documents import study as study_documents
 from vibroswarm.plots import draw_outcomes
@@ -62,6 +63,17 @@ def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
     assert result.robots().columns[:5] == ["cell", "floor.source", "strategy.name", "run", "robot"]
     assert result.cells["name"].to_list()[3] == "diagonal:0.46, soft"
     assert result.cells["there"].to_list() == [12] * 4
+
+
+def test_figures_from_some_runs_at_a_time_are_those_of_the_whole_table(
+    result: StudyResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for rows in (1, 17):  # fewer than a run has robots; a part that does not divide the runs
+        monkeypatch.setattr("vibroswarm.study.study_result.ROWS_IN_A_PART", rows)
+        for one in outcome_of(result, compare=False).cells:
+            robots, runs = result.tables(one.cell.number)
+            whole = summary(robots, runs, one.cell.scenario.run.t_end_s)
+            assert one.summary.as_row() == whole.as_row()
 
 
 def test_a_run_is_made_again_with_all_its_samples(result: StudyResult) -> None:
