@@ -195,26 +195,31 @@ def measure_isotonic(count: int) -> None:
             trials = pooled_trials(
                 damaged, fresh, until_s=until_s, each=1, sides_m=sides_m.tolist(), seed=seed
             )
-            rates = [trials.found[trials.size_m == side].mean() for side in sides_m]
+            rates = np.array([trials.found[trials.size_m == side].mean() for side in sides_m])
             if sides_m is even_m:
                 truth_m = float(np.interp(0.9, isotonic_regression(rates).x, sides_m))
             print(
                 f"{name}, {until_s:g} s, {sides_m.size} sizes from {100 * sides_m[0]:g} cm: isotonic a90 "
                 f"{100 * truth_m:.2f} cm; of {trials.found.size} surfaces"
             )
-            for words, how in FITS.items():
-                pod = trials.fit(**how)
-                expected = np.clip(pod.at(sides_m), 1e-6, 1.0 - 1e-6)
-                misfit = count * ((rates - expected) ** 2 / (expected * (1.0 - expected))).sum()
-                a90_m, limit_m = fits_of_plates(trials, count, 200, **how)
-                near, above = np.abs(a90_m / truth_m - 1.0) < 0.08, ~(limit_m < truth_m)  # nan: above
-                print(
-                    f"  {words}: a90 of all {100 * pod.a90_m:.2f} cm ({pod.a90_m / truth_m - 1.0:+.1%}), chi squared "
-                    f"{misfit:.0f}; of 200 plates {100 * np.nanmean(a90_m):.2f} cm on average, within 8 % in "
-                    f"{share(int(near.sum()), 200)}, a90/95 {100 * np.nanmedian(limit_m):.2f} cm in the median, above "
-                    f"the truth in {share(int(above.sum()), 200)}",
-                    flush=True,
-                )
+            compare_fits(trials, count, sides_m, rates, truth_m)
+
+
+def compare_fits(trials: Trials, count: int, sides_m: Floats, rates: Floats, truth_m: float) -> None:
+    """Print a90 of each of ``FITS`` to all trials, beside a90 and a90/95 of 200 repeats and the isotonic a90."""
+    for words, how in FITS.items():
+        pod = trials.fit(**how)
+        expected = np.clip(pod.at(sides_m), 1e-6, 1.0 - 1e-6)
+        misfit = count * ((rates - expected) ** 2 / (expected * (1.0 - expected))).sum()
+        a90_m, limit_m = fits_of_plates(trials, count, 200, **how)
+        near, above = np.abs(a90_m / truth_m - 1.0) < 0.08, ~(limit_m < truth_m)  # nan: above
+        print(
+            f"  {words}: a90 of all {100 * pod.a90_m:.2f} cm ({pod.a90_m / truth_m - 1.0:+.1%}), chi squared "
+            f"{misfit:.0f}; of 200 plates {100 * np.nanmean(a90_m):.2f} cm on average, within 8 % in "
+            f"{share(int(near.sum()), 200)}, a90/95 {100 * np.nanmedian(limit_m):.2f} cm in the median, above "
+            f"the truth in {share(int(above.sum()), 200)}",
+            flush=True,
+        )
 
 
 def measure_scan(count: int) -> None:

@@ -375,14 +375,8 @@ def address_of(kernel: Callable[..., int], *arguments: Any) -> Any:
     """
     if not compiles():
         return kernel
-    overload = _overload(kernel, arguments)
-    return _address(overload.library, overload.fndesc.llvm_func_name)
-
-
-@cache
-def _address(library: Any, name: str) -> int:
-    """Return the address of a function in a compiled library; cached, since LLVM takes 50 microseconds to find it."""
-    return int(library.get_pointer_to_function(name))
+    compiled = _overload(kernel, arguments)
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 
 def _overload(kernel: Any, arguments: tuple[Any, ...]) -> Any:

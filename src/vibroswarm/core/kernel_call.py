@@ -30,10 +30,8 @@ def _call_compiled() -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             kinds, convention = list(signature.args[1]), context.call_conv
             kind = convention.get_function_type(types.int64, kinds).as_pointer()
-            kernel, unpacked = (
-                builder.inttoptr(values[0], kind),
-                tools.unpack_tuple(builder, values[1], len(kinds)),
-            )
+            kernel = builder.inttoptr(values[0], kind)
+            unpacked = tools.unpack_tuple(builder, values[1], len(kinds))
             status, result = convention.call_function(builder, kernel, types.int64, kinds, unpacked)
             with tools.if_unlikely(builder, status.is_error):
                 convention.return_status_propagate(builder, status)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
 
 # isort: split
-from vibroswarm.strategies import asdf, dirichlet  # noqa: F401
+from vibroswarm.strategies import asdf, dirichlet  # noqa: F401  (lists of strategies keep this order)
 
 # isort: split
 from vibroswarm.strategies import (  # noqa: F401
