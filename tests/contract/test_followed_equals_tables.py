@@ -26,6 +26,10 @@ from vibroswarm.optimize.outcomes import PIECE_S, Outcomes, outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
+from vibroswarm.strategies import register
+from vibroswarm.strategies import strategy as strategy_named
+from vibroswarm.strategies.base import forget as forget_strategy
+from vibroswarm.strategies.bayes import decide_once, observe
 from vibroswarm.study.spec import Study
 
 ARRAYS = ("run", "decision", "decision_time_s", "estimate", "end_s", "fill_ratio", "truth")
@@ -318,3 +322,24 @@ def own_files(tmp_path: Path) -> None:
     plugins.load_file("strategy", f"{EXAMPLE}:voter")
     plugins.load_file("network", f"{tmp_path / 'slowly.py'}:slowly")
     plugins.load_file("network", f"{EXAMPLE.parents[1] / 'networks' / 'near.py'}:near")
+
+
+def says_ones_only(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
+    observe(s, x.reading)
+    decide_once(s, w)
+    if x.reading == 1:
+        out.bit = 1
+    return True
+
+
+def test_a_message_is_zero_before_the_strategy_fills_it() -> None:
+    """In every run: runs that are followed share the memory of their messages."""
+    register(replace(strategy_named("none"), name="ones_only", on_sample=says_ones_only))
+    try:
+        runs, none = [0, 1, 2, 3], Draw(strategy="none").scenario()
+        scenario = none.with_values({"strategy.name": "ones_only"})
+        (found,) = outcomes_of([scenario], 2, runs)
+        equal(found, by_tables(scenario, 2, runs))
+        equal(found, outcomes_of([none], 2, runs)[0])
+    finally:
+        forget_strategy("ones_only")

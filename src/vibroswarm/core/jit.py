@@ -207,7 +207,9 @@ def inlined_uncached(function: Callable[P, R]) -> Callable[P, R]:
     The types of these functions' arguments are defined by generated modules (``inference.generated_kernels``), and
     their code is part of the cached kernels of those modules.
     """
-    return _compile(function, from_python=False, cached=False, _nrt=False, forceinline=True)
+    return _compile(
+        function, from_python=False, cached=False, side_by_side=False, _nrt=False, forceinline=True
+    )
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:

@@ -92,6 +92,7 @@ def on_message(s, a, m, sender, t_s, d, p, w):
 """Text of an ``on_message`` that passes a single message to ``on_counts``, as a count of one."""
 
 
+@cache
 def uses_uniforms(strategy: Strategy) -> bool:
     """Return whether the strategy's ``on_sample`` uses the function ``u``, and so may draw random numbers.
 

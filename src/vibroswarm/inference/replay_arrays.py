@@ -211,8 +211,12 @@ def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
 
 
 class Counts(NamedTuple):
-    """Numbers of ones among the messages sent so far in a run, saved between calls; rows are those of one run."""
+    """Messages sent so far in a run, and numbers of ones among them, saved between calls; rows are those of one run."""
 
+    messages: NDArray[np.void]
+    """(rows of the longest run,): the message sent at each row, of the strategy's ``Message``."""
+    zero_message: NDArray[np.void]
+    """(1,): a zeroed message."""
     ones_sent: NDArray[np.int32]
     """(rows of the longest run + 1,): number of ones among the run's messages before each row."""
     own_ones: NDArray[np.int32]

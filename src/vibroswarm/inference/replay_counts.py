@@ -11,8 +11,9 @@ are four ways to get these numbers:
 * For other networks, ``Deliveries`` lists the messages that each robot reads before each sample.
 
 Robot ``i`` of the r-th run is in row ``e`` = r * robots + i of the swarm's arrays. ``low`` is the first row of the
-run's samples, and message m of the run is that of row ``low`` + m. ``swarm`` is the state of all robots, changed in
-place; ``world`` is what robot 0 knows; ``seed`` and ``run`` are part of the address of all random numbers.
+run's samples, and message m of the run, at ``counts.messages[m]``, is that of row ``low`` + m. ``swarm`` is the state
+of all robots, changed in place; ``world`` is what robot 0 knows; ``seed`` and ``run`` are part of the address of all
+random numbers.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inlined, inner, kernel, signed, unsigned
+from vibroswarm.core.jit import branching_kernel, inlined, inner, signed, unsigned
 from vibroswarm.inference.agents import (
     Swarm,
     begin_agent,
@@ -75,8 +76,8 @@ def update_counts(swarm: Swarm, e: int, i: int, ones: int, others: int, world: W
 
 @inner
 def read_one_by_one(
-    swarm: Swarm, e: int, i: int, until: int, rows: Rows, low: int, messages: NDArray[np.void], world: World,
-    seed: int, run: int, loss: float,
+    swarm: Swarm, e: int, i: int, until: int, rows: Rows, low: int, counts: Counts, world: World, seed: int, run: int,
+    loss: float,
 ) -> None:  # fmt: skip
     """Let robot ``i``, in row ``e``, read the run's messages from its next unread one up to ``until`` - 1.
 
@@ -85,15 +86,14 @@ def read_one_by_one(
     Args:
         until: index, in the run, of the first message that is not read now. ``heard``, the robot's index of its next
             unread message, is the first index that is read now, and is then set to ``until``.
-        rows: samples. low: first row of the run. messages: (rows,): messages sent at samples. world: as robot 0 knows
-            it.
+        rows: samples. low: first row of the run. counts: with the messages. world: as robot 0 knows it.
         loss: probability that a message is lost.
     """
     ones = count = 0  # of the messages that are read now
     for m in range(swarm.agents[e].heard, until):
         sender = signed(rows.robot[low + m])
         if sender != i and not is_lost(seed, run, i, sender, signed(rows.sample[low + m]), loss):
-            ones += bit_of(messages[low + m])
+            ones += bit_of(counts.messages[m])
             count += 1
     row = swarm.agents[e]
     row.heard = until
@@ -104,8 +104,7 @@ def read_one_by_one(
 @inlined
 def read_before_sample(
     swarm: Swarm, e: int, i: int, heard: Any, lossy: bool, others: int, rows: Rows, low: int,
-    messages: NDArray[np.void], counts: Counts, deliveries: Deliveries, start: int, end: int, world: World,
-    seed: int, run: int, loss: float,
+    counts: Counts, deliveries: Deliveries, start: int, end: int, world: World, seed: int, run: int, loss: float,
 ) -> None:  # fmt: skip
     """Let robot ``i``, in row ``e``, read the messages that have reached it before a sample or the end of the run.
 
@@ -114,7 +113,7 @@ def read_before_sample(
             not used if there are deliveries.
         lossy: whether messages are lost and ``counts.ones_reached`` counts the ones that reach each robot. others:
             number of messages received since the run began; used only if ``lossy``.
-        messages: (rows,): messages sent at samples. counts: numbers of ones among the run's messages so far.
+        counts: the run's messages so far, and numbers of ones among them.
         deliveries: lists of messages, or empty. start, end: range of the new messages in ``deliveries.which``; used
             only if there are deliveries. loss: probability that a message is lost.
     """
@@ -122,14 +121,14 @@ def read_before_sample(
     if deliveries.until_at_end.size > 0:
         ones, row = 0, swarm.agents[e]
         for place in range(start, end):
-            ones += bit_of(messages[low + deliveries.which[place]])
+            ones += bit_of(counts.messages[deliveries.which[place]])
         if end > start:
             update_counts(swarm, e, i, row.ones + ones, row.received + end - start, world)
     elif lossy:
         ones = in_lane(counts.ones_reached[unsigned(heard[HEARD_ROWS])], signed(i))
         update_counts(swarm, e, i, ones, others, world)
     elif loss > 0.0:  # with losses, but without ``Reach``
-        read_one_by_one(swarm, e, i, signed(heard[HEARD_ROWS]), rows, low, messages, world, seed, run, loss)
+        read_one_by_one(swarm, e, i, signed(heard[HEARD_ROWS]), rows, low, counts, world, seed, run, loss)
     else:  # without losses: all ones that were sent, less the robot's own
         ones = counts.ones_sent[unsigned(heard[HEARD_ROWS])]
         if heard[LAST_OWN] >= 0:
@@ -137,7 +136,7 @@ def read_before_sample(
         update_counts(swarm, e, i, ones, signed(heard[OTHERS]), world)
 
 
-@kernel
+@branching_kernel
 def replay(
     rows: Rows, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm, messages: NDArray[np.void],
     counts: Counts, log: Log, steering: NDArray[np.float64], world: World, seed: int, loss: float, reach: Reach,
@@ -150,7 +149,8 @@ def replay(
 
     Args:
         rows, readings: samples and what robots read at them. replayed: (runs,): number of samples replayed so far,
-            changed. swarm: state of all robots, changed. messages: (rows,), written: message sent at each sample.
+            changed. swarm: state of all robots, changed. messages: (rows,): message sent at each sample, written
+            unless it is empty.
         counts: state between calls, changed. log: state after each sample, written unless it is empty.
         steering: (rows, 2): turn (deg) and leg (ms) that the strategy chooses at each sample; written if it steers,
             else empty. world: as robot 0 knows it.
@@ -178,23 +178,25 @@ def replay(
             if rows.time_s[k] > limit_s:
                 break
             i = signed(rows.robot[k])
-            e = first + i
+            e = unsigned(first + i)
             # Number of messages heard so far, and end of the deliveries before this sample, where these are used.
             others = signed(reach.others[k]) if lossy else 0
             end = deliveries.until[k] if deliveries.until.size > 0 else 0
             read_before_sample(
-                swarm, e, i, rows.heard[k], lossy, others, rows, low, messages, counts, deliveries, start, end,
-                world, seed, run, loss,
+                swarm, e, i, rows.heard[k], lossy, others, rows, low, counts, deliveries, start, end, world, seed, run,
+                loss,
             )  # fmt: skip
             start = end
-            status = take(swarm, e, i, k, rows, readings, messages, log, steering, world, seed, run)
+            status = take(swarm, e, i, m, k, rows, readings, counts, log, steering, world, seed, run)
             if status != DONE:
                 return status
-            count_bit(swarm, e, m, k, bit_of(messages[k]), counts, reach)
+            count_bit(swarm, e, m, k, bit_of(counts.messages[m]), counts, reach)
+            if messages.size > 0:
+                messages[k] = counts.messages[m]
             replayed[r] += 1
         if to_end:
             start = read_to_end(
-                swarm, first, rows, low, messages, counts, reach, deliveries, start, world, seed, run, loss
+                swarm, first, rows, low, counts, reach, deliveries, start, world, seed, run, loss
             )
     return DONE
 
@@ -203,7 +205,7 @@ def replay(
 def begin_robots(swarm: Swarm, first: int, world: World, seed: int, run: int) -> None:
     """Set the robots of a run, in rows from ``first`` on, to time 0."""
     for i in range(swarm.params.size):
-        e = first + i
+        e = unsigned(first + i)
         begin_agent(swarm.agents[e])
         begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
               world_of_robot(world, i))  # fmt: skip
@@ -228,8 +230,8 @@ def count_bit(swarm: Swarm, e: int, m: Any, k: Any, bit: int, counts: Counts, re
 
 @inlined
 def read_to_end(
-    swarm: Swarm, first: int, rows: Rows, low: int, messages: NDArray[np.void], counts: Counts, reach: Reach,
-    deliveries: Deliveries, start: int, world: World, seed: int, run: int, loss: float,
+    swarm: Swarm, first: int, rows: Rows, low: int, counts: Counts, reach: Reach, deliveries: Deliveries, start: int,
+    world: World, seed: int, run: int, loss: float,
 ) -> int:  # fmt: skip
     """Let the robots of a run read the messages that arrive after their last samples, and compute their beliefs.
 
@@ -237,7 +239,7 @@ def read_to_end(
     """
     lossy = reach.words.shape[1] > 0
     for i in range(swarm.params.size):
-        e = first + i
+        e = unsigned(first + i)
         row = swarm.agents[e]
         # The final belief is that after the last sample, before later messages are read.
         if row.samples > 0:
@@ -247,8 +249,8 @@ def read_to_end(
         others = signed(reach.others_at_end[e]) if lossy else 0
         end = deliveries.until_at_end[e] if deliveries.until_at_end.size > 0 else 0
         read_before_sample(
-            swarm, e, i, rows.heard_at_end[e], lossy, others, rows, low, messages, counts, deliveries,
-            start, end, world, seed, run, loss,
+            swarm, e, i, rows.heard_at_end[e], lossy, others, rows, low, counts, deliveries, start, end, world, seed,
+            run, loss,
         )  # fmt: skip
         start = end
     return start
@@ -256,7 +258,7 @@ def read_to_end(
 
 @inlined
 def take(
-    swarm: Swarm, e: int, i: int, k: int, rows: Rows, readings: Readings, messages: NDArray[np.void], log: Log,
+    swarm: Swarm, e: int, i: int, m: Any, k: Any, rows: Rows, readings: Readings, counts: Counts, log: Log,
     steering: NDArray[np.float64], world: World, seed: int, run: int,
 ) -> int:  # fmt: skip
     """Let the strategy handle a sample: update state, decision, steering and log, and write the message to send.
@@ -264,17 +266,20 @@ def take(
     The robot's ``belief`` is not updated here; ``replay`` computes it once, at the end of the run.
 
     Args:
-        e, i: row and number of the robot. k: row of the sample. messages, log, steering: their row ``k`` is written;
-            log and steering only if they are requested.
+        e, i: row and number of the robot. m, k: number of the message in its run, and row of its sample; both are
+            unsigned. counts: its message ``m`` is written. log, steering: their row ``k`` is written, if they are
+            requested.
     Returns: ``DONE`` or an error code, which ends the replay.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
     x = own_reading(readings, k, rows.time_s[k], number)
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0  # below 0: not computed yet
-    sends = on_sample(s, a, x, messages[k], sample_draws(seed, run, i, number, known_uniform), p, w)
+    # The strategy writes its message to a zeroed row.
+    counts.messages[m] = counts.zero_message[0]
+    sends = on_sample(s, a, x, counts.messages[m], sample_draws(seed, run, i, number, known_uniform), p, w)
     if x.t_s >= swarm.failures[e].opposite_from_s:  # a faulty robot sends the opposite of its message
-        opposite_of(messages[k], w)
+        opposite_of(counts.messages[m], w)
     row.samples += 1
     row.sent += 1
     new = decision(s, a, p, w)

@@ -206,10 +206,9 @@ class CountsReplayer(Replayer):
         super().__init__(scenario, seed, runs, longest, rows, messages, log, network_of("ideal"))
         self.loss, self.deliveries = loss_of(scenario), deliveries
         self.reach = NO_REACH if timeline is None else timeline.reach(seed, self.loss)
-        # The kernel reads earlier messages, so it needs memory for them even if nobody requested them.
-        if messages is None:
-            self.messages = zero_rows(rows, self.strategy.message_type)
         self.counts = Counts(
+            messages=zero_rows(longest, self.strategy.message_type),
+            zero_message=zero_rows(1, self.strategy.message_type),
             ones_sent=np.empty(longest + 1, dtype=np.int32),
             own_ones=np.empty(longest, dtype=np.int32),
             ones_reached=np.empty((longest + 1, self.reach.words.shape[1]), dtype=np.uint64),

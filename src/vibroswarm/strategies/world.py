@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inlined, kernel, unsigned
+from vibroswarm.core.jit import inlined, unsigned
 from vibroswarm.core.rng import uniform
 from vibroswarm.robot.belief import SURE
 from vibroswarm.robot.belief import belief_below as posterior_below
@@ -236,7 +236,7 @@ def _beliefs(boundary: float, room: int) -> Beliefs:
     return Beliefs(np.zeros((2 * furthest + 1, room + ASIDE)), boundary)
 
 
-@kernel
+@inlined
 def belief_of(beliefs: Beliefs, alpha: int, beta: int) -> float:
     """Return P(share of ones < boundary) for a Beta(alpha, beta) share, from the table if possible.
 
