@@ -247,13 +247,19 @@ FITTED_ON: Final = "calibrated"
 """The preset whose edges were fitted, on the real floor."""
 
 
-@cache
+_reasons: dict[Any, str | None] = {}
+"""What ``cannot_ask`` has found, by all that it depends on: cells of many strategies share it."""
+
+
 def cannot_ask(scenario: Scenario) -> str | None:
     """Return why decisions in this scenario cannot answer the paper's question, or None if they can.
 
     The reasons are explained at the head of this module.
     """
-    return _edges(scenario) or _side(scenario)
+    key = scenario.arena, scenario.floor, scenario.change, scenario.sensor, scenario.task, scenario.decision
+    if key not in _reasons:
+        _reasons[key] = _edges(scenario) or _side(scenario)
+    return _reasons[key]
 
 
 def _side(scenario: Scenario) -> str | None:

@@ -8,6 +8,7 @@ row from the difference of two cells (first - second), paired by run.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
 
@@ -24,6 +25,7 @@ from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
+from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""
@@ -56,7 +58,9 @@ def compute(work: Work) -> Tables:
     keys = [(column, timer) for column in columns for timer in TIMERS]
     scenarios = {key: _scenario(work, *key) for key in keys}
     # Each different scenario once: the timer "as it ran", that of the preset, may be one of the other two timers.
-    results = {scenario: _placed(work, scenario) for scenario in dict.fromkeys(scenarios.values())}
+    distinct = list(dict.fromkeys(scenarios.values()))
+    with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
+        results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
     # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
     runs = _runs(work)
