@@ -19,6 +19,7 @@ consecutive peers.
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -207,10 +208,14 @@ def uniforms(
     return out
 
 
+@lru_cache(maxsize=256)
 def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
-    """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,).
+    """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,), read-only.
 
     Each of 0..count-1 gets a uniform number, by which they are sorted. Floors have no robot; their numbers use robot 0.
+    The permutations used last are kept: all candidates of a search see the same floors.
     """
     # A stable sort gives the same order everywhere, even if two numbers are equal.
-    return np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")
+    order = np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")
+    order.flags.writeable = False
+    return order
