@@ -246,6 +246,30 @@ def test_names_that_fit_are_left():
     assert fitted("", 8, 90) == ""
 
 
+def test_numbers_are_not_broken():
+    """Whatever room there is for a line, as long as the words of the label fit."""
+    for room_pt in range(40, 140):
+        lines = fitted("belief in a fill below 0.5, or 1,200 of them", 8, room_pt, lines=9).split("\n")
+        for whole in ("0.5", "1,200"):
+            assert any(whole in line for line in lines), lines
+
+
+def place_of_axes(figure: Figure) -> list[float]:
+    return list(figure.axes[0].get_position(original=True).bounds)
+
+
+def test_a_picture_keeps_its_places_unless_it_is_changed():
+    """What is drawn is laid out once; whoever changes it finds room for the change."""
+    drawn = draw_error_bars(FRAME, label="label").figure
+    before = place_of_axes(drawn)
+    for kind in FORMATS:
+        picture_bytes(drawn, kind)
+        assert place_of_axes(drawn) == before
+    drawn.axes[0].set_title("a title\nof two lines")
+    picture_bytes(drawn, "svg")
+    assert place_of_axes(drawn)[3] < before[3]
+
+
 def test_different_names_never_look_alike():
     names = [f"a/very/long/path/{index:04}/with/the/same/end.png" for index in range(40)]
     assert len(set(fitted_names(names, 8, 60))) == 40

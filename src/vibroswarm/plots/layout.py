@@ -29,9 +29,12 @@ ELLIPSIS = "…"
 
 
 class _Lines(TextWrapper):
-    """Breaks lines after spaces, and after separators in paths and names; a longer word is cut anywhere."""
+    """Breaks lines after spaces, and after separators in paths and names; a longer word is cut anywhere.
 
-    wordsep_re = re.compile(r"(\s+|[^\s/\\_=,;:.+-]*[/\\_=,;:.+-]+)")
+    A point or comma before a digit is none: it may be that of a number.
+    """
+
+    wordsep_re = re.compile(r"(\s+|(?:[^\s/\\_=,;:.+-]|[.,](?=\d))*(?:[/\\_=;:+-]|[.,](?!\d))+)")
 
 
 def plain(text: object) -> str:
@@ -207,7 +210,7 @@ def lay_out(figure: Figure) -> None:
     What is read of the figure afterwards must follow from the places of its axes, such as the labels of ticks do.
     """
     _place_axes(figure)
-    broken, to_pt = False, 72 / figure.dpi
+    to_pt = 72 / figure.dpi
     for axes in figure.axes:
         box = axes.get_window_extent()
         middle = (box.x0 + box.x1) / 2  # of a label of x
@@ -217,14 +220,16 @@ def lay_out(figure: Figure) -> None:
             room_pt = max(room * to_pt, LEAST_ROOM_EM * size)
             if any(width_pt(line, size) > room_pt for line in label.get_text().split("\n")):
                 label.set_text(fitted(label.get_text(), size, room_pt, lines=2))
-                broken = True
-    if broken:
-        _place_axes(figure)
+                figure.stale = True  # the label of an axis does not say that it has changed
+    _place_axes(figure)
 
 
 def _place_axes(figure: Figure) -> None:
+    """Give the axes their places, unless nothing that matplotlib knows of has changed since they got them last."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+    if not figure.stale:
+        return
     for label in [axis.label for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
         label.set_text("\n".join(map(plain, label.get_text().split("\n"))))
     if not isinstance(figure.canvas, FigureCanvasAgg):
@@ -235,6 +240,7 @@ def _place_axes(figure: Figure) -> None:
     for axes in figure.axes:
         locator: Any = axes.get_axes_locator()
         axes.apply_aspect(locator(axes, renderer) if locator else None)
+    figure.stale = False
 
 
 def give_height(figure: Figure, style: Style, column: Sequence[Axes], high_in: float) -> None:
@@ -301,6 +307,7 @@ def few_ticks(axis: Any, style: Style) -> None:
 def whole_ticks(axis: Any) -> None:
     """Use ticks at whole numbers only, on an axis with matplotlib's automatic ticks or those of ``few_ticks``."""
     axis.get_major_locator().set_params(integer=True)
+    axis.stale = True  # a locator does not say that it has changed
 
 
 def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
@@ -327,8 +334,10 @@ def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
 
 def crowded(axis: Any) -> bool:
     """Return whether labels of neighbouring ticks along x overlap, or nearly so, as they were laid out last."""
+    stale = axis.figure.stale
     labels = [label for label in axis.get_ticklabels() if label.get_text()]
     boxes = sorted((box.x0, box.x1) for box in (label.get_window_extent() for label in labels))
+    axis.figure.stale = stale  # matplotlib takes looking at ticks for a change
     gap = TICK_GAP_EM * labels[0].get_fontsize() * axis.figure.dpi / 72 if labels else 0.0
     return any(after[0] - before[1] < gap for before, after in pairwise(boxes))
 
@@ -346,10 +355,11 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
     if not isinstance(locator, MaxNLocator):
         return
     lay_out(figure)
-    for bins in range(4 if style.width_in < 5 else 7, 0, -1):  # from the number that ``few_ticks`` sets
+    bins = 4 if style.width_in < 5 else 7  # as many as ``few_ticks`` sets
+    while crowded(axes.xaxis) and bins > 1:
+        bins -= 1
         locator.set_params(nbins=bins)
-        if not crowded(axes.xaxis):
-            break
+        axes.xaxis.stale = True
     power = axes.xaxis.get_major_formatter().get_offset()
     if power:  # at the end of the axis it could overlap the label of the axis
         axes.xaxis.get_offset_text().set_visible(False)

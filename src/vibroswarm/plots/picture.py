@@ -173,7 +173,7 @@ def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> byt
     stream = io.BytesIO()
     # matplotlib reads some settings only when it saves: how text is written, and the salt of the ids in an SVG. They
     # are the same in all styles.
-    with settings(), _fonts_without_layout_tables() if kind == "pdf" else nullcontext():
+    with settings(), _as_laid_out(figure), _fonts_without_layout_tables() if kind == "pdf" else nullcontext():
         figure.savefig(stream, format=kind, dpi=dots_per_inch, metadata=dict(_NO_DATE[kind]))
     return stream.getvalue()
 
@@ -193,6 +193,19 @@ def _fonts_without_layout_tables() -> Iterator[None]:
         yield
     finally:
         options._drop_tables_default = before
+
+
+@contextmanager
+def _as_laid_out(figure: Figure) -> Iterator[None]:
+    """Keep the places of the axes inside this context, if nothing has changed since ``lay_out`` found them."""
+    engine, stale = figure.get_layout_engine(), figure.stale
+    if not stale:
+        figure.set_layout_engine(None)  # then it is not drawn twice either
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
+        figure.stale = stale
 
 
 def themed_svg(figure: Figure) -> str:
