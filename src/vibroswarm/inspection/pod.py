@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -107,22 +108,27 @@ class _Trials:
     p_f: float
     curve: _Curve
 
-    def pod(self, b0: float, b1: float, top: float) -> Floats:
-        rise = self.curve.share(b0 + b1 * self.curve.g(self.size_m))
-        return np.asarray(np.clip(self.p_f + (top - self.p_f) * rise, LEAST, 1.0 - LEAST))
+    @cached_property
+    def g(self) -> Floats:
+        return np.asarray(self.curve.g(self.size_m))
 
-    def loss(self, b0: float, b1: float, top: float) -> float:
-        """Return -ln likelihood."""
-        p = self.pod(b0, b1, top)
+    def pod(self, b0: float, b1: float, top: float) -> Floats:
+        rise = self.curve.share(b0 + b1 * self.g)
+        # Limits are np.clip's, in half of its time: a fit asks for them thousands of times.
+        return np.asarray(np.minimum(np.maximum(self.p_f + (top - self.p_f) * rise, LEAST), 1.0 - LEAST))
+
+    def loss(self, p: Floats) -> float:
+        """Return -ln likelihood of probabilities of detection."""
         return -float((xlogy(self.found, p) + xlogy(self.number - self.found, 1.0 - p)).sum())
 
     def penalised(self, b0: float, b1: float, top: float) -> float:
         """Return -ln likelihood - ln(det I) / 2."""
-        p, g = self.pod(b0, b1, top), self.curve.g(self.size_m)
+        p = self.pod(b0, b1, top)
         rise = (self.pod(b0 + STEP, b1, top) - self.pod(b0 - STEP, b1, top)) / (2.0 * STEP)
         weight = self.number * rise**2 / (p * (1.0 - p)) + LEAST**2
-        about = g - np.average(g, weights=weight)
-        return self.loss(b0, b1, top) - 0.5 * float(np.log(weight.sum() * (weight @ about**2)))
+        total = weight.sum()
+        about = self.g - (self.g * weight).sum() / total
+        return self.loss(p) - 0.5 * float(np.log(total * (weight @ about**2)))
 
     def x_at(self, share: float, top: float) -> float:
         """Return b0 + b1 g(a) at which PoD is a share."""
@@ -141,7 +147,8 @@ class _Fit(NamedTuple):
     @property
     def aic(self) -> float:
         """AIC, less what all curves have alike."""
-        return 2.0 * self.trials.loss(self.b0, self.b1, self.top) + 2.0 * (self.top < 1.0)
+        likely = self.trials.loss(self.trials.pod(self.b0, self.b1, self.top))
+        return 2.0 * likely + 2.0 * (self.top < 1.0)
 
     def size_at(self, share: float) -> float:
         """Return the size at which PoD is a share, or the least that was tried; nan: there is none."""
@@ -190,8 +197,7 @@ def _search(loss: Callable[[Floats], float], start: Sequence[float]) -> tuple[Fl
 
 def _fit(name: str, trials: _Trials, ends_below: bool) -> _Fit:
     """Return the fit of a curve that ends at 1, or below."""
-    g = trials.curve.g(trials.size_m)
-    middle, spread = float(np.average(g, weights=trials.number)), float(np.ptp(g))
+    middle, spread = float(np.average(trials.g, weights=trials.number)), float(np.ptp(trials.g))
 
     def curve_of(at: Floats) -> tuple[float, float, float]:
         """Return b0, b1 and the top from the height at the middle of the sizes, the slope, and the top as logit."""
