@@ -64,7 +64,7 @@ def grid_document(
     scores = [] if truth is None else [truth_section(truth, best.scored.score.n, (), unit)]
     made_by = made_by or [versions()]
     return Document(
-        title=grid.study.name or f"A grid, for the lowest {grid.objective.words}",
+        title=grid.study.name or f"A grid, for the lowest {aim(grid.objective)}",
         answer=(_answer(nodes, truth),),
         knew=told(node.cell.scenario for node in nodes.nodes),
         warnings=tuple(_warnings(nodes, truth, made_by)),

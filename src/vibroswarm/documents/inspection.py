@@ -152,9 +152,9 @@ def _map(found: Inspection) -> list[Part]:
         parts.append(Text(tile_lines(pooled), "code"))
 
     parts.append(map_figure(found))
-    parts.append(
-        Table(maps.drop("run"), {"spread": Column("standard deviation")}, name="map", names=3, folded=True)
-    )
+    columns = {"vibrating": Column(share=True), "spread": Column("standard deviation", share=True)}
+    each = Table(maps.drop("run"), columns, name="map", names=3)
+    parts.append(Section("Tile by tile", (each,), folded=True))
     scores = found.scores
     if not scores.is_empty():
         chosen = np.unique(np.linspace(0, scores.height - 1, ROWS).round().astype(int))

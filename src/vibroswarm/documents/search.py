@@ -30,6 +30,8 @@ from vibroswarm.documents.search_tables import (
     value_table,
 )
 from vibroswarm.documents.search_words import (
+    OF_THE_PAPER,
+    aim,
     aims,
     beaten,
     best_sentence,
@@ -269,6 +271,7 @@ def _draw_scores(found: Found, truth: Truth | None, style: str) -> Picture:
     rows = [(one.number, k, plain(score)) for one in history for k, score in enumerate(one.personal)]
     personal = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
     label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
+    label = aim(objective) if objective.name in OF_THE_PAPER else label
     true = None if truth is None else truth.winner.score.estimate
     return draw_search(scores, personal, label=label, true=true, style=style)
 

@@ -73,8 +73,18 @@ def place_of(dimension: Dimension, value: Any) -> float:
     return dimension.share(min(max(value, dimension.low), dimension.high))
 
 
+OF_THE_PAPER: Final = {
+    "intended": "cost as intended",
+    "printed": "cost as printed",
+    "authors_code": "cost of the authors' code",
+}
+"""The paper's cost in its three forms, by the name of the objective."""
+
+
 def aim(objective: Objective) -> str:
     """Write what an objective minimises, and its unit."""
+    if objective.name in OF_THE_PAPER:
+        return f"{OF_THE_PAPER[objective.name]}, {objective.statistic.replace('+', ' + ')}"
     return f"{objective.words} ({objective.unit})" if objective.unit else objective.words
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import number
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface
@@ -106,7 +106,7 @@ class Floor(NotebookView):
         rows, columns = self.tiles.shape
         name = f"{shown(self.name)}, " if self.name else ""
         size = f"{number(columns * self.tile_width_m, digits=4)} m x {number(rows * self.tile_height_m, digits=4)} m"
-        changes = f", {self.changes.time_s.size} changes of tiles" if self.is_changing else ""
+        changes = f", {count(self.changes.time_s.size, 'change')} of tiles" if self.is_changing else ""
         return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {number(self.fill_ratio, digits=4)}{changes})"
 
     def __eq__(self, other: object) -> bool:

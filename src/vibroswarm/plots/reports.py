@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
-from vibroswarm.core.numbers import number
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
@@ -89,7 +89,9 @@ def draw_reports(
         axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
     robots = frame["robot"].n_unique()
     lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
-    caption = f"what {robots} robots reported after their samples; {lines}"
+    caption = (
+        f"what {count(robots, 'robot')} reported after {'its' if robots == 1 else 'their'} samples; {lines}"
+    )
     caption += (
         f"; dashed: the true number, {number(truth, digits=4)}."
         if truth is not None and set(names) & set(estimates)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import polars as pl
 
-from vibroswarm.core.numbers import number
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.inputs import check_once, tidy, with_series
@@ -79,9 +81,9 @@ def draw_search(
         handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
     if not axes.dataLim.y0 < 0:  # y0: the lowest score that is drawn; +inf if there is none
         axes.set_ylim(bottom=0)
-    whole_ticks(axes.xaxis)
+    _iterations(axes, frame)
     legend_below(figure, sizes, handles, names)  # handles and names have the same order
-    caption = f"{label} over {frame.height} iterations: the best so far and the mean of the candidates tried."
+    caption = f"{label} over {count(frame.height, 'iteration')}: the best so far and the mean of the candidates tried."
     if true is not None:
         caption += f" On fresh runs the winner's is {number(true, digits=4)}; what lies below was luck."
     return Picture(figure, frame.select("iteration", "best", "mean"), caption)
@@ -129,8 +131,18 @@ def draw_parameters(
         axes.add_line(line)
     axes.autoscale_view()
     axes.set_ylim(-0.02, 1.02)
-    whole_ticks(axes.xaxis)
+    _iterations(axes, frame)
     if len(series) > 1:
         legend_below(figure, sizes, [series_handle(sizes, look(k)) for k in range(len(series))], series)
     caption = "Mean of each field over the candidates of an iteration: 0 is its lower bound, 1 its upper."
     return Picture(figure, frame.select("iteration", "series", "share"), caption)
+
+
+def _iterations(axes: Any, frame: pl.DataFrame) -> None:
+    """Set the axis of iterations, which are whole numbers; of a single one, lines are marks."""
+    whole_ticks(axes.xaxis)
+    if frame["iteration"].n_unique() == 1:
+        axes.set_xlim(frame["iteration"][0] - 1.0, frame["iteration"][0] + 1.0)
+        for line in axes.lines:
+            if len(line.get_xdata()) == 1 and line.get_marker() == "None":
+                line.set_marker("o")

@@ -22,7 +22,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
@@ -298,7 +298,7 @@ def _words(item: Computed, path: Path, program: SenseProgram) -> str:
     """Say how the energies of a log were computed, and how far they differ from logged ones."""
     each = f"{readings(program)} readings at {stated(program.rate_hz)} Hz each"
     if np.isnan(item.largest_difference):
-        return f"{item.log.name}: {item.samples} samples found in {path} ({each})"
+        return f"{item.log.name}: {count(item.samples, 'sample')} found in {path} ({each})"
     return (
         f"{item.log.name}: {item.samples} energies computed from {path} ({each}); they differ from the log's by up to "
         f"{number(item.largest_difference, digits=3)}"

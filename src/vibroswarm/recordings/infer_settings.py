@@ -27,7 +27,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
 from vibroswarm.recordings.infer_timer import infer_timer
 from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
@@ -129,9 +129,11 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
         source = "whose bit follows from alpha or beta not growing"
     zeros, ones = np.sort(between.energy[read_zero]), np.sort(between.energy[read_one])
     if zeros.size == 0 or ones.size == 0:
-        return undetermined(name, f"{zeros.size} samples read as 0 for certain, {ones.size} as 1: too few")
+        return undetermined(
+            name, f"{count(zeros.size, 'sample')} read as 0 for certain, {ones.size} as 1: too few"
+        )
     low, high = float(zeros[-1]), float(ones[0])
-    words = f"{zeros.size} samples {source} to be 0 and {ones.size} to be 1: "
+    words = f"{count(zeros.size, 'sample')} {source} to be 0 and {ones.size} to be 1: "
     if low < high:
         value = _beside(low, high, at_low=zeros.size >= ones.size)
         return Inferred(
