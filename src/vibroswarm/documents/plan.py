@@ -12,9 +12,9 @@ from vibroswarm.study.runner import Expected, Job
 from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult
 
-PAGE_S: Final = 3.0
+PAGE_S: Final = 0.8
 """Processor time of a page without cells, s: imports, and figures of all cells."""
-PAGE_OF_CELL_S: Final = 1.8
+PAGE_OF_CELL_S: Final = 0.8
 """Processor time of a cell's references and figures, s."""
 TESTS_OF_STRATEGY_S: Final = 6.0
 """Processor time of the tests of a strategy in a league, s, with the usual numbers of runs."""

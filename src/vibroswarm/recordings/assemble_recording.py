@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.numbers import stated
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
@@ -437,5 +437,12 @@ def count_lines(recording: Recording) -> list[str]:
     for run, session in enumerate(recording.sessions):
         counts = session["told"]
         lines.append(f"session {run + 1}: {session['log']} ({session['reader']})")
-        lines += [f"  {stated(counts[name])} {words}" for name, words in COUNTED.items() if counts.get(name)]
+        lines += [f"  {_counted(name, counts[name])}" for name in COUNTED if counts.get(name)]
     return lines
+
+
+def _counted(name: str, found: float) -> str:
+    """Write one of the counts of ``log.COUNTED``."""
+    thing, more = COUNTED[name]
+    words = f"{count(int(found), thing)} {more}" if thing else f"{stated(found)} {more}"
+    return words.replace(" :", ":").rstrip()
