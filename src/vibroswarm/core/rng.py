@@ -208,14 +208,24 @@ def uniforms(
     return out
 
 
-@lru_cache(maxsize=256)
+KEPT: Final = 1000
+"""Largest permutations that are kept, numbers: of larger ones many would take much memory."""
+
+
 def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
     """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,), read-only.
 
     Each of 0..count-1 gets a uniform number, by which they are sorted. Floors have no robot; their numbers use robot 0.
     The permutations used last are kept: all candidates of a search see the same floors.
     """
+    return _kept(count, seed, run) if count <= KEPT else _shuffled(count, seed, run)
+
+
+def _shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
     # A stable sort gives the same order everywhere, even if two numbers are equal.
     order = np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")
     order.flags.writeable = False
     return order
+
+
+_kept = lru_cache(maxsize=256)(_shuffled)
