@@ -55,9 +55,25 @@ def test_parameters_are_drawn_by_field() -> None:
 
 
 def test_iterations_are_whole_numbers() -> None:
-    for picture in (draw_search(SCORES), draw_parameters(SHARES)):
+    first = pl.col("iteration") == 1
+    for picture in (
+        draw_search(SCORES),
+        draw_parameters(SHARES),
+        draw_search(SCORES.filter(first)),
+        draw_parameters(SHARES.filter(first)),
+    ):
         picture.figure.draw_without_rendering()
         assert all(float(tick).is_integer() for tick in picture.figure.axes[0].get_xticks())
+
+
+def test_a_single_iteration_is_drawn_by_marks() -> None:
+    first = pl.col("iteration") == 1
+    picture = draw_search(SCORES.filter(first), OWN.filter(first), true=6.0)
+    assert "over 1 iteration:" in picture.caption
+    for line in picture.figure.axes[0].lines:
+        is_level = list(line.get_ydata()) == [6.0, 6.0]
+        assert (line.get_marker() == "None") == is_level
+    assert all(line.get_marker() == "None" for line in draw_search(SCORES).figure.axes[0].lines)
 
 
 def test_frames_that_are_wrong() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import polars as pl
@@ -11,11 +13,14 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.assemble_recording import count_lines, recording_of
 from vibroswarm.recordings.floor_fit import ORIENTATIONS, check_floor, floor_fits, turned
-from vibroswarm.recordings.log import Log, in_order, unwrapped
+from vibroswarm.recordings.log import COUNTED, Log, in_order, unwrapped
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
+
+if TYPE_CHECKING:
+    from vibroswarm.recordings.recording import Recording
 
 Rows = list[list[str]]
 
@@ -196,3 +201,25 @@ def test_energies_that_fit_no_floor_are_told_of(logs: list[Path], ground: Floor)
     mixed = samples.with_columns(energy=pl.col("energy").shuffle(seed=3))
     assert check_floor(ground, mixed).startswith("The floor may be wrong: of random floors")
     assert check_floor(ground, samples).startswith("The floor fits")
+
+
+def test_what_was_read_is_counted_in_words() -> None:
+    """Every count that is made, once and often; what was never found is not said."""
+    once = dict.fromkeys(COUNTED, 1.0)
+    often = {**dict.fromkeys(COUNTED, 2000.0), "tracking_gap_longest_s": 4.694, "off_the_floor": 0}
+    sessions = [
+        {"log": "a.csv", "reader": "rugbot", "told": once},
+        {"log": "b.csv", "reader": "csv", "told": often},
+    ]
+    lines = count_lines(cast("Recording", SimpleNamespace(sessions=sessions)))
+    assert lines[0] == "session 1: a.csv (rugbot)"
+    assert lines[1:4] == [
+        "  1 row read",
+        "  1 repeated row: removed",
+        "  1 late row (by up to a second): sorted in",
+    ]
+    assert lines[4:6] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
+    assert lines[14] == "session 2: b.csv (csv)"
+    assert lines[15:17] == ["  2,000 rows read", "  2,000 repeated rows: removed"]
+    assert "  4.694 s, the longest such gap" in lines
+    assert not [line for line in lines[14:] if "off all tiles" in line]
