@@ -205,8 +205,8 @@ def inlined_uncached(function: Callable[P, R]) -> Callable[P, R]:
     """Compile as ``inlined`` does, without a cache file: for the functions of a strategy or network, and their callees.
 
     The types of these functions' arguments are defined by generated modules (``inference.generated_kernels``), and
-    their code is part of the cached kernels of those modules. LLVM's superword-level vectorisation is off: it would pack
-    the few single additions to a state into vectors, and wait for each.
+    their code is part of the cached kernels of those modules. LLVM's superword-level vectorisation is off: it would
+    pack the few single additions to a state into vectors, and wait for each.
     """
     return _compile(
         function, from_python=False, cached=False, side_by_side=False, _nrt=False, forceinline=True
