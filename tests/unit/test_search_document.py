@@ -18,12 +18,12 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.documents.grid import grid_document
 from vibroswarm.documents.scenario_comparison import checked_document
 from vibroswarm.documents.search import search_document
-from vibroswarm.documents.search_words import bound_of, values_text
+from vibroswarm.documents.search_words import OF_THE_PAPER, aim, bound_of, score_label, values_text
 from vibroswarm.documents.sensitivity import sensitivity_document
 from vibroswarm.optimize import compare_scenarios, evaluate
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
 from vibroswarm.optimize.loop import Found, run_search
-from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.objective import NAMES, Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_files import made_by, write_grid, write_search
 from vibroswarm.optimize.sensitivity import indices
@@ -475,3 +475,22 @@ def test_a_sensitivity_names_what_matters_and_what_does_not() -> None:
         assert (f"No significant effect: {row['name']}" in words) == (not row["total_low"] > 0)
     hidden = sensitivity_document(indices(["a.b", "c.d"], np.ones((64, 2))))
     assert hidden.answer[0].startswith("No effect can be estimated")
+
+
+@pytest.mark.parametrize(
+    ("objective", "minimised", "label"),
+    [
+        (Objective("authors_code"), "cost of the authors' code, mean + sd", None),
+        (Objective("printed", "mean"), "cost as printed, mean", None),
+        (Objective("decision_time", "mean"), "decision time, mean (s)", "cost (decision time, mean), s"),
+        (Objective("time_at_error"), "time at error (s)", "cost (time at error), s"),
+    ],
+)
+def test_what_is_minimised_is_said_in_words(objective: Objective, minimised: str, label: str | None) -> None:
+    """An axis needs not say twice that the paper's costs are costs."""
+    assert aim(objective) == minimised
+    assert score_label(objective) == (label or minimised)
+
+
+def test_the_costs_of_the_paper_are_among_all() -> None:
+    assert set(OF_THE_PAPER) < set(NAMES)

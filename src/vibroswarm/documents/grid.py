@@ -20,6 +20,7 @@ from vibroswarm.documents.search_words import (
     aim,
     best_sentence,
     luck_warning,
+    score_label,
     short_names,
     value_text,
     values_text,
@@ -179,7 +180,7 @@ def _draw(nodes: Nodes, name: str, style: str) -> Picture:
     """Draw a column of the cells over the two varied fields: the first is x, the second y."""
     varied = nodes.grid.study.varied
     labels = {
-        "score": f"cost ({nodes.grid.objective.words})",
+        "score": score_label(nodes.grid.objective),
         "decision_time_s": "decision time (s)",
         "belief_in_truth": "belief in the truth",
     }

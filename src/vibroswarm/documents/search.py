@@ -30,13 +30,13 @@ from vibroswarm.documents.search_tables import (
     value_table,
 )
 from vibroswarm.documents.search_words import (
-    OF_THE_PAPER,
-    aim,
     aims,
     beaten,
     best_sentence,
+    called,
     failures_in,
     other_names,
+    score_label,
     score_sentence,
     values_text,
     warnings_of,
@@ -201,7 +201,7 @@ def _values_section(found: Found, truth: Truth | None) -> Section:
 
 def _front_section(found: Found, front: Front) -> Section:
     """Return the section with the Pareto front: believed and true scores, and a figure of two objectives."""
-    first = found.search.objectives[0].words
+    first = called(found.search.objectives[0])
     words = (
         f"`best.toml` is the best candidate of the search by {first} alone. To run another one, set its values: "
         "`vibroswarm run --scenario best.toml --set FIELD=VALUE`, in the folder of the search."
@@ -270,10 +270,8 @@ def _draw_scores(found: Found, truth: Truth | None, style: str) -> Picture:
     )
     rows = [(one.number, k, plain(score)) for one in history for k, score in enumerate(one.personal)]
     personal = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
-    label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
-    label = aim(objective) if objective.name in OF_THE_PAPER else label
     true = None if truth is None else truth.winner.score.estimate
-    return draw_search(scores, personal, label=label, true=true, style=style)
+    return draw_search(scores, personal, label=score_label(objective), true=true, style=style)
 
 
 def _draw_parameters(found: Found, style: str) -> Picture:

@@ -81,11 +81,21 @@ OF_THE_PAPER: Final = {
 """The paper's cost in its three forms, by the name of the objective."""
 
 
+def called(objective: Objective) -> str:
+    """Name an objective in a sentence."""
+    name = objective.name.replace("_", " ")
+    return objective.words.replace(name, OF_THE_PAPER.get(objective.name, name), 1)
+
+
 def aim(objective: Objective) -> str:
     """Write what an objective minimises, and its unit."""
-    if objective.name in OF_THE_PAPER:
-        return f"{OF_THE_PAPER[objective.name]}, {objective.statistic.replace('+', ' + ')}"
-    return f"{objective.words} ({objective.unit})" if objective.unit else objective.words
+    return f"{called(objective)} ({objective.unit})" if objective.unit else called(objective)
+
+
+def score_label(objective: Objective) -> str:
+    """Label an axis of scores: what they are, and their unit."""
+    words = called(objective) if objective.name in OF_THE_PAPER else f"cost ({objective.words})"
+    return f"{words}, {objective.unit}" if objective.unit else words
 
 
 SCORES: Final = {

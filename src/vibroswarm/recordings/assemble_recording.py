@@ -444,5 +444,4 @@ def count_lines(recording: Recording) -> list[str]:
 def _counted(name: str, found: float) -> str:
     """Write one of the counts of ``log.COUNTED``."""
     thing, more = COUNTED[name]
-    words = f"{count(int(found), thing)} {more}" if thing else f"{stated(found)} {more}"
-    return words.replace(" :", ":").rstrip()
+    return f"{count(int(found), thing) if thing else stated(found)}{more}"

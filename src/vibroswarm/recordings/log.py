@@ -78,21 +78,21 @@ COUNTERS: Final = ("sent", "messages_received", "avoid_total_s", "stop_total_s")
 """Columns that only grow, unless the counter wraps: starts again from 0 at some value."""
 
 COUNTED: Final[dict[str, tuple[str, str]]] = {
-    "rows": ("row", "read"),
+    "rows": ("row", " read"),
     "rows_repeated": ("repeated row", ": removed"),
-    "rows_late": ("late row", "(by up to a second): sorted in"),
+    "rows_late": ("late row", " (by up to a second): sorted in"),
     "samples": ("sample", ""),
-    "samples_lost": ("sample", "without a row, by the count of messages sent"),
-    "counters_wrapped": ("wrap", "of counters: unwrapped"),
-    "counters_odd": ("step", "of a time counter longer than the time passed: set null"),
-    "posteriors_odd": ("sample", "with an alpha + beta other than prior, samples and messages received"),
-    "tracking_gaps": ("gap", "in tracking of more than half a second: interpolated linearly"),
-    "tracking_gap_longest_s": ("", "s, the longest such gap"),
-    "positions_old": ("sample", "with a position older than the usual quarter of a second"),
-    "position_oldest_s": ("", "s, the age of the oldest position"),
-    "off_the_floor": ("sample", "off all tiles"),
+    "samples_lost": ("sample", " without a row, by the count of messages sent"),
+    "counters_wrapped": ("wrap", " of counters: unwrapped"),
+    "counters_odd": ("step", " of a time counter longer than the time passed: set null"),
+    "posteriors_odd": ("sample", " with an alpha + beta other than prior, samples and messages received"),
+    "tracking_gaps": ("gap", " in tracking of more than half a second: interpolated linearly"),
+    "tracking_gap_longest_s": ("", " s, the longest such gap"),
+    "positions_old": ("sample", " with a position older than the usual quarter of a second"),
+    "position_oldest_s": ("", " s, the age of the oldest position"),
+    "off_the_floor": ("sample", " off all tiles"),
 }
-"""Counts that are made while a log is read: what is counted (empty: a time), and more about it."""
+"""Counts that are made while a log is read: what is counted (empty: a time), and what follows it."""
 
 
 @dataclass(frozen=True, eq=False)
