@@ -294,7 +294,11 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--method", "psoo"], "did you mean 'pso'"),
         (["--cost", "intendet"], "did you mean 'intended'"),
         (["--budget", "many"], "not a whole number"),
-        (["--budget", "10"], "too few for one iteration"),
+        (["--budget", "10"], "10 runs are too few for one iteration"),
+        (
+            ["--budget", "400"],
+            "400 runs are too few for one iteration, which takes 300, and the 160 of the race",
+        ),
         (["--noise", "loud"], "rescore, ocba, fixed"),
         (["--check", "paper"], "'optimize --check' is now 'vibroswarm optimize compare FIRST SECOND'"),
         (["--sensitivity"], "'optimize --sensitivity' is now 'vibroswarm optimize sensitivity'"),

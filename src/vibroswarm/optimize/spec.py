@@ -414,8 +414,9 @@ class Search(NotebookView):
             return self.pso
         iterations = self.search_budget // self.pso.runs_an_iteration
         if iterations < 1:
+            race = f", and the {self.final_runs} of the race" if self.final_runs else ""
             raise InputError(
-                f"{self.search_budget} runs are too few for one iteration, which takes {self.pso.runs_an_iteration}",
+                f"{self.budget} runs are too few for one iteration, which takes {self.pso.runs_an_iteration}{race}",
                 field="search.budget",
             )
         return replace(self.pso, iterations=iterations)
