@@ -415,8 +415,25 @@ def test_a_run_is_shown_without_compiling(tmp_path):
 
 def test_a_second_run_loads_no_more_than_it_needs(tmp_path):
     line = ["run", "--set", "run.t_end_s=30", "--out", str(tmp_path / "out")]
-    packages = loaded_by(line, packages={"scipy.stats", "matplotlib", "PIL"})
-    assert packages[" ".join(line)] == set()
+    packages = loaded_by(
+        line, packages={"scipy.special", "scipy.stats", "matplotlib", "PIL", "numpy.f2py.crackfortran"}
+    )
+    assert packages[" ".join(line)] == {"scipy.special"}
+
+
+def test_a_module_that_was_put_off_is_loaded_when_it_is_used():
+    program = """
+import sys
+from vibroswarm.cli.put_off import put_off
+put_off("numpy", "f2py")
+put_off("numpy", "f2py")
+put_off("numpy", "no_such_module")
+import numpy, scipy.special
+assert "numpy.f2py.crackfortran" not in sys.modules
+assert callable(numpy.f2py.get_include)
+assert "numpy.f2py.crackfortran" in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_what_a_command_loads_is_seen():

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from vibroswarm.cli.command_line import Parser, bound, group_of, parser_of
 from vibroswarm.cli.options import Printing, UserCode
+from vibroswarm.cli.put_off import put_off
 from vibroswarm.errors import InputError, nearest
 
 PROGRAM: Final = "vibroswarm"
@@ -245,6 +246,7 @@ def parsed(words: Sequence[str], before: Sequence[str] = ()) -> tuple[Command, a
 
 def call(command: Command, values: argparse.Namespace) -> int:
     """Call a command with its parsed options; return the exit code."""
+    put_off("numpy", "f2py")
     call = bound(command.function(), vars(values))
     return int(command.function()(*call.args, **call.kwargs) or 0)
 

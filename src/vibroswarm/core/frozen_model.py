@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, field_validator
 class FrozenModel(BaseModel):
     """Frozen and strict: an unknown key, a wrong type, NaN and infinity are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
     @field_validator("*")
     @classmethod
