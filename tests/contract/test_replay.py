@@ -6,6 +6,7 @@ import pytest
 
 from vibroswarm import preset, replay, simulate
 from vibroswarm.errors import InputError
+from vibroswarm.inference.replayer import MessagesReplayer
 from vibroswarm.result import Result
 
 BASE = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
@@ -65,3 +66,19 @@ def test_robots_that_steer_are_refused(moved: Result) -> None:
     for other in ("none", "explore"):
         with pytest.raises(InputError, match="steer"):
             replay(steered, steering.with_values({"strategy.name": other}))
+
+
+def test_more_messages_than_there_is_room_for_at_first_are_all_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is replayed again, with more room, leaves nothing of the attempts before."""
+    scenario = BASE.with_values({"strategy.name": "three_valued", "strategy.three_valued.interval_s": 1.0})
+    expected = simulate(scenario, 9, 3)
+    rooms: list[int] = []
+    first = MessagesReplayer._message_buffer
+
+    def small(self: MessagesReplayer, room: int, under_way: int) -> object:
+        rooms.append(room if rooms else 10)
+        return first(self, room if len(rooms) > 1 else 10, under_way)
+
+    monkeypatch.setattr(MessagesReplayer, "_message_buffer", small)
+    assert simulate(scenario, 9, 3) == expected
+    assert rooms[:3] == [10, 20, 40]

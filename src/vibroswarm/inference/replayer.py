@@ -250,8 +250,9 @@ class MessagesReplayer(Replayer):
         self.network_arrays = network_arrays_for(
             self.strategy, network, scenario.network.params, sizes_of(scenario)
         )
-        # Room for a message at each sample, and for 64 messages sent by timers; it is enlarged if this is not enough.
-        self.buffer = self._message_buffer(longest + 64, start_capacity(self.robots))
+        # Room for a message at each sample, and for seven times as many sent by timers; it is enlarged if needed.
+        at_samples = longest if self.strategy.on_timer is None else 8 * longest
+        self.buffer = self._message_buffer(at_samples + 64, start_capacity(self.robots))
 
     def _message_buffer(self, room: int, under_way: int) -> MessageBuffer:
         """Allocate a buffer.
