@@ -32,7 +32,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_of_robot, truth_over_time
 from vibroswarm.result import Result
@@ -54,6 +54,7 @@ ANSWERS: Final[dict[str, Any]] = {"run": pl.UInt32, **dict.fromkeys(JUDGED, pl.F
 """Columns of the table, one row for each run."""
 
 
+@viewed
 class Answer(NamedTuple):
     """An answer, and since when it is given."""
 
@@ -63,10 +64,8 @@ class Answer(NamedTuple):
     changed_s: float | None = None
     """When the floor changed, as the robot reports it; None: it does not."""
 
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
-
+@viewed
 class Truth(NamedTuple):
     """What is right for a robot over time, and what was when it gave its answers."""
 
@@ -81,9 +80,6 @@ class Truth(NamedTuple):
         """Return start, end and right answer of each span."""
         since_s = self.since_s.tolist()
         return list(zip(since_s, [*since_s[1:], end_s], self.answer.tolist(), strict=True))
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 class Course(NamedTuple):

@@ -44,7 +44,7 @@ from scipy.special import ndtr, ndtri
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError
@@ -355,6 +355,7 @@ def _falls_through(share: Callable[[float], float], level: float) -> float:
     return high
 
 
+@viewed
 class ObservedShare(NamedTuple):
     """Share of ones with equal weight for each tile, and how precise it is."""
 
@@ -366,9 +367,6 @@ class ObservedShare(NamedTuple):
     """Number of independent samples whose share of ones would have this standard error; 0 without samples on tiles."""
     tiles: int
     """Number of tiles that were sampled; others are left out."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv, ndtr, ndtri, stdtrit
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.errors import InputError
 
 DRAWS: Final = 1999
@@ -50,6 +50,7 @@ Values = NDArray[np.float64]
 """Floats, of any shape."""
 
 
+@viewed
 class Interval(NamedTuple):
     """An estimate, its lower and upper limit, their confidence level, the number of units, and the method's name.
 
@@ -63,9 +64,6 @@ class Interval(NamedTuple):
     level: float
     n: int
     how: str
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON; a number that is not finite becomes None."""
@@ -382,14 +380,12 @@ def _independent_robots(count: Values, of: Values, runs: NDArray[np.int64], shar
     return min(share * (1.0 - share) / variance, robots)
 
 
+@viewed
 class Tested(NamedTuple):
     """The interval of a mean of paired differences, and the two-sided p-value of "no difference"."""
 
     interval: Interval
     p_value: float
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> Tested:

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.distances import sum_of_distances
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
@@ -277,6 +277,7 @@ def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
     return total / (one.size * (n - (other is None)))
 
 
+@viewed
 class RealDistances(NamedTuple):
     """Distances among the real sessions alone."""
 
@@ -284,9 +285,6 @@ class RealDistances(NamedTuple):
     """Mean distance between the values of each session."""
     against: Interval | None
     """Effect size H of each real session against the other real ones; None with one session."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 RealCache = dict[str, RealDistances]

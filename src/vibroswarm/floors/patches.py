@@ -17,13 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import inner
 
 Numbers = Any
 """A number, or an array of numbers."""
 
 
+@viewed
 class Patch(NamedTuple):
     """Damage: a rectangle or a disc; or several at once, as replicates, whose fields are arrays."""
 
@@ -57,9 +58,6 @@ class Patch(NamedTuple):
         apart_x = abs(self.x_m - other.x_m) >= 0.5 * (self.width_m + other.width_m)
         apart_y = abs(self.y_m - other.y_m) >= 0.5 * (self.height_m + other.height_m)
         return not (apart_x or apart_y)
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 @inner

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -47,6 +47,7 @@ MOST: Final = 300_000
 """Most patches of a declared set: those of squares of 7 to 28 cm on 65 m2."""
 
 
+@viewed
 class Form(NamedTuple):
     """Size and shape of declared damage: a rectangle, or a disc, of which both sides are the diameter."""
 
@@ -63,9 +64,6 @@ class Form(NamedTuple):
     def step_m(self) -> float:
         """Distance between its places in the declared set."""
         return max(min(self.width_m, self.height_m) / 4.0, FINEST_M)
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 Side = float | tuple[float, float] | Form
@@ -146,6 +144,7 @@ def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> 
     return Patches(left, bottom, form_of, forms)
 
 
+@viewed
 class Strips(NamedTuple):
     """Rectangles whose union each patch is: itself, or a disc in horizontal strips; (strips,) each."""
 
@@ -155,9 +154,6 @@ class Strips(NamedTuple):
     top_m: Floats
     first: NDArray[np.int64]
     """(patches + 1,): where those of each patch begin, the widest one first."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def strips_of(patches: Patches, beyond_m: float = 0.0) -> Strips:
@@ -191,6 +187,7 @@ def strips_of(patches: Patches, beyond_m: float = 0.0) -> Strips:
     )
 
 
+@viewed
 class Shares(NamedTuple):
     """Shares of samples' places in patches, patch by patch."""
 
@@ -200,9 +197,6 @@ class Shares(NamedTuple):
     """Index of the sample of each entry, ascending within a patch."""
     share: NDArray[np.float32]
     """q_j of each entry."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def shares_of(samples: Samples, patches: Patches) -> Shares:

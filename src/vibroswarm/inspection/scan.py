@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import Patch
@@ -50,6 +50,7 @@ CLEAR_M: Final = 0.05
 """Samples this near to a called patch, beyond the spread of their places, may be on it."""
 
 
+@viewed
 class Box(NamedTuple):
     """A patch."""
 
@@ -63,9 +64,6 @@ class Box(NamedTuple):
     def centre_m(self) -> tuple[float, float]:
         """Its centre, x and y."""
         return self.left_m + 0.5 * self.width_m, self.bottom_m + 0.5 * self.height_m
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 @dataclass(frozen=True, eq=False)

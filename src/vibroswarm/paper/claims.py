@@ -69,7 +69,7 @@ from typing import Any, Final, NamedTuple
 import polars as pl
 from scipy.special import betaincinv, stdtrit
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView, short_text
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, check_choice, check_known_keys
@@ -307,6 +307,7 @@ def all_claims() -> tuple[Claim, ...]:
     return claims_from(files("vibroswarm.paper").joinpath("claims.toml").read_text(encoding="utf-8"))
 
 
+@viewed
 class Decided(NamedTuple):
     """Verdict on one claim in one column."""
 
@@ -318,9 +319,6 @@ class Decided(NamedTuple):
     """Level of the claim, before it is corrected for the number of its values."""
     cells: pl.DataFrame
     """cell, estimate, low, high, level (of these limits), n, holds (holds, fails, open, cannot be asked), why."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
     def __repr__(self) -> str:
         return short_text(self)

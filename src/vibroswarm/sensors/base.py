@@ -52,7 +52,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
@@ -88,6 +88,7 @@ FIRST_REFERENCE_RUN: Final = 2**31
 """Seed and number of the first of these floors, which no simulation has."""
 
 
+@viewed
 class Samples(NamedTuple):
     """Samples of one run: where and when they are taken, on what floor, and the address of their chance."""
 
@@ -104,9 +105,6 @@ class Samples(NamedTuple):
     """(samples,): number of the robot, and of the sample among its own."""
     seed: int
     run: int
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def _two(p: Any) -> int:

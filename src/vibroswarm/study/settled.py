@@ -11,7 +11,7 @@ import polars as pl
 
 from vibroswarm.analysis.figures import columns_of, interval, run_figures
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.inference.outcomes import Array, costs_of
 from vibroswarm.study.batch_table import tables_of
 from vibroswarm.study.plan import Group
@@ -19,6 +19,7 @@ from vibroswarm.study.precision import Precision
 from vibroswarm.study.store import Store
 
 
+@viewed
 class Settled(NamedTuple):
     """A group that needs no more runs: it is precise enough, or has reached the limit of runs."""
 
@@ -30,9 +31,6 @@ class Settled(NamedTuple):
     """Level of the interval at that look, which is the one to report."""
     reached: bool
     """Whether it is precise enough."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def settled(store: Store, group: Group, precision: Precision) -> Settled | None:
