@@ -73,12 +73,12 @@ def test_a_region_holds_its_share_of_the_density() -> None:
     posterior = posterior_of(samples, patches, shares_of(samples, patches), np.ones(500, dtype=bool))
     region = region_of(posterior)
     drawn = posterior.drawn(np.random.default_rng(5), 4000)
-    assert (posterior.density(drawn) >= region.least).mean() == pytest.approx(HELD, abs=0.02)
+    assert (posterior.density(*drawn) >= region.least).mean() == pytest.approx(HELD, abs=0.02)
     assert posterior.p.sum() == pytest.approx(1.0)
     # The density integrates to 1: its mean over places drawn from another density, divided by that one.
     wide = replace(posterior, triangles=posterior.triangles + np.array([-0.02, 0.0, 0.02])[None, :, None])
     others = wide.drawn(np.random.default_rng(6), 20_000)
-    assert (posterior.density(others) / wide.density(others)).mean() == pytest.approx(1.0, abs=0.05)
+    assert (posterior.density(*others) / wide.density(*others)).mean() == pytest.approx(1.0, abs=0.05)
 
 
 def test_size_and_contrast_of_damage_are_in_its_region_and_others_are_not() -> None:

@@ -224,7 +224,7 @@ def threshold(
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.documents.recording import threshold_document
-    from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
+    from vibroswarm.inspection.laws import law_of_recordings, law_table, write_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.threshold import recommend
 
@@ -237,7 +237,7 @@ def threshold(
     if out is not None:
         write_text(out, scenario.to_toml(), replace=force)
     if law is not None:
-        fitted = law_of_recording(recording)
+        fitted = law_of_recordings([recording])
         write_law(fitted, scenario, law, replace=force)
         found = replace(found, law=law_table(fitted.law))
     print_document(threshold_document(found), as_json=json)

@@ -31,6 +31,7 @@ ROWS: Final = 12
 def inspection_document(found: Inspection) -> Document:
     """Return the document of an inspection."""
     samples = found.samples
+    is_refused = found.assessment is not None and bool(found.assessment.refusals)  # the answer says why
     parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
     if found.by_kind is not None and samples.kinds is not None:
         parts += _kinds(found.by_kind, samples.kinds.at(found.times_s[-1]).tiles)
@@ -42,7 +43,7 @@ def inspection_document(found: Inspection) -> Document:
         title=f"Inspection of {samples.source}",
         answer=_answer(found),
         knew=(f"Places: {samples.places}. Law of the sensor: {samples.law.origin}.",),
-        warnings=_warnings(found),
+        warnings=() if is_refused else tuple(filter(None, (samples.warning,))),
         parts=tuple(parts),
         made_by={
             "law of the sensor": " ".join(filter(None, (samples.law.origin, samples.law.hash))),
@@ -73,11 +74,6 @@ def _kinds(by_kind: NDArray[np.float64], tiles: NDArray[np.uint8]) -> list[Part]
         Text("\n".join(lines), "code"),
         Table(table, columns, "Probability of each kind of each tile.", "kinds", names=2, folded=True),
     ]
-
-
-def _warnings(found: Inspection) -> tuple[str, ...]:
-    refused = found.assessment is not None and bool(found.assessment.refusals)  # the answer says why
-    return () if refused else tuple(filter(None, (found.samples.warning,)))
 
 
 def _answer(found: Inspection) -> tuple[str, ...]:

@@ -43,6 +43,7 @@ from vibroswarm.analysis.paired import holm
 from vibroswarm.inspection.damage import judged, ratios_at, tables_of, tiles_below, values_where
 from vibroswarm.inspection.others import Others
 from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples
+from vibroswarm.inspection.scan import p_value
 from vibroswarm.observation.energy_model import error_rates
 
 DRAWN: Final = 499
@@ -107,11 +108,6 @@ def law_checks(
     return pl.DataFrame(rows, CHECKS, orient="row")
 
 
-def _p_values(observed: Floats, null: Floats) -> list[float]:
-    """Return the p-value of each statistic, (checks, 1), against drawn ones, (checks, drawn)."""
-    return [float((1 + (row >= one).sum()) / (row.size + 1)) for one, row in zip(observed, null, strict=True)]
-
-
 def _of_law(
     some: Samples, vibrates: NDArray[np.bool_], only_likely: bool, drawn: int, random: np.random.Generator
 ) -> list[float]:
@@ -127,7 +123,7 @@ def _of_law(
         _statistics(some, rank, vibrates)
         for rank in (ranks(some.law, some.column("value")[:, None]), judged(some.law, values, ranks))
     )
-    return _p_values(observed, null)
+    return [p_value(one, row) for one, row in zip(observed[:, 0].tolist(), null, strict=True)]
 
 
 def _ranks(law: Law, values: Floats, vibrates: NDArray[np.bool_], only_likely: bool) -> Floats:
@@ -216,6 +212,6 @@ def _of_places(
     )
     mean, spread = right.mean(axis=1, keepdims=True), right.std(axis=1, keepdims=True) + 1e-9
     observed = (mean - fits(samples.column("log_ratio")[:, None])) / spread
-    null = ((mean - right) / spread).max(axis=0, keepdims=True)
+    null = ((mean - right) / spread).max(axis=0)
     power = float(((mean - wrong) / spread >= np.quantile(null, 1.0 - LEVEL)).mean())
-    return _p_values(observed.max(axis=0, keepdims=True), null)[0], power
+    return p_value(float(observed.max()), null), power

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
@@ -41,6 +41,7 @@ POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
 
 
+@viewed
 class Table(NamedTuple):
     """Quantiles and log ratios of a law as tables, which are much faster than the laws themselves."""
 
@@ -54,9 +55,6 @@ class Table(NamedTuple):
     of_u: NDArray[np.int64]
     of_value: NDArray[np.int64]
     """``index_of`` u and value."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 @lru_cache(maxsize=160)
@@ -205,9 +203,9 @@ def drawn_patches(
 
 
 def patch_of(
-    x_m: Floats, y_m: Floats, side_m: Floats | float, contrast: float = 1.0, *, disc: bool = False
+    x_m: Floats, y_m: Floats, side_m: Floats | float, contrast: Floats | float = 1.0, *, disc: bool = False
 ) -> Patch:
-    """Return squares, or discs of that diameter, with one contrast."""
+    """Return squares, or discs of that diameter; sizes and contrasts may be one for each, or one for all."""
     side = np.broadcast_to(np.asarray(side_m, dtype=np.float64), x_m.shape)
     return Patch(x_m, y_m, side, side, np.full(x_m.shape, contrast), disc)
 

@@ -24,6 +24,7 @@ from vibroswarm.inspection.laws import (
     known_from,
     law_for_session,
     law_named,
+    law_of_recordings,
     law_of_scenario,
 )
 from vibroswarm.inspection.patches import SIZES_M, Side
@@ -243,10 +244,10 @@ def _law_of(
         return law_named(laws, draws=draws, spreads=spreads)
     if isinstance(laws, Scenario):
         return known_from(laws, "a scenario")
-    if isinstance(result, Recording) or laws:
-        return law_for_session(
-            result if isinstance(result, Recording) else None, run, laws or (), draws=draws
-        )
+    if laws:
+        return law_of_recordings(laws, " of other recordings", draws)
+    if isinstance(result, Recording):
+        return law_for_session(result, run, draws=draws)
     if result is None:
         raise InputError(
             "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "

@@ -104,8 +104,7 @@ def kind_map(samples: Samples, times_s: ArrayLike) -> Floats:
         [log_ratios_of_classes(sensor, value, kind, samples.law.place) for kind in range(sensor.kinds)],
         axis=1,
     )
-    assert samples.floor is not None
-    tiles, columns = samples.floor.tiles.size, samples.floor.tiles.shape[1]
+    tiles, columns = samples.grid.tiles.size, samples.grid.tiles.shape[1]
     odds, sites = np.zeros((tiles, sensor.kinds)), np.zeros((at.first[-1], sensor.kinds))
     out = np.empty((ends.size, *odds.shape))
     _propagate_kinds(columns, at, ratios, ends, sites, odds, np.empty(tiles), out)

@@ -69,6 +69,8 @@ SCALED: Final = (
     "still_location",
 )
 """Fields that a factor of all values multiplies."""
+FITTED: Final = (*FIELDS, *SPREADS)
+"""Fields of the sensor that are fitted to sessions, in the order of ``law.draws``."""
 
 
 @dataclass(frozen=True)
@@ -91,19 +93,19 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
         InputError: all samples lie on one kind of tile.
     """
     chosen = found.only(sessions)
-    camera = fit_camera(chosen, draws=0).camera if _is_seen(found) else RIGHT
+    # A camera saw the places, or may have seen them, unless a recording has no tracks.
+    is_seen = not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
+    camera = fit_camera(chosen, draws=0).camera if is_seen else RIGHT
     seen = chosen.corrected(camera)
     fitted = fit_sensor(seen, draws=draws)
     base = found.results[0].scenario
     sensor = _sensor_of(base, fitted.values)
     drawn = [_sensor_of(base, one) for one in _drawn(fitted, seen, draws)]
     digest = hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16]
-    return FittedLaw(Law(sensor, words, digest, _hashes(found, sessions), _with_law(sensor, drawn)), camera)
-
-
-def _is_seen(found: Dataset) -> bool:
-    """Return whether places are those that a camera saw, or may have seen."""
-    return not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
+    # Sessions are numbered over all results.
+    numbered = [(result, int(run)) for result in found.results for run in result.runs["run"].to_list()]
+    hashes = tuple(hash_of_run(*numbered[session]) for session in sessions)
+    return FittedLaw(Law(sensor, words, digest, hashes, _with_law(sensor, drawn)), camera)
 
 
 def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
@@ -138,32 +140,20 @@ def _drawn(fitted: SensorFit, seen: Dataset, draws: int) -> list[dict[str, float
     ]
 
 
-def _hashes(found: Dataset, sessions: Sequence[int]) -> tuple[str, ...]:
-    """Return the hash of the values of each session; sessions are numbered over all results."""
-    numbered = [(result, int(run)) for result in found.results for run in result.runs["run"].to_list()]
-    return tuple(hash_of_run(*numbered[session]) for session in sessions)
-
-
 def hash_of_run(result: Result, run: int) -> str:
     """Return the hash of the energies of one run or session (``session_hash``)."""
     table = result.rows if isinstance(result, Recording) else result.observations
     return session_hash(table.filter(pl.col("run") == run)["energy"].to_numpy())
 
 
-def law_for_session(
-    recording: Recording | None, run: int, others: Sequence[Recording] = (), *, draws: int = DRAWS
-) -> FittedLaw:
-    """Return the law of a recorded session, fitted to other sessions if there are any.
+def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> FittedLaw:
+    """Return the law of a recorded session, fitted to the recording's other sessions if there are any.
 
     Args:
-        recording: of the session; None if ``others`` are given. run: the session. others: recordings to which the law
-            is fitted; none: the recording's other sessions. draws: as in ``law_of_sessions``.
+        run: the session. draws: as in ``law_of_sessions``.
     Raises:
         InputError: there is no such session, or all samples lie on one kind of tile.
     """
-    if others:
-        return _law_of_all(others, " of other recordings", draws)
-    assert recording is not None
     runs = recording.runs["run"].to_list()
     if run not in runs:
         raise InputError(
@@ -189,7 +179,7 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
     """
     path = Path(text)
     if path.is_dir():
-        return _law_of_all([Recording.read(path)], f" of '{path.name}'", draws)
+        return law_of_recordings([Recording.read(path)], f" of '{path.name}'", draws)
     if path.suffix == ".csv":
         vibrating, still = (np.array(energies) for energies in read_energies(path))
         fitted = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
@@ -218,10 +208,13 @@ def law_of_measured(
                 f"holds {count(energies.size, 'value')} of {kind} places; nothing can be said with fewer than {FEWEST}",
                 field=words,
             )
-    values: dict[str, Any] = {"model": "energies"}
-    values |= {"vibrating_energies": vibrating.tolist(), "still_energies": still.tolist()}
-    values |= {name: value or None for name, value in zip(SPREADS, spreads, strict=True)}
-    sensor = preset("paper").with_values({f"sensor.{name}": value for name, value in values.items()}).sensor
+    values = {
+        "sensor.model": "energies",
+        "sensor.vibrating_energies": vibrating.tolist(),
+        "sensor.still_energies": still.tolist(),
+        **{f"sensor.{name}": value or None for name, value in zip(SPREADS, spreads, strict=True)},
+    }
+    sensor = preset("paper").with_values(values).sensor
     draws = _resampled(sensor, vibrating, still)
     _check_told_apart(words, draws, vibrating, still)
     differ = (
@@ -279,27 +272,11 @@ def known_from(scenario: Scenario, words: str) -> FittedLaw:
     """Return the law and the camera of a scenario; of a file of a law (``write_law``) with its error and sessions."""
     if scenario.law.sessions is None:
         return law_of_scenario(scenario, words)
-    drawn = [
-        _sensor_of(scenario, dict(zip((*FIELDS, *SPREADS), row, strict=True)))
-        for row in scenario.law.draws or ()
-    ]
+    drawn = [_sensor_of(scenario, dict(zip(FITTED, row, strict=True))) for row in scenario.law.draws or ()]
     words = f"{words}, fitted to {count(len(scenario.law.sessions), 'session')} on a known floor"
     return FittedLaw(
         Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, _with_law(scenario.sensor, drawn)),
         Camera.of(scenario),
-    )
-
-
-def scenario_of_law(fitted: FittedLaw, base: Scenario) -> Scenario:
-    """Return a scenario with a fitted law: its sensor, the camera, and in the section law its error and sessions."""
-    sensor, law = fitted.law.sensor, fitted.law
-    rows = [[getattr(drawn.judge, name) or 0.0 for name in (*FIELDS, *SPREADS)] for drawn in law.draws]
-    changed = {f"sensor.{name}": getattr(sensor, name) for name in (*FIELDS, *SPREADS)}
-    return base.with_values(
-        {f"camera.{name}": None for name in Camera.__dataclass_fields__}
-        | {"sensor.model": "gamma", "law.sessions": list(law.sessions), "law.draws": rows}
-        | changed
-        | fitted.camera.fields()
     )
 
 
@@ -318,13 +295,12 @@ def with_law(recording: Recording, fitted: FittedLaw) -> tuple[Recording, tuple[
 
 def law_table(law: Law) -> pl.DataFrame:
     """Return the fitted law: field, value, standard error, and limits of 95 % (of the draws), a row for each field."""
-    names = (*FIELDS, *SPREADS)
-    drawn = np.array([[getattr(one.judge, name) or 0.0 for name in names] for one in law.draws])
+    drawn = np.array(_rows_of(law))
     low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
     return pl.DataFrame(
         {
-            "field": [f"sensor.{name}" for name in names],
-            "value": [getattr(law.sensor, name) or 0.0 for name in names],
+            "field": [f"sensor.{name}" for name in FITTED],
+            "value": [getattr(law.sensor, name) or 0.0 for name in FITTED],
             "error": drawn.std(axis=0, ddof=1),
             "low": low,
             "high": high,
@@ -332,17 +308,19 @@ def law_table(law: Law) -> pl.DataFrame:
     )
 
 
-def law_of_recording(recording: Recording) -> FittedLaw:
-    """Return the law of all sessions of a recording, with its error.
+def _rows_of(law: Law) -> list[list[float]]:
+    """Return the values of ``FITTED`` of each draw of a law; without a difference a spread is 0."""
+    return [[getattr(one.judge, name) or 0.0 for name in FITTED] for one in law.draws]
 
+
+def law_of_recordings(recordings: Sequence[Recording], of: str = "", draws: int = KEPT) -> FittedLaw:
+    """Return the law of all sessions of recordings.
+
+    Args:
+        of: which recordings, in words. draws: as in ``law_of_sessions``.
     Raises:
         InputError: all samples lie on one kind of tile.
     """
-    return _law_of_all([recording], "", KEPT)
-
-
-def _law_of_all(recordings: Sequence[Recording], of: str, draws: int) -> FittedLaw:
-    """Return the law of all sessions of recordings; ``of`` says of which, in words."""
     found = dataset_of(recordings)
     words = f"fitted to {count(len(found.sessions), 'session')}{of}, whose floor is known"
     return law_of_sessions(found, found.sessions, words, draws=draws)
@@ -351,7 +329,16 @@ def _law_of_all(recordings: Sequence[Recording], of: str, draws: int) -> FittedL
 def write_law(fitted: FittedLaw, base: Scenario, path: Path, *, replace: bool = False) -> None:
     """Write a fitted law as a scenario: as the sensor of simulations, and as ``--laws`` of inspections.
 
+    The scenario has its sensor, the camera, and in the section law its error and sessions.
+
     Args:
         base: what the scenario is in all else. replace: whether a file that exists is replaced.
     """
-    write_text(path, scenario_of_law(fitted, base).to_toml(), replace=replace)
+    law = fitted.law
+    scenario = base.with_values(
+        {f"camera.{name}": None for name in Camera.__dataclass_fields__}
+        | {"sensor.model": "gamma", "law.sessions": list(law.sessions), "law.draws": _rows_of(law)}
+        | {f"sensor.{name}": getattr(law.sensor, name) for name in FITTED}
+        | fitted.camera.fields()
+    )
+    write_text(path, scenario.to_toml(), replace=replace)

@@ -13,10 +13,9 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patches import Patch
-from vibroswarm.inspection.damage import drawn_patches, random_places
+from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
     Patches,
@@ -43,6 +42,7 @@ CONTRASTS: Final = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 """Contrasts of the damage drawn for it."""
 
 
+@viewed
 class Trials(NamedTuple):
     """Inspections of drawn damage, (inspections,) each, and of intact surfaces."""
 
@@ -54,9 +54,6 @@ class Trials(NamedTuple):
     def fit(self, **how: Any) -> Pod:
         """Return the fitted PoD; the arguments are those of ``fit_pod``."""
         return fit_pod(self.size_m, self.found, self.false, self.intact, **how)
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def false_calls(
@@ -115,9 +112,8 @@ def weakest_found(
     random, rows = generator(seed, "weakest contrast"), []
     contrast = np.repeat(CONTRASTS, EACH // 2)
     for side_m in [side_m for side_m in WEAKEST_M if side_m <= min(samples.size_m)]:
-        x_m, y_m = random_places(random, np.full(contrast.size, side_m), samples.size_m)
-        side = np.full(contrast.size, side_m)
-        patch = Patch(x_m, y_m, side, side, contrast)
+        places_m = random_places(random, np.full(contrast.size, side_m), samples.size_m)
+        patch = patch_of(*places_m, side_m, contrast)
         drawn = drawn_statistics(random, samples, patches, shares, contrast.size, patch, looks=looks)
         pod = Trials(contrast, (drawn >= critical).astype(np.float64), *false).fit()
         rows.append((side_m, side_m**2, pod.a90_m, pod.a90_95_m if pod.a90_95_m <= 1.0 else float("nan")))
@@ -143,26 +139,22 @@ def pooled_trials(
             threshold. until_s: end of each inspection. level: wanted share of false calls.
     """
     patches = declared(inspections[0].size_m)
-    ratios = max(1, 2000 // len(fresh))
-    intact = []
-    for number, one in enumerate(fresh):
-        some = one.by_time(until_s)
-        intact.append(intact_statistics(some, patches, shares_of(some, patches), ratios, seed + number))
+
+    def ended(inspection: Samples) -> tuple[Samples, Patches, Shares]:
+        """Return an inspection that ends at ``until_s``, with the patches and its shares in them."""
+        some = inspection.by_time(until_s)
+        return some, patches, shares_of(some, patches)
+
+    ratios, count = max(1, 2000 // len(fresh)), max(1, INTACT // len(inspections))
+    intact = [intact_statistics(*ended(one), ratios, seed + number) for number, one in enumerate(fresh)]
     critical = float(np.quantile(np.concatenate(intact), 1.0 - level))
-    sizes, found, false, number_intact = [], [], 0, 0
-    for number, one in enumerate(inspections):
-        some = one.by_time(until_s)
-        shares = shares_of(some, patches)
-        drawn = seed + 100_000 + number
-        count = max(1, INTACT // len(inspections))
-        of_intact = false_calls(some, patches, shares, critical, intact=count, seed=drawn)
-        own = own_trials(
-            some, patches, shares, critical, of_intact, contrast=contrast, sides_m=sides_m, each=each, seed=drawn
-        )  # fmt: skip
-        sizes.append(own.size_m)
-        found.append(own.found)
-        false, number_intact = false + own.false, number_intact + own.intact
-    return Trials(np.concatenate(sizes), np.concatenate(found), false, number_intact)
+    trials = []
+    for drawn, one in enumerate(inspections, seed + 100_000):
+        known = *ended(one), critical
+        false = false_calls(*known, intact=count, seed=drawn)
+        trials.append(own_trials(*known, false, contrast=contrast, sides_m=sides_m, each=each, seed=drawn))
+    sizes_m, found, called, inspected = zip(*trials, strict=True)
+    return Trials(np.concatenate(sizes_m), np.concatenate(found), sum(called), sum(inspected))
 
 
 def plan(
@@ -239,17 +231,10 @@ def _sweep_trials(
             for number, whole in zip((across, up), like.size_m, strict=True)
         )
         x_m, y_m = (places.ravel() for places in np.meshgrid(x, y))
-        exact = dict.fromkeys(("spread_x_m", "spread_y_m", "value", "log_ratio"), 0.0)
-        frame = pl.DataFrame(
-            {
-                "x_m": x_m,
-                "y_m": y_m,
-                "true_x_m": x_m,
-                "true_y_m": y_m,
-                "time_s": np.arange(x_m.size) / x_m.size,
-            }
-        ).with_columns(robot=0, **{name: pl.lit(value) for name, value in exact.items()})
-        sweeps.append(like.with_frame(frame.select(list(SAMPLES)).cast(SAMPLES)))
+        places = {"x_m": x_m, "y_m": y_m, "true_x_m": x_m, "true_y_m": y_m}
+        times = {"time_s": np.arange(x_m.size) / x_m.size}
+        frame = pl.DataFrame(dict.fromkeys(SAMPLES, 0.0) | places | times)
+        sweeps.append(like.with_frame(frame.cast(SAMPLES)))
     half = SWEEPS // 2
     more = max(1, round(each * 20 / half))  # as many surfaces as 20 inspections would have
     return pooled_trials(

@@ -77,8 +77,7 @@ class Others(NotebookView):
 
     def _vibrates(self, floors: NDArray[np.bool_], x_m: Floats, y_m: Floats) -> NDArray[np.bool_]:
         """Return whether vibration is felt at places, on the floor of each replicate, (samples, replicates)."""
-        floor, reach_m = self.samples.floor, self.samples.law.sensor.edge_reach_m or 0.0
-        assert floor is not None
+        floor, reach_m = self.samples.grid, self.samples.law.sensor.edge_reach_m or 0.0
         felt = np.zeros(x_m.shape, dtype=bool)
         for dx, dy in {(dx, dy) for dx in (-reach_m, reach_m) for dy in (-reach_m, reach_m)}:
             felt |= floors[np.arange(x_m.shape[1]), floor.tile_at(x_m + dx, y_m + dy)]

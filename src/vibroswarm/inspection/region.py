@@ -18,13 +18,12 @@ the places, sizes and contrasts of the declared set the probability falls linear
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.damage import contrast_ratios, tables_of, tiles_below
@@ -45,27 +44,13 @@ CELL_M: Final = 0.025
 """Side of the cells by which the area of the centres is counted."""
 
 
-class Places(NamedTuple):
-    """Places, sizes and contrasts of damage of known shapes; (number,) each."""
-
-    shape: NDArray[np.int64]
-    """Number of the shape, from 0; -1: another shape."""
-    x_m: Floats
-    y_m: Floats
-    log_size: Floats
-    contrast: Floats
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
-
-
 @kernel
 def _density(shape: NDArray[np.int64], at: Floats, of_shape: NDArray[np.int64], p: Floats, triangles: Floats,
              out: Floats) -> None:  # fmt: skip
     """Write f at each place to ``out``.
 
     Args:
-        at: (4, places). of_shape, p, triangles: as in ``Posterior``.
+        shape, at: as of ``Posterior.density``. of_shape, p, triangles: as in ``Posterior``.
     """
     tiny = 1e-12
     for i in range(out.size):
@@ -100,21 +85,20 @@ class Posterior(NotebookView):
     strengths: tuple[float, ...] = STRENGTHS
     """Contrasts that are weighed."""
 
-    def drawn(self, random: np.random.Generator, number: int) -> Places:
-        """Draw from the density."""
+    def drawn(self, random: np.random.Generator, number: int) -> tuple[NDArray[np.int64], Floats]:
+        """Draw from the density: the arguments of ``density``."""
         term = random.choice(self.p.size, number, p=self.p)
-        return Places(self.shape[term], *(random.triangular(*ends[:, term]) for ends in self.triangles))
+        return self.shape[term], np.stack([random.triangular(*ends[:, term]) for ends in self.triangles])
 
-    def density(self, at: Places) -> Floats:
-        """Return f at places, (number,)."""
-        out = np.empty(at.shape.size)
-        _density(at.shape, np.stack(at[1:]), self.shape, self.p, self.triangles, out)
+    def density(self, shape: NDArray[np.int64], at: Floats) -> Floats:
+        """Return f of damage, (number,).
+
+        Args:
+            shape: index in ``shapes``, (number,); -1: another shape. at: x, y, ln a and c, (4, number).
+        """
+        out = np.empty(shape.size)
+        _density(shape, at, self.shape, self.p, self.triangles, out)
         return out
-
-    def shape_of(self, form: Form) -> int:
-        """Return the number of the shape of a form; -1: there is none."""
-        shape = _shape(form)
-        return self.shapes.index(shape) if shape in self.shapes else -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +117,10 @@ class Region(NotebookView):
 
     def holds(self, form: Form, x_m: float, y_m: float, contrast: float = 1.0) -> bool:
         """Return whether damage of this form and contrast, with its centre there, is in the region."""
-        shape = np.array([self.posterior.shape_of(form)])
-        at = (np.array([value]) for value in (x_m, y_m, np.log(form.longest_m), contrast))
-        return bool(self.posterior.density(Places(shape, *at))[0] >= self.least)
+        shape, shapes = _shape(form), self.posterior.shapes
+        index = np.array([shapes.index(shape) if shape in shapes else -1])
+        at = np.array([[x_m], [y_m], [np.log(form.longest_m)], [contrast]])
+        return bool(self.posterior.density(index, at)[0] >= self.least)
 
 
 def _shape(form: Form) -> tuple[bool, float]:
@@ -157,10 +142,8 @@ def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDAr
     forms, form = patches.forms, patches.form[patch]
     shapes = tuple(dict.fromkeys(map(_shape, forms)))
     step_m = np.array([one.step_m for one in forms])[form]
-    x_m, y_m = (
-        (patches.left_m + 0.5 * patches.width_m)[patch],
-        (patches.bottom_m + 0.5 * patches.height_m)[patch],
-    )
+    x_m = (patches.left_m + 0.5 * patches.width_m)[patch]
+    y_m = (patches.bottom_m + 0.5 * patches.height_m)[patch]
     sizes, contrasts = np.array([_size_ends(one, forms) for one in forms]), _ends(np.array(strengths), 0.25)
     contrasts[:, 2] = np.minimum(contrasts[:, 2], np.maximum(1.0, contrasts[:, 1]))
     triangles = [
@@ -215,10 +198,10 @@ def _ends(at: Floats, alone: float) -> Floats:
 
 def region_of(posterior: Posterior, *, seed: int = 1) -> Region:
     """Return the joint credible region of a patch."""
-    drawn = posterior.drawn(generator(seed, "density of damage"), DRAWN)
-    density = posterior.density(drawn)
+    shape, at = posterior.drawn(generator(seed, "density of damage"), DRAWN)
+    density = posterior.density(shape, at)
     least = float(np.quantile(density, 1.0 - HELD))
-    x_m, y_m, log_size, contrast = (column[density >= least] for column in drawn[1:])
+    x_m, y_m, log_size, contrast = at[:, density >= least]
     cells = np.unique(np.stack([np.floor(x_m / CELL_M), np.floor(y_m / CELL_M)]), axis=1)
     size_m = np.exp(log_size)
     return Region(

@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.displayed import html_view
+from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
@@ -55,14 +55,12 @@ FEWEST: Final = 20
 """With fewer samples nothing is said."""
 
 
+@viewed
 class Draw(NamedTuple):
     """A law fitted to a resampled reference, and what samples measure that this reference has not seen."""
 
     judge: Sensor
     truth: Sensor
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +83,7 @@ class Law(NotebookView):
     """Grid of the floor, if the scenario states the law: that of a sensor that measures at each place depends on it."""
 
 
+@viewed
 class PlaceErrors(NamedTuple):
     """How wrong estimated places are, known in simulations only."""
 
@@ -92,9 +91,6 @@ class PlaceErrors(NamedTuple):
     """Correlation of the errors of a robot's consecutive samples."""
     within: tuple[float, float, float]
     """Shares of errors within 1, 2 and 4 stated standard deviations in x and y; .68, .95 and 1.00 expected."""
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +139,19 @@ class Samples(NotebookView):
                 "its size, the units and the origin (its lower left corner) right?",
                 field=self.source,
             )
+
+    @property
+    def grid(self) -> Floor:
+        """The grid of tiles.
+
+        Raises:
+            InputError: there is no grid.
+        """
+        if self.floor is None:
+            raise InputError(
+                "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
+            )
+        return self.floor
 
     @property
     def hash(self) -> str:

@@ -31,7 +31,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit
 
 from vibroswarm.core.jit import inner, kernel
-from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.strategies.place_map import share_place
 
@@ -46,7 +45,7 @@ LARGEST: Final = 1e200
 
 
 class Ground(NamedTuple):
-    """The grid, under the names by which ``place_map`` reads what a robot knows of it."""
+    """The grid, and how far beyond its edges a tile is felt, under the names by which ``place_map`` reads them."""
 
     rows: int
     columns: int
@@ -54,11 +53,6 @@ class Ground(NamedTuple):
     tile_height_m: float
     left_m: float
     bottom_m: float
-
-
-class Reach(NamedTuple):
-    """How far beyond its edges a tile is felt."""
-
     edge_reach_m: float
 
 
@@ -88,7 +82,7 @@ class Room(NamedTuple):
 @kernel
 def _share_places(
     tile: Integers, x_m: Floats, y_m: Floats, spread_x_m: Floats, spread_y_m: Floats,
-    p: Reach, w: Any, box: Integers, of_column: Floats, of_row: Floats, of_all: Floats,
+    ground: Any, box: Integers, of_column: Floats, of_row: Floats, of_all: Floats,
 ) -> None:  # fmt: skip
     """Write the shares of each place.
 
@@ -97,14 +91,16 @@ def _share_places(
     """
     for s in range(tile.size):
         if tile[s] >= 0:
-            row, column = tile[s] // w.columns, tile[s] % w.columns
+            row, column = tile[s] // ground.columns, tile[s] % ground.columns
             box[s, 0], box[s, 1], box[s, 2], box[s, 3] = column, column, row, row
             of_column[s, 2 * column], of_row[s, 2 * row] = 1.0, 1.0
         elif tile[s] == -1:
             box[s, 0], box[s, 1], box[s, 2], box[s, 3] = 0, -1, 0, -1
         else:
             room = Room(of_column[s], of_row[s], of_all)
-            left, right, upper, lower = share_place(room, x_m[s], y_m[s], spread_x_m[s], spread_y_m[s], p, w)
+            left, right, upper, lower = share_place(
+                room, x_m[s], y_m[s], spread_x_m[s], spread_y_m[s], ground, ground
+            )
             box[s, 0], box[s, 1], box[s, 2], box[s, 3] = left, right, upper, lower
             for c in range(2 * left, 2 * right + 2):
                 of_column[s, c] /= of_all[0]
@@ -221,8 +217,7 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
         InputError: there is no grid.
     """
     at, ends = place_shares(samples), ends_of(samples, times_s)
-    assert samples.floor is not None
-    rows, columns = samples.floor.tiles.shape
+    rows, columns = samples.grid.tiles.shape
     out, room, sites = (
         np.empty((ends.size, rows * columns)),
         np.empty((4, rows * columns)),
@@ -245,22 +240,16 @@ def place_shares(samples: Samples) -> Shares:
     Raises:
         InputError: there is no grid.
     """
-    if samples.floor is None:
-        raise InputError(
-            "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
-        )
-    rows, columns, *position = samples.floor.geometry
-    ground, sensor = Ground(int(rows), int(columns), *position), samples.law.sensor
+    sensor = samples.law.sensor
+    reach_m = max(sensor.edge_reach_m or 0.0, 0.0)
+    ground = Ground(*samples.grid.geometry, reach_m)
     x_m, y_m, blur_m = samples.column("x_m"), samples.column("y_m"), sensor.edge_blur_m or 0.0
     spread_x_m, spread_y_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
-    reach_m = max(sensor.edge_reach_m or 0.0, 0.0)
     is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (reach_m == 0.0)
-    tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -2).astype(np.int64)
+    tile = np.where(is_exact, samples.grid.tile_at(x_m, y_m), -2).astype(np.int64)
     box = np.empty((tile.size, 4), dtype=np.int64)
     of_column, of_row = np.zeros((tile.size, 2 * ground.columns)), np.zeros((tile.size, 2 * ground.rows))
-    _share_places(
-        tile, x_m, y_m, spread_x_m, spread_y_m, Reach(reach_m), ground, box, of_column, of_row, np.empty(1)
-    )
+    _share_places(tile, x_m, y_m, spread_x_m, spread_y_m, ground, box, of_column, of_row, np.empty(1))
     touched = (box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1)
     return Shares(box, of_column, of_row, np.append(0, np.cumsum(touched)), reach_m > 0.0)
 
@@ -272,8 +261,7 @@ def felt_on(samples: Samples, p: Floats) -> Floats:
         p: probability that each tile vibrates, (tiles,).
     """
     at = place_shares(samples)
-    assert samples.floor is not None
-    quiet = 1.0 - p.reshape(samples.floor.tiles.shape)
+    quiet = 1.0 - p.reshape(samples.grid.tiles.shape)
     rows, columns = (at.of_row[:, ::2], at.of_row[:, 1:-1:2]), (at.of_column[:, ::2], at.of_column[:, 1:-1:2])
     still = (rows[0] @ quiet * columns[0]).sum(axis=1)
     if at.has_strips:
