@@ -9,7 +9,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.localisation.odometry import ODOMETER, known_moves, measure_moves
+from vibroswarm.localisation.locate import estimate
+from vibroswarm.localisation.odometry import ODOMETER, measure_moves
 from vibroswarm.motion.source import ENDS, MOVES
 from vibroswarm.scenario.scenario import Scenario
 
@@ -166,7 +167,7 @@ def test_noise_is_addressed() -> None:
 
 def test_without_moves_it_is_refused() -> None:
     with pytest.raises(InputError, match=r"localisation\.method.*simulate with moves"):
-        known_moves(None)
+        estimate(Scenario(), 1, pl.DataFrame(), np.empty(0), np.empty(0), None, pl.DataFrame(schema=ENDS))
 
 
 def test_a_bias_measured_at_stops_is_subtracted_as_its_mean() -> None:

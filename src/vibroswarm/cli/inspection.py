@@ -13,7 +13,7 @@ from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import make_folder
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
@@ -43,7 +43,7 @@ class Evidence:
     ] = None
     bits: Annotated[bool, Option("use readings of 0 and 1 in the place of energies")] = False
     size: Annotated[
-        tuple[float, ...] | None, Option("of a CSV: width and height of the surface, m", "WxH", read=size)
+        tuple[float, float] | None, Option("of a CSV: width and height of the surface, m", "WxH", read=size)
     ] = None
     spread_mm: Annotated[
         float, Option("of a CSV, or seen by a camera: standard deviation of places", "MM", low=0)
@@ -262,15 +262,12 @@ def _inspected(
             "has its own floor; leave --floor and --tiles out",
         )
         return inspect_source(source, **known)
-    width, height = evidence.size or (None, None)
-    size_m = None if width is None or height is None else (width, height)
-    floor = _floor_of(scenario, size_m)
-    return inspect_source(source, size_m=size_m, floor=floor, **known)
+    floor = _floor_of(scenario, evidence.size)
+    return inspect_source(source, size_m=evidence.size, floor=floor, **known)
 
 
 def _asked(damage: Damage) -> dict[str, Any]:
     """Return the question about damage as keywords of ``inspect``; the question is None if it was not asked."""
-    from vibroswarm.errors import check_choice
     from vibroswarm.inspection.damage import SHAPES
     from vibroswarm.inspection.patches import SIZES_M
     from vibroswarm.inspection.stopping import Question
@@ -286,8 +283,7 @@ def _asked(damage: Damage) -> dict[str, Any]:
     )
     for shape in damage.shapes:
         check_choice(shape, "--shapes", SHAPES)
-    is_asked = damage.damage or damage.strict or damage.sizes is not None or question != Question()
-    is_asked = is_asked or damage.looks > 1 or damage.shapes != ("square",)
+    is_asked = replace(damage, replicates=Damage.replicates) != Damage()
     return {
         "question": question if is_asked else None,
         "sides_m": damage.sizes or SIZES_M,

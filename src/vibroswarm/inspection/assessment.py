@@ -8,7 +8,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value
@@ -44,8 +43,6 @@ RASTERS: Final = 6
 VISITED_M: Final = 0.1
 """Cells of this side are visited if a sample was taken in them."""
 
-Verdict = Literal["damage", "clear", "open"]
-
 
 @dataclass(frozen=True, eq=False)
 class Assessment(NotebookView):
@@ -73,7 +70,7 @@ class Assessment(NotebookView):
     """The weakest contrast that is found (``missed.weakest_found``); None: readings of classes, which have one."""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Literal["damage", "clear", "open"]:
         """Return "damage" if the scan calls it, "clear" if the told risk at the end is tolerated, otherwise "open"."""
         if self.scan.p_value <= self.scan.level:
             return "damage"
@@ -112,7 +109,8 @@ def assess(
         checks = law_checks(samples, by_tiles(samples), seed=seed)
     else:
         others = by_patches(samples, patches, shares, found.critical, question.prior)
-        checks = law_checks(samples, others, _away(samples, found), seed=seed)
+        away = np.all([~near(samples, box) for box in found.called_m], axis=0)  # from called damage
+        checks = law_checks(samples, others, away, seed=seed)
     known = samples, patches, shares, found.critical
     visited = _visited(samples)
     drawn: dict[str, Any] = {"seed": seed + 1, "looks": looks}
@@ -139,14 +137,6 @@ def assess(
         own,
         None if samples.law.bits else weakest_found(*known, false, **drawn),
     )
-
-
-def _away(samples: Samples, found: Scan) -> NDArray[np.bool_]:
-    """Return which samples are away from called damage."""
-    away = np.ones(samples.frame.height, dtype=bool)
-    for box in found.called_m:
-        away &= ~near(samples, box)
-    return away
 
 
 def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:

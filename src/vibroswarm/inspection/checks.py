@@ -73,16 +73,16 @@ LEAST_POWER: Final = 0.5
 
 
 def law_checks(
-    samples: Samples, others: Others, still: NDArray[np.bool_] | None = None, *, drawn: int = DRAWN, seed: int = 4
+    samples: Samples, others: Others, still: NDArray[np.bool_] | bool = True, *, drawn: int = DRAWN, seed: int = 4
 ) -> pl.DataFrame:  # fmt: skip
     """Return the checks of an inspection, with the columns of ``CHECKS``.
 
     Args:
         others: what the other robots say of the samples' places. still: which samples may be taken as on still places,
-            besides; None: all, by what the others say.
+            besides; True: all, by what the others say.
     """
     random = generator(seed, "checks of the law")
-    quiet = others.felt <= SURE if still is None else still & (others.felt <= SURE)
+    quiet = still & (others.felt <= SURE)
     known = quiet | (others.felt >= 1.0 - SURE)
     some = samples.with_frame(samples.frame.filter(pl.Series(known)))
     exact = not (samples.column("spread_x_m").any() or samples.column("spread_y_m").any())

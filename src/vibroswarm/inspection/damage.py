@@ -19,7 +19,7 @@ Tiles without a grid are squares of ``TILE_M``. Nothing varies with time: drift 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -256,6 +256,15 @@ def drawn_values(
     return values_where(
         random, samples, replicates, sensed(random, samples.law.sensor, patch, x_m, y_m), patch.contrast
     )
+
+
+def drawn_parts(
+    random: np.random.Generator, samples: Samples, replicates: int, patch: Patch | None = None, at_once: int = 256
+) -> Iterator[Floats]:  # fmt: skip
+    """Draw as ``drawn_values`` does, ``at_once`` replicates after the other, so that memory stays small."""
+    for begin in range(0, replicates, at_once):
+        part = None if patch is None else patch.some(slice(begin, begin + at_once))
+        yield drawn_values(random, samples, min(at_once, replicates - begin), part)
 
 
 def values_where(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,10 +65,11 @@ class Inspection(NotebookView):
         if self.pooled is None or self.samples.floor is None:
             return pl.DataFrame()
         each: list[tuple[int | None, Floats]] = [(None, self.pooled), *self.own.items()]
-        shape, vibrates = self.samples.floor.tiles.shape, self.vibrates
+        shape, vibrates = (-1, *self.samples.floor.tiles.shape), self.vibrates
         truth = pl.lit(None) if vibrates is None else pl.Series(vibrates.ravel())
         frames = [
-            _of_cells(robot, self.times_s, maps, shape).with_columns(vibrates=truth) for robot, maps in each
+            _of_cells(robot, self.times_s, maps.reshape(shape)).with_columns(vibrates=truth)
+            for robot, maps in each
         ]
         return pl.concat(frames).cast({"vibrates": pl.UInt8})
 
@@ -91,14 +92,9 @@ class Inspection(NotebookView):
         found = self.assessment
         if found is None:
             return pl.DataFrame()
-        shape = found.rasters.shape[1:]
         last_s = found.raster_times_s[-1:]
-        own = [
-            _of_cells(robot, last_s, cells.reshape(1, -1), shape)
-            for robot, cells in found.own_rasters.items()
-        ]
-        pooled = found.rasters.reshape(len(found.rasters), -1)
-        return pl.concat([_of_cells(None, found.raster_times_s, pooled, shape), *own])
+        own = [_of_cells(robot, last_s, cells[None]) for robot, cells in found.own_rasters.items()]
+        return pl.concat([_of_cells(None, found.raster_times_s, found.rasters), *own])
 
     @property
     def scores(self) -> pl.DataFrame:
@@ -119,16 +115,16 @@ class Inspection(NotebookView):
         return float(self.times_s[wrong[-1] + 1 if wrong.size else 0])
 
 
-def _of_cells(robot: int | None, times_s: Floats, maps: Floats, shape: tuple[int, ...]) -> pl.DataFrame:
+def _of_cells(robot: int | None, times_s: Floats, maps: Floats) -> pl.DataFrame:
     """Return maps as a table.
 
     Args:
-        robot: whose samples they are of; None: all. maps: (times, cells). shape: rows and columns of cells.
+        robot: whose samples they are of; None: all. maps: (times, rows, columns).
     """
-    row, column = (np.tile(index.ravel(), times_s.size) for index in np.indices(shape))
+    time, row, column = (index.ravel() for index in np.indices(maps.shape))
     return pl.DataFrame(
         {
-            "time_s": np.repeat(times_s, maps.shape[1]),
+            "time_s": times_s[time],
             "run": np.zeros(row.size, np.uint32),
             "robot": pl.Series([robot] * row.size, dtype=pl.UInt16),
             "row": row,
@@ -198,11 +194,9 @@ def inspect(
         for robot in samples.robots
         if len(samples.robots) > 1
     }
-    found = Inspection(samples, times_s, pooled, own, by_kind)
-    if question is None:
-        return found
     judged = samples if by_kind is None else any_but_still(samples)
-    return replace(found, assessment=assess(judged, question, **damage))
+    assessment = None if question is None else assess(judged, question, **damage)
+    return Inspection(samples, times_s, pooled, own, by_kind, assessment)
 
 
 def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:
@@ -269,6 +263,5 @@ def _of_csv(
         raise InputError("a CSV needs the size of the surface", field="--size")
     # Without a grid the question is always whether there is damage, and that needs the error of the law.
     law = _law_of(None, 0, laws, spreads, DRAWS if floor is None else draws)
-    if isinstance(floor, tuple):
-        return samples_of_csv(path, law, size_m, spread_m, grid_of(*floor, size_m))
-    return samples_of_csv(path, law, size_m, spread_m, floor, truth_known=floor is not None)
+    grid = grid_of(*floor, size_m) if isinstance(floor, tuple) else floor
+    return samples_of_csv(path, law, size_m, spread_m, grid, truth_known=isinstance(floor, Floor))

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inspection.patches import Patches
-from vibroswarm.inspection.patches import Shares as PatchShares
+from vibroswarm.inspection.patches import Patches, Shares
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, within
 from vibroswarm.inspection.sources import grid_of
@@ -101,9 +100,7 @@ def by_tiles(samples: Samples) -> Others:
     return _judged(samples, maps if len(maps) > 1 else {one: tile_map(samples, [np.inf])[0] for one in maps})
 
 
-def by_patches(
-    samples: Samples, patches: Patches, shares: PatchShares, critical: float, prior: float
-) -> Others:
+def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: float, prior: float) -> Others:
     """Return the maps of the others where there is no grid: rasters, with 0 away from the patches that they call.
 
     Args:

@@ -269,17 +269,14 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
     for j in range(first.size - 1):
         product[:] = 1.0
         total[:] = 0.0
-        since = 0
         for k in range(first[j], first[j + 1]):
             row, q = more[sample[k]], share[k]
             for b in range(replicates):
                 product[b] *= 1.0 + q * row[b]
-            since += 1
-            if since == FACTORS:
+            if (k + 1 - first[j]) % FACTORS == 0:
                 for b in range(replicates):
                     total[b] += np.log(product[b])
                     product[b] = 1.0
-                since = 0
         for b in range(replicates):
             out[j, b] = total[b] + np.log(product[b])
 

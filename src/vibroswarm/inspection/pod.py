@@ -22,12 +22,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import optimize
-from scipy.optimize import brentq, minimize_scalar
 from scipy.special import expit, logit, xlogy
 
 from vibroswarm.core.notebook_view import NotebookView
@@ -107,10 +105,8 @@ class _Trials:
     number: Floats
     p_f: float
     curve: _Curve
-
-    @cached_property
-    def g(self) -> Floats:
-        return np.asarray(self.curve.g(self.size_m))
+    g: Floats
+    """``curve.g`` of the sizes."""
 
     def pod(self, b0: float, b1: float, top: float) -> Floats:
         rise = self.curve.share(b0 + b1 * self.g)
@@ -172,7 +168,7 @@ class _Fit(NamedTuple):
         def excess(size_m: float) -> float:
             """Return twice the loss of log likelihood if a90 is this size, less what is allowed."""
             g = float(trials.curve.g(size_m))
-            found = minimize_scalar(
+            found = optimize.minimize_scalar(
                 lambda log: trials.penalised(x - np.exp(log) * g, np.exp(log), top),
                 bounds=(steep - 5.0, steep + 5.0), method="bounded", options={"xatol": 1e-5},
             )  # fmt: skip
@@ -184,7 +180,7 @@ class _Fit(NamedTuple):
         while high < 1.5 * trials.size_m[-1]:
             high *= 1.04
             if excess(high) > 0.0:
-                return float(brentq(excess, a90, high, xtol=1e-6))
+                return float(optimize.brentq(excess, a90, high, xtol=1e-6))
         return float("nan")
 
 
@@ -236,7 +232,8 @@ def fit_pod(
     p_f = false / intact if floor else 0.0
     fits = []
     for name in curves:
-        trials = _Trials(sizes, hits, number, p_f, _CURVES[name])
+        curve = _CURVES[name]
+        trials = _Trials(sizes, hits, number, p_f, curve, curve.g(sizes))
         ends = [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
         fits.append(min(ends, key=lambda fit: fit.aic))
     best = min(fits, key=lambda fit: fit.aic)

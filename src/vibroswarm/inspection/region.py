@@ -196,9 +196,9 @@ def _ends(at: Floats, alone: float) -> Floats:
     )
 
 
-def region_of(posterior: Posterior, *, seed: int = 1) -> Region:
+def region_of(posterior: Posterior) -> Region:
     """Return the joint credible region of a patch."""
-    shape, at = posterior.drawn(generator(seed, "density of damage"), DRAWN)
+    shape, at = posterior.drawn(generator(1, "density of damage"), DRAWN)
     density = posterior.density(shape, at)
     least = float(np.quantile(density, 1.0 - HELD))
     x_m, y_m, log_size, contrast = at[:, density >= least]

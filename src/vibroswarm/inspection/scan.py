@@ -25,7 +25,7 @@ from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import Patch
-from vibroswarm.inspection.damage import drawn_values, judged, ratios_at
+from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at
 from vibroswarm.inspection.patches import (
     Form,
     Patches,
@@ -250,13 +250,8 @@ def drawn_statistics(
     Args:
         damage: of each replicate; None: they are intact.
     """
-    parts = []
-    for begin in range(0, replicates, 256):  # so that memory stays small
-        end = min(begin + 256, replicates)
-        part = None if damage is None else damage.some(slice(begin, end))
-        values = drawn_values(random, samples, end - begin, part)
-        parts.append(statistic_of(samples, patches, shares, values, looks=looks))
-    return np.concatenate(parts)
+    parts = drawn_parts(random, samples, replicates, damage)
+    return np.concatenate([statistic_of(samples, patches, shares, part, looks=looks) for part in parts])
 
 
 def statistic_of(

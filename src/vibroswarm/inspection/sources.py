@@ -52,14 +52,14 @@ def samples_of_result(
     motion = result.motion.filter(of_run).select(*KEY, "time_s", "x_m", "y_m")
     if motion.is_empty():
         raise InputError(f"there is no run {run}, or it has no samples", field="--run")
-    if spread_m and (result.places is not None or _are_true(result, run)):
+    places, are_true = _known_from(result, run)
+    if spread_m and (result.places is not None or are_true):
         known = "true" if result.places is None else "estimated by the robots, which say how sure they are"
         raise InputError(f"is of the places of a camera or a CSV; these are {known}", field="--spread-mm")
-    frame, places = _with_places(result, motion, of_run, spread_m)
-    is_seen = not isinstance(result, Recording) or result.is_tracked(run)
-    errors = _place_errors(frame, motion) if result.places is not None and is_seen else None
+    frame = _with_places(result, motion, of_run, spread_m)
+    errors = _place_errors(frame, motion) if result.places is not None and are_true else None
     truth = motion.select(*KEY, true_x_m="x_m", true_y_m="y_m")
-    if not (_are_true(result, run) if result.places is None else is_seen):
+    if not are_true:
         truth = truth.with_columns(true_x_m=None, true_y_m=None)
     frame = frame.join(truth, on=KEY, maintain_order="left")
     many = law.law.sensor.kinds > 2
@@ -116,44 +116,33 @@ def _values(result: Result, of_run: pl.Expr, bits: bool) -> pl.DataFrame:
     return read
 
 
-def _with_places(
-    result: Result, motion: pl.DataFrame, of_run: pl.Expr, spread_m: float
-) -> tuple[pl.DataFrame, str]:
-    """Return samples with places, spreads and the time from which they count; and how places are known, in words."""
+def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr, spread_m: float) -> pl.DataFrame:
+    """Return samples with places, spreads and the time from which they count."""
     if result.places is None:
-        stated = pl.lit(spread_m)
-        return motion.with_columns(spread_x_m=stated, spread_y_m=stated), _known_from(
-            result, int(motion["run"][0])
-        )
+        return motion.with_columns(spread_x_m=pl.lit(spread_m), spread_y_m=pl.lit(spread_m))
     own = result.places.filter(of_run)
     at_once = own.select(*KEY, "x_m", "y_m", spread_x_m="spread_m", spread_y_m="spread_m")
-    later = own.filter(pl.col("lagged_sample").is_not_null()).join(
-        motion.select(*KEY, "time_s"), on=KEY, maintain_order="left"
-    )
-    later = later.select(
-        "run", "robot", "time_s",
-        sample=pl.col("lagged_sample"),
-        **{name: pl.col(f"lagged_{name}") for name in ("x_m", "y_m", "spread_x_m", "spread_y_m")},
-    )  # fmt: skip
-    last = motion.select(*KEY, "time_s").join(later, on=KEY, how="anti").join(at_once, on=KEY)
     names = [*KEY, "time_s", "x_m", "y_m", "spread_x_m", "spread_y_m"]
-    return pl.concat([later.select(names), last.select(names)]), "estimated by the robots"
+    later = (
+        own.filter(pl.col("lagged_sample").is_not_null())
+        .join(motion.select(*KEY, "time_s"), on=KEY, maintain_order="left")
+        .select("run", "robot", "time_s", pl.col("^lagged_.*$").name.replace("^lagged_", ""))
+    )
+    last = motion.select(*KEY, "time_s").join(later, on=KEY, how="anti").join(at_once, on=KEY)
+    return pl.concat([later.select(names), last.select(names)])
 
 
-def _known_from(result: Result, run: int) -> str:
-    """Return how the places of a result are known whose robots do not estimate them, in words."""
-    if _are_true(result, run):
-        of = " of the study's simulator" if isinstance(result, Recording) else ""
-        return f"true places{of}, which no real robot knows: an upper bound"
-    assert isinstance(result, Recording)
-    return "seen by a camera" if result.is_tracked(run) else "as its log has them"
-
-
-def _are_true(result: Result, run: int) -> bool:
-    """Return whether the places of motion are true: of a simulator, ours or that of the study."""
+def _known_from(result: Result, run: int) -> tuple[str, bool]:
+    """Return how places are known, in words, and whether those of motion are taken as the true ones."""
+    if result.places is not None:
+        return "estimated by the robots", not isinstance(result, Recording) or result.is_tracked(run)
     if not isinstance(result, Recording):
-        return True
-    return not result.is_tracked(run) and bool(result.sessions[run]["reader"] == "webots")
+        return "true places, which no real robot knows: an upper bound", True
+    if result.is_tracked(run):
+        return "seen by a camera", False
+    if result.sessions[run]["reader"] == "webots":
+        return "true places of the study's simulator, which no real robot knows: an upper bound", True
+    return "as its log has them", False
 
 
 def _samples(
@@ -188,12 +177,9 @@ def _vibrating(floor: Floor) -> Floor:
     return replace(floor, tiles=np.minimum(floor.tiles, 1), changes=changes)
 
 
-UNITS: Final = {
-    "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0,
-}  # fmt: skip
-"""Units of lengths, then of times, and how many m or s each is."""
-LENGTHS: Final = ("m", "cm", "mm", "in", "ft")
-TIMES: Final = ("s", "ms", "min", "h")
+LENGTHS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+TIMES: Final = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
+"""Units, and how many m or s each is."""
 VALUES: Final = ("value", "energy", "rms")
 """Names of the column of values."""
 
@@ -219,9 +205,7 @@ def samples_of_csv(
         InputError: the file cannot be read, a column is missing, or places are in two units.
     """
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
-    column_map = _column_map(table.columns, path)
-    log = read_mapped(path, column_map)
-    one = pl.lit(spread_m)
+    log = read_mapped(path, _column_map(table.columns, path))
     frame = log.samples.select(
         pl.col("robot").fill_null(0),
         "time_s",
@@ -229,18 +213,18 @@ def samples_of_csv(
         "y_m",
         true_x_m=None,
         true_y_m=None,
-        spread_x_m=one,
-        spread_y_m=one,
+        spread_x_m=pl.lit(spread_m),
+        spread_y_m=pl.lit(spread_m),
         value="energy",
     ).sort("time_s", "robot")
     exact = (
         "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {stated(1000 * spread_m)} mm"
     )
     places = f"as the file has them, {exact}"
-    own = session_hash(frame["value"].to_numpy())
     found = _samples(
-        frame, size_m, law, places, f"'{path.name}'", floor, False, truth_known=truth_known, own=own
-    )
+        frame, size_m, law, places, f"'{path.name}'", floor, False,
+        truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
+    )  # fmt: skip
     return replace(found, left_out=log.tracks.height)
 
 
@@ -248,14 +232,13 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
     """Return how to read a CSV from the names of its columns, whose ends are units."""
     found: dict[str, Column] = {}
     lower = {name: name.strip().lower() for name in names}
-    for use, units in (("time", TIMES), ("x", LENGTHS), ("y", LENGTHS)):
+    for use, units, column in (("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m")):
         fitting = [
             (name, match[1]) for name, word in lower.items() if (match := re.fullmatch(rf"{use}_(\w+)", word))
         ]
         if not fitting:
-            example = f"{use}_{units[0]}"
             raise InputError(
-                f"has no column for {use} with its unit, such as {example} (units: {', '.join(units)}); "
+                f"has no column for {use} with its unit, such as {column} (units: {', '.join(units)}); "
                 f"it has {', '.join(names[:12])}",
                 field=str(path),
             )
@@ -269,7 +252,7 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
             raise InputError(
                 f"'{unit}' is not a unit of {use}; use {', '.join(units)}", field=f"{path}, {name}"
             )
-        found[f"{use}_{units[0]}"] = Column(name, times=UNITS[unit])
+        found[column] = Column(name, times=units[unit])
     x, y = (lower[found[name].name].rpartition("_")[2] for name in ("x_m", "y_m"))
     if x != y:
         raise InputError(f"has x in {x} and y in {y}; give both in one unit", field=str(path))

@@ -31,7 +31,7 @@ from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import place_within
-from vibroswarm.inspection.damage import contrast_ratios, drawn_values, judged, patch_of, random_places
+from vibroswarm.inspection.damage import contrast_ratios, drawn_parts, judged, patch_of, random_places
 from vibroswarm.inspection.patches import Patches, Shares, ratios_at_looks, shares_of, told_risk
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import looks_of
@@ -214,23 +214,18 @@ def _told_of_damage(
         of_robots: how many surfaces are also judged by the robots.
     Returns: the least told risk over all looks, that at the end, and the least told risk of the robot with the largest.
     """
-    question, least, at_end, by_robots = rule.question, [], [], []
-    for begin in range(0, x_m.size, 250):  # so that memory stays small
-        part = slice(begin, begin + 250)
-        patch = patch_of(x_m[part], y_m[part], question.least_m, min(question.contrasts))
-        values = drawn_values(random, rule.samples, patch.x_m.size, patch)
+    least, at_end, by_robots = [], [], [np.empty(0)]
+    damage = patch_of(x_m, y_m, rule.question.least_m, min(rule.question.contrasts))
+    for values in drawn_parts(random, rule.samples, x_m.size, damage, 250):
         told = rule.told(values, drawn=True)
         least.append(told.min(axis=0))
         at_end.append(told[-1])
-        some = values[:, : max(of_robots - begin, 0)]
+        some = values[:, : max(of_robots, 0)]
+        of_robots -= values.shape[1]
         if some.shape[1]:
             heard = _heard(rule, lost, some.shape[1])
             by_robots.append(np.max([rule.told(some, one, drawn=True).min(axis=0) for one in heard], axis=0))
-    return (
-        np.concatenate(least),
-        np.concatenate(at_end),
-        np.concatenate(by_robots) if by_robots else np.empty(0),
-    )
+    return np.concatenate(least), np.concatenate(at_end), np.concatenate(by_robots)
 
 
 def _in_worst_block(

@@ -37,7 +37,8 @@ from vibroswarm.core.rng import (
     OF_TOLD_Y,
     uniform,
 )
-from vibroswarm.localisation.odometry import known_moves, measure_moves, normal
+from vibroswarm.errors import InputError
+from vibroswarm.localisation.odometry import measure_moves, normal
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
 from vibroswarm.robot.place_draws import Paths, begin_paths, draw_places, empty_paths, width_of
@@ -49,7 +50,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 ROBOTS_FACTOR: Final = 6.0
 """Factor by which robots assume to meet more robots than chords of straight drives would."""
-PLACES: Final[dict[str, Any]] = {
+PLACES: Final[Any] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
     "sample": pl.UInt32,
@@ -91,15 +92,10 @@ def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.Dat
         samples: run, robot and sample of each row. estimates: (samples, 9 or more): columns of ``ESTIMATE``; further
             columns (draws of places) are ignored.
     """
-    columns = [samples[name] for name in ("run", "robot", "sample")]
     # ``lagged_sample`` is -1 in a robot's first samples, when there is no sample ``lag`` ago yet.
-    has_no_lagged = estimates[:, ESTIMATE.index("lagged_sample")] < 0.0
-    for k, name in enumerate(ESTIMATE):
-        values = (
-            np.where(has_no_lagged, np.nan, estimates[:, k]) if name.startswith("lagged") else estimates[:, k]
-        )
-        columns.append(pl.Series(name, values, nan_to_null=True).cast(PLACES[name]))
-    return pl.DataFrame(columns)
+    lagged = pl.when(pl.col("lagged_sample") >= 0.0).then(pl.col("^lagged_.*$"))
+    frame = pl.DataFrame(estimates[:, : len(ESTIMATE)], schema=list(ESTIMATE)).with_columns(lagged)
+    return samples.select("run", "robot", "sample").hstack(frame.fill_nan(None)).cast(PLACES)
 
 
 def is_estimated(scenario: Scenario) -> bool:
@@ -144,19 +140,22 @@ def estimate(
     Raises:
         InputError: the motion has no table of moves.
     """
-    moves, robots = known_moves(moves), scenario.swarm.robots
+    if moves is None:
+        raise InputError(
+            "robots that estimate their places need the moves, which this motion lacks; "
+            "simulate with moves, or set it to 'true' (true places: an upper bound)",
+            field="localisation.method",
+        )
+    robots = scenario.swarm.robots
     odometer = measure_moves(scenario, seed, moves, ends)
     # Each robot's first move begins at its pose at time 0.
     starts = moves.group_by("run", "robot", maintain_order=True).first().sort("run", "robot")
-    draws = draws_read(scenario)
-    out = np.full((samples.height, len(ESTIMATE) + width_of(draws)), np.nan)
+    out = np.full((samples.height, len(ESTIMATE) + width_of(draws_read(scenario))), np.nan)
     # Agent of each sample (``whose``), of each row of the odometer (``moved``), and all agents in order.
     whose = samples["run"].to_numpy().astype(np.int64) * robots + samples["robot"].to_numpy()
     rows = np.argsort(whose, kind="stable")  # samples by agent and, for each agent, in order of time
     moved = odometer["run"].to_numpy().astype(np.int64) * robots + odometer["robot"].to_numpy()
     agents = starts["run"].to_numpy().astype(np.int64) * robots + starts["robot"].to_numpy()
-    method = scenario.place_method  # the methods other than "mixture" have a single Gaussian
-    components = scenario.localisation.components if method == "mixture" else 1
     kind = odometer["kind"].to_physical().to_numpy().astype(np.int64)  # indices into walk.KINDS
     # The last arguments of ``locate_robots``, in its order.
     columns = [kind, *(odometer[name].to_numpy() for name in ("start_s", "duration_s", "gyro_rad", "ray_m"))]
@@ -168,16 +167,13 @@ def estimate(
     bounds = np.stack(
         [np.searchsorted(of, agents + after) for of in (moved, whose[rows]) for after in (0, 1)], axis=1
     )
-    mixture, program = empty_mixture(components, scenario.localisation.lag, draws > 0), program_of(scenario)
-    paths = empty_paths(draws, components)
-    forward_m = ray_forward_m(scenario)
+    memory, program, forward_m = empty_memory(scenario), program_of(scenario), ray_forward_m(scenario)
     # Robots whose rays begin equally far ahead have the same program, so they are one call. of: indices of their agents
     # in ``agents``.
     for each_m in np.unique(forward_m):
         of = np.flatnonzero(forward_m[agents % robots] == each_m)
         locate_robots(
-            mixture,
-            paths,
+            *memory,
             program._replace(ray_forward_m=float(each_m)),
             seed,
             robots,
@@ -191,6 +187,14 @@ def estimate(
             *(read_only(column) for column in columns),
         )
     return out
+
+
+def empty_memory(scenario: Scenario) -> tuple[Mixture, Paths]:
+    """Allocate the memory of one robot's filter, and of its draws."""
+    draws = draws_read(scenario)
+    # The methods other than "mixture" have a single Gaussian.
+    components = scenario.localisation.components if scenario.place_method == "mixture" else 1
+    return empty_mixture(components, scenario.localisation.lag, draws > 0), empty_paths(draws, components)
 
 
 def ray_forward_m(scenario: Scenario) -> NDArray[np.float64]:

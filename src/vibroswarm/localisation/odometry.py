@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel, inlined
 from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_RAY, OF_REZERO, OF_SCALE, uniform
-from vibroswarm.errors import InputError
 from vibroswarm.motion.source import MOVES
 from vibroswarm.robot.walk import DRIVE, KINDS, STOP
 from vibroswarm.scenario.scenario import Scenario
@@ -50,21 +49,6 @@ def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int)
     """
     radius = math.sqrt(-2.0 * math.log(uniform(seed, run, robot, purpose, index, peer)))
     return radius * math.cos(2.0 * math.pi * uniform(seed, run, robot, purpose, index, peer + 1))
-
-
-def known_moves(moves: pl.DataFrame | None) -> pl.DataFrame:
-    """Return ``moves``, the table of moves of a motion, unless it is missing.
-
-    Raises:
-        InputError: ``moves`` is None, as some motions have no such table.
-    """
-    if moves is None:
-        raise InputError(
-            "robots that estimate their places need the moves, which this motion lacks; "
-            "simulate with moves, or set it to 'true' (true places: an upper bound)",
-            field="localisation.method",
-        )
-    return moves
 
 
 def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.DataFrame) -> pl.DataFrame:

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
-from vibroswarm.localisation.locate import draws_read, locate_robots, program_of, ray_forward_m
+from vibroswarm.localisation.locate import empty_memory, locate_robots, program_of, ray_forward_m
 from vibroswarm.localisation.odometry import gyro_errors, gyro_readings, measured_rays, merged_moves
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.moves import MOVE_ROW
 from vibroswarm.motion.recorder import joined
-from vibroswarm.robot.place_draws import empty_paths
-from vibroswarm.robot.pose_mixture import empty_mixture
 from vibroswarm.scenario.scenario import Scenario
 
 
@@ -31,16 +29,11 @@ class OnlineLocalisation:
         Args:
             seed: seed of the runs.
         """
-        self.scenario = scenario
-        robots, told = scenario.swarm.robots, scenario.localisation  # told: the fields of what robots assume
-        components = told.components if scenario.place_method == "mixture" else 1
+        self.scenario, self.seed, self.robots = scenario, seed, scenario.swarm.robots
+        self.tick_ms, self.errors = scenario.run.control_period_ms, gyro_errors(scenario)
+        self.memory = [empty_memory(scenario) for _ in range(self.robots)]
         program, forward_m = program_of(scenario), ray_forward_m(scenario)
         self.programs = [program._replace(ray_forward_m=float(each_m)) for each_m in forward_m]
-        draws = draws_read(scenario)
-        self.filters = [empty_mixture(components, told.lag, draws > 0) for _ in range(robots)]
-        self.paths = [empty_paths(draws, components) for _ in range(robots)]
-        self.errors, self.tick_s = gyro_errors(scenario), scenario.tick_s
-        self.tick_ms, self.robots, self.seed = scenario.run.control_period_ms, robots, seed
 
     def begin(self, run: int) -> None:
         """Set the state to the start of a run.
@@ -148,8 +141,7 @@ class OnlineLocalisation:
         # is wrapped as in the table of moves, from which ``locate.estimate`` takes it.
         pose = (float(rows["x_m"][0]), float(rows["y_m"][0]), wrapped_rad(float(rows["heading_rad"][0])))
         locate_robots(
-            self.filters[i],
-            self.paths[i],
+            *self.memory[i],
             self.programs[i],
             self.seed,
             self.robots,
@@ -158,7 +150,7 @@ class OnlineLocalisation:
             read_only(np.array([[0, count, 0, of.size]])),  # all these moves, and all samples of ``of``
             not self.begun[i],  # from_start
             self.sampled_s[i],
-            self.tick_s,
+            self.scenario.tick_s,
             out,
             *(read_only(column) for column in (kind[first], start_s, duration_s, gyro_rad, rays_m)),
             *(read_only(column) for column in (of, stop_s, time_s)),
