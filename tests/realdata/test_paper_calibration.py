@@ -32,10 +32,10 @@ def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> Non
     states = made.tables["states"].filter(pl.col("source") == "real robots")
     assert states["avoiding"].mean() == pytest.approx(0.127, abs=0.005)
     assert states["sensing"].mean() == pytest.approx(0.302, abs=0.005)
-    pictures = {picture.name: picture for picture in made.item.pictures(made.tables, settings)}
+    pictures = {picture.figure.name: picture.figure for picture in made.item.pictures(made.tables, settings)}
     assert len(pictures) == 8
     for name in ("calibration-still", "calibration-places"):
-        assert pictures[name].draw(style="column").numbers.height > 0
+        assert pictures[name].draw("column").numbers.height > 0
 
 
 @pytest.mark.slow

@@ -103,11 +103,11 @@ def test_the_tables_that_are_shown_are_there_with_their_columns(tables: dict[str
 def test_pictures_have_names_of_their_own_and_can_be_drawn(name: str, tables: dict[str, Tables]) -> None:
     item = next(item for item in all_items() if item.name == name)
     pictures = list(item.pictures(tables[name], SETTINGS))
-    names = [picture.name for picture in pictures]
+    names = [picture.figure.name for picture in pictures]
     assert len(set(names)) == len(names)
     assert bool(names) == (name != "difficulty")
     if pictures:
-        drawn = pictures[-1].draw(style="column")
+        drawn = pictures[-1].figure.draw("column")
         assert drawn.numbers.height > 0
         assert drawn.svg().startswith("<?xml")
 

@@ -193,7 +193,7 @@ def test_the_command_below_the_example_run_makes_its_scenario() -> None:
     settings = Settings(runs=2, columns=("text", "paper"), control="threshold", seed=5)
     samples = pl.DataFrame({"x": [1.0]})
     (picture,) = example_run.pictures({"samples": samples}, settings)
-    _, command, _ = picture.draw(style="column").caption.split("`")
+    _, command, _ = picture.figure.draw("column").caption.split("`")
     run, values = parsed(shlex.split(command)[1:])
     arguments = bound(run.function(), vars(values)).arguments["scenario"]
     assert scenario_from(arguments).hash == example_run.example(settings).scenario.hash

@@ -5,8 +5,7 @@ A column of the reproduction is a preset.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import polars as pl
@@ -15,10 +14,10 @@ from vibroswarm.core.numbers import count
 from vibroswarm.documents.knowledge import told
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
 from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
-from vibroswarm.paper.item import Drawn, Picture, Settings, TableView
+from vibroswarm.paper.item import Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
-from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, Tone
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, Tone
 from vibroswarm.simulation import versions
 
 ROWS_IN_SIGHT: Final = 12
@@ -64,21 +63,15 @@ def _counts(decided: Sequence[Decided]) -> list[str]:
     """Return a sentence for each preset on how many of the paper's claims have which verdict."""
     sentences = []
     for column in COLUMNS:
-        of_column = [one for one in decided if one.column == column]
-        claims = [one.verdict for one in of_column if one.claim.kind == "claim"]
-        checks = [one.verdict for one in of_column if one.claim.kind == "check"]
-        parts = [f"of {count(len(claims), 'claim')} {_counted(claims, VERDICTS)}"] if claims else []
-        # a check passes or fails, since no run could turn it
-        parts += (
-            [f"of {count(len(checks), 'check')} {_counted(checks, tuple(CHECKED.values()))}"]
-            if checks
-            else []
-        )
+        parts = []
+        for kind, words in (("claim", VERDICTS), ("check", CHECKED.values())):
+            found = [one.verdict for one in decided if one.column == column and one.claim.kind == kind]
+            parts += [f"of {count(len(found), kind)} {_counted(found, words)}"] if found else []
         sentences += [f"Preset {column}: {'; '.join(parts)}."] if parts else []
     return sentences
 
 
-def _counted(found: Sequence[str], words: Sequence[str]) -> str:
+def _counted(found: Sequence[str], words: Iterable[str]) -> str:
     """Write how often each word was found, in the order of ``words``: ``3 reproduced, 1 inconclusive``."""
     return ", ".join(f"{found.count(word)} {word}" for word in dict.fromkeys(words) if word in found)
 
@@ -200,19 +193,19 @@ def _item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> Se
         *about,
         *_claims_of_item(one, decided, settings),
         *(table for table in tables if table.frame.height <= in_sight),
-        *(_figure(picture) for picture in pictures if not picture.folded),
+        *(picture.figure for picture in pictures if not picture.folded),
     ]
     if long := tuple(table for table in tables if table.frame.height > in_sight):
         parts.append(Section("All numbers", long, folded=True))
-    if others := tuple(_figure(picture) for picture in pictures if picture.folded):
+    if others := tuple(picture.figure for picture in pictures if picture.folded):
         parts.append(Section("Pictures of the other presets", others, folded=True, side_by_side=True))
     return Section(title, tuple(parts), wide=True, side_by_side=len(pictures) > 1)
 
 
 def _claims_of_item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> list[Table]:
     frame = _claims_in_words(decided, settings, [one.item.name])
-    caption = "Claims, with the measured value and its corrected interval, or the range of several."
-    caption = f"{caption} {_command(one, settings)}"
+    words = "Claims, with the measured value and its corrected interval, or the range of several."
+    caption = f"{words} {_command(one, settings)}"
     return [] if frame is None else [Table(frame.drop("id"), _CLAIMS, caption, f"{one.item.name}-claims")]
 
 
@@ -244,11 +237,3 @@ def _table(frame: pl.DataFrame, view: TableView, name: str, command: str) -> Tab
     columns = {title: column for title, column in view.columns.items() if title in frame.columns}
     limits = [end for column in columns.values() for end in column.limits or ()]
     return Table(frame.select(*columns, *limits), columns, caption, name)
-
-
-def _figure(picture: Picture) -> Figure:
-    return Figure(picture.name, partial(_draw, picture), picture.title, on_page="column")
-
-
-def _draw(picture: Picture, style: str) -> Drawn:
-    return picture.draw(style=style)

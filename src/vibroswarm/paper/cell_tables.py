@@ -12,12 +12,11 @@ table has it in its column ``column``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.paper.item import Drawn, Picture, TableView
+from vibroswarm.paper.item import Picture, TableView, picture
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
@@ -161,44 +160,38 @@ def both_forms(
                 continue
             # The name of the figure in the file's name, without its unit (s or m).
             short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
-            draw = partial(draw_form, part, figure, label, form, x, series, x_label, constant)
-            yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw, folded=not is_first)
+            yield form_picture(
+                f"{name}-{column}-{short}-{form}", f"{column}: {title}", part, figure, label, form, x, series,
+                x_label=x_label, constant=constant, folded=not is_first,
+            )  # fmt: skip
 
 
-def draw_form(
+def form_picture(
+    name: str,
+    title: str,
     part: pl.DataFrame,
     figure: str,
     label: str,
     form: str,
     x: str,
     series: str | pl.Expr,
-    x_label: str = "",
-    constant: Sequence[str] = (),
-    *,
-    style: str,
-) -> Drawn:
-    """Draw a figure over ``x`` with a line for each value of ``series``, in the order in which the table has them.
+    **options: Any,
+) -> Picture:
+    """Return a picture of a figure over ``x`` with a line for each value of ``series``, in the order of the table.
 
     Args:
         part: table of cells of one column of the reproduction.
         figure: column of the table to draw. label: its label. form: "papers" or "proper", which decides the error bars.
-        x, x_label, constant: as for ``both_forms``. series: column, or an expression of each row's line.
+        x: as for ``both_forms``. series: column, or an expression of each row's line. options: of ``picture``, and of
+            ``draw_error_bars``.
     """
-    intervals = bars(part, figure) if form == "papers" else limits(part, figure)
-    frame = intervals.select("estimate", "low", "high", "runs", x=x, series=series)
-    interval = PAPERS_BAR if form == "papers" else "95 % interval"
-    # The figures robots_right, robots_wrong and robots_undecided are shares.
-    percent = figure.startswith("robots")
-    return draw_error_bars(
-        frame,
-        x_label=x_label,
+    is_papers = form == "papers"
+    intervals = bars(part, figure) if is_papers else limits(part, figure)
+    return picture(
+        name, title, draw_error_bars,
+        intervals.select("estimate", "low", "high", "runs", x=x, series=series),
         label=label,
-        interval=interval,
-        percent=percent,
-        constant=constant,
-        style=style,
-    )
-
-
-PAPERS_BAR: Final = "the paper's bar (sd over robots / root of runs)"
-"""Name of the paper's error bars in pictures."""
+        interval="the paper's bar (sd over robots / root of runs)" if is_papers else "95 % interval",
+        percent=figure.startswith("robots"),  # robots_right, robots_wrong and robots_undecided are shares
+        **options,
+    )  # fmt: skip

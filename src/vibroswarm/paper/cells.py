@@ -15,7 +15,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -34,9 +34,6 @@ from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 
-T = TypeVar("T")
-R = TypeVar("R")
-
 FIRST_RUNS: Final = 10
 """Runs of each cell whose robots an archive lists one by one."""
 Progress = Callable[[float], None]
@@ -46,19 +43,10 @@ Figures = Mapping[str, NDArray[np.float64]]
 WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
 """Figures of how robots walked and what they read, see ``analysis.sampling``; nan in runs in which they are undefined,
 such as runs in which no robot sampled."""
-OF_RUN: Final = (
-    "fill_ratio",
-    "truth",
-    "consensus",
-    "consensus_time_s",
-    "right",
-    "wrong",
-    "undecided",
-    *WALKED,
-)
-"""Columns of a study's rows that are the same for all robots of a run."""
-READ: Final = ("cell", *ROBOTS, *OF_RUN)
-"""Columns of a study's rows that are summarised."""
+READ: Final = (
+    "cell", *ROBOTS, "fill_ratio", "truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED,
+)  # fmt: skip
+"""Columns of a study's rows that are summarised: of robots, then those that all robots of a run have in common."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +135,6 @@ class CellResults:
     def __getitem__(self, cell: Cell) -> CellResult:
         return self.cells[cell.key]
 
-    def values(self, cell: Cell, name: str) -> NDArray[np.float64]:
-        """Return the figure ``name`` of each run of a cell, (runs,); NaN where it is undefined in a run."""
-        return self[cell].figures[name]
-
     def row(self, cell: Cell) -> dict[str, Any]:
         """Return the summary of a cell, with the hash of its scenario and the command that runs it alone."""
         origin = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
@@ -194,12 +178,6 @@ def run_cells(
             progress(before / sum(weights))
         results = {key: cell_result for future in summaries for key, cell_result in future.result().items()}
     return CellResults(seed, runs, results)
-
-
-def on_threads(function: Callable[[T], R], items: Iterable[T], workers: int | None) -> list[R]:
-    """Return what a function gives for each item, computed on threads; ``workers``: None is one for each processor."""
-    with ThreadPoolExecutor(workers or processors()) as pool:
-        return list(pool.map(function, items))
 
 
 def _summaries(

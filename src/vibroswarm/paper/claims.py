@@ -64,13 +64,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import polars as pl
 from scipy.special import betaincinv, stdtrit
 
-from vibroswarm.core.displayed import viewed
-from vibroswarm.core.notebook_view import NotebookView, short_text
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, check_choice, check_known_keys
 from vibroswarm.paper.columns import COLUMNS
@@ -244,8 +243,7 @@ class Claim(NotebookView):
         """
         check_choice(self.test, f"{self.id}, test", TESTS)
         check_choice(self.kind, f"{self.id}, kind", KINDS)
-        bound = self.margin if self.test == "within" else self.effect
-        if bound is None or not math.isfinite(bound) or (self.test == "within" and bound <= 0):
+        if not math.isfinite(self.bound) or (self.test == "within" and self.bound <= 0):
             needed = "a margin above 0" if self.test == "within" else "a finite effect"
             raise InputError(f"the test '{self.test}' needs {needed}", field=self.id)
         if (self.margin is not None) == (self.effect is not None):
@@ -255,10 +253,9 @@ class Claim(NotebookView):
 
     @property
     def bound(self) -> float:
-        """The margin, or the effect of the other tests."""
+        """The margin, or the effect of the other tests; nan if it is not given."""
         bound = self.margin if self.test == "within" else self.effect
-        assert bound is not None  # ``__post_init__`` has checked it
-        return bound
+        return math.nan if bound is None else bound
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -307,8 +304,8 @@ def all_claims() -> tuple[Claim, ...]:
     return claims_from(files("vibroswarm.paper").joinpath("claims.toml").read_text(encoding="utf-8"))
 
 
-@viewed
-class Decided(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Decided(NotebookView):
     """Verdict on one claim in one column."""
 
     claim: Claim
@@ -319,9 +316,6 @@ class Decided(NamedTuple):
     """Level of the claim, before it is corrected for the number of its values."""
     cells: pl.DataFrame
     """cell, estimate, low, high, level (of these limits), n, holds (holds, fails, open, cannot be asked), why."""
-
-    def __repr__(self) -> str:
-        return short_text(self)
 
 
 Rows = Sequence[Mapping[str, Any]]

@@ -27,11 +27,9 @@ FIELDS: Final = {
 
 
 @cache
-def _all() -> dict[str, Any]:
+def _all() -> Any:
     """Return the contents of ``published.json``."""
-    text = files("vibroswarm.paper").joinpath("published.json").read_text(encoding="utf-8")
-    values: dict[str, Any] = json.loads(text)
-    return values
+    return json.loads(files("vibroswarm.paper").joinpath("published.json").read_text(encoding="utf-8"))
 
 
 def published(path: str) -> Any:
@@ -42,7 +40,7 @@ def published(path: str) -> Any:
     Raises:
         InputError: there is no such name.
     """
-    node: Any = _all()
+    node = _all()
     for name in path.split("."):
         if not isinstance(node, dict) or name not in node:
             raise InputError("is not a number of the paper", field=path)
@@ -93,8 +91,6 @@ _OF_LAWS: Final = tuple(
     f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m", "tile_spread", "robot_spread")
 )
 """Options that change the law of a kind of tile."""
-_KINDS: Final = ("shape", "scale", "location")
-"""Parameters of the Gamma distribution of energies, as in the names of the sensor's fields."""
 
 
 def scenario_of(
@@ -141,22 +137,9 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
         InputError: no such control.
     """
     check_choice(control, "--control", CHANGES)
-    match control:
-        case "labels":
-            return swapped_labels(scenario)
-        case "threshold":
-            return {"sensor.rms_threshold": 1.55}  # the threshold in the paper's Algorithm 2
-        case "false-positives":
-            return with_errors(scenario, *FALSE)
-        case "standstill":
-            return standing(scenario)
-        case "no-messages":
-            return {"network.name": "loss", "network.loss.share": 1.0}
-        case "losses":
-            return {"network.name": "loss", "network.loss.share": 0.1}
-        case "physics":
-            return {"sensor.model": "acceleration"} | dict.fromkeys(_OF_LAWS)
-    raise AssertionError(control)
+    if control in _COMPUTED:
+        return _COMPUTED[control](scenario)
+    return _FIXED[control]
 
 
 def standing(scenario: Scenario) -> dict[str, Any]:
@@ -165,24 +148,20 @@ def standing(scenario: Scenario) -> dict[str, Any]:
     The distances between the wheels shrink as the speed does, so robots turn as fast as before. Robots never avoid,
     because nothing is nearer than the threshold 0.
     """
-    names = ("full_speed_m_s", "drive_track_m", "turn_track_m")
-    slowed = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
-    return slowed | {_THRESHOLD: 0.0}
+    slowed = ("full_speed_m_s", "drive_track_m", "turn_track_m")
+    return {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in slowed} | {_THRESHOLD: 0.0}
 
 
-def with_errors(scenario: Scenario, false_positive: float, false_negative: float) -> dict[str, Any]:
-    """Return the fields, by dotted name, that give the sensor these error rates.
+def with_errors(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields, by dotted name, that give the sensor the error rates ``FALSE``.
 
-    The energy distributions of still and of vibrating tiles are shifted; their shapes and scales stay.
-
-    Args:
-        scenario: gives the sensor with its present distributions and its threshold.
-        false_positive, false_negative: share of the readings of still tiles that are above the threshold, and share of
-            those of vibrating tiles that are below it; both are above 0 and below 1.
+    They are the share of the readings of still tiles that are above the threshold, and the share of those of vibrating
+    tiles that are below it. The energy distributions of both kinds of tiles are shifted; their shapes and scales stay.
     """
     from scipy.stats import gamma  # here, because importing it takes long
 
     sensor, changes = scenario.sensor, {}
+    false_positive, false_negative = FALSE
     for kind, share_above in (("still", false_positive), ("vibrating", 1.0 - false_negative)):
         shape, scale = (float(getattr(sensor, f"{kind}_{name}")) for name in ("shape", "scale"))
         # The energy that ``share_above`` of the unshifted energies exceed is moved to the threshold.
@@ -193,9 +172,22 @@ def with_errors(scenario: Scenario, false_positive: float, false_negative: float
 
 def swapped_labels(scenario: Scenario) -> dict[str, Any]:
     """Return the fields, by dotted name, that swap the energy distributions of vibrating and still tiles."""
-    sensor = scenario.sensor
-    swapped = {f"sensor.vibrating_{kind}": getattr(sensor, f"still_{kind}") for kind in _KINDS}
-    return swapped | {f"sensor.still_{kind}": getattr(sensor, f"vibrating_{kind}") for kind in _KINDS}
+    return {
+        f"sensor.{kind}_{name}": getattr(scenario.sensor, f"{other}_{name}")
+        for kind, other in (("vibrating", "still"), ("still", "vibrating"))
+        for name in ("shape", "scale", "location")  # parameters of the Gamma distribution
+    }
+
+
+_FIXED: Final[dict[str, dict[str, Any]]] = {
+    "threshold": {"sensor.rms_threshold": 1.55},  # the threshold in the paper's Algorithm 2
+    "no-messages": {"network.name": "loss", "network.loss.share": 1.0},
+    "losses": {"network.name": "loss", "network.loss.share": 0.1},
+    "physics": {"sensor.model": "acceleration"} | dict.fromkeys(_OF_LAWS),
+}
+"""Fields of the controls and variants that set the same in every scenario."""
+_COMPUTED: Final = {"labels": swapped_labels, "false-positives": with_errors, "standstill": standing}
+"""Functions of the others."""
 
 
 def fills() -> list[float]:

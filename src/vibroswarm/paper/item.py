@@ -39,9 +39,9 @@ from vibroswarm.paper.cells import WALKED, Cell, CellResults
 from vibroswarm.paper.claim_values import Row, frame, mean, share
 from vibroswarm.paper.columns import COLUMNS, scenario_of
 from vibroswarm.paper.real_data import real_floor
-from vibroswarm.plots import Picture as DrawnPicture
+from vibroswarm.plots import Picture as Drawn
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.document import Column
+from vibroswarm.show.document import Column, Figure
 from vibroswarm.simulation import versions
 
 Tables = dict[str, pl.DataFrame]
@@ -128,7 +128,7 @@ class Work:
 
     def values(self, key: Hashable, name: str) -> Any:
         """Return the figure ``name`` of each run of a cell, (runs,); NaN where it is undefined in a run."""
-        return self.results.values(self.cells[key], name)
+        return self.results[self.cells[key]].figures[name]
 
     def difference(self, name: str, first: Hashable, second: Hashable) -> Any:
         """Return the difference (first - second) of the figure ``name`` between two cells, run by run, (runs,)."""
@@ -173,19 +173,24 @@ class Work:
         return frame([row for column in self.settings.columns for row in measure(self, column)])
 
 
-Drawn = DrawnPicture
-"""What a drawing function returns."""
-
-
 class Picture(NamedTuple):
-    """A picture to be drawn: file name, heading and drawing function."""
+    """A picture of an item."""
 
-    name: str
-    title: str
-    draw: Callable[..., Drawn]
-    """Draws the picture; takes the keyword ``style``, one of ``plots.style``."""
+    figure: Figure
     folded: bool = False
     """Whether the page shows it folded, below the others."""
+
+
+def picture(
+    name: str, title: str, draw: Callable[..., Drawn], *data: Any, folded: bool = False, **options: Any
+) -> Picture:
+    """Return a picture that is drawn when a page or a file needs it.
+
+    Args:
+        name: of its files. title: heading. draw: one of ``plots``, which gets ``data``, ``options`` and a ``style``.
+    """
+    figure = Figure(name, lambda style: draw(*data, style=style, **options), title, on_page="column")
+    return Picture(figure, folded)
 
 
 class TableView(NamedTuple):
@@ -241,10 +246,6 @@ def needs_column(*columns: str) -> Callable[[Settings], str | None]:
     presets = " or ".join(f"`{column}`" for column in columns)
     reason = f"It needs preset {presets}: add it to `--columns`."
     return lambda settings: None if set(columns) & set(settings.columns) else reason
-
-
-FITTED_ON: Final = "calibrated"
-"""The preset whose edges were fitted, on the real floor."""
 
 
 _reasons: dict[Any, str | None] = {}
@@ -307,8 +308,8 @@ def _edges(scenario: Scenario) -> str | None:
 
 @cache
 def _fitted_m() -> float:
-    """Return the shorter side of the tiles on which edges were fitted, m."""
-    return _side_m(preset(FITTED_ON).with_values(real_floor()).floor_for(0, 0))
+    """Return the shorter side of the tiles of the real floor, to which the edges of `calibrated` were fitted, m."""
+    return _side_m(preset("calibrated").with_values(real_floor()).floor_for(0, 0))
 
 
 def _side_m(floor: Floor) -> float:

@@ -68,19 +68,18 @@ def claims_table(
             or kind not in (None, claim.kind)
         ):
             continue
-        row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "kind": claim.kind}
         remark = (
             f"; a negative control need not change the verdict: {claim.no_control}"
             if claim.no_control
             else ""
         )
-        row |= {"says": claim.statement}
-        row |= {"measured": claim.measured + remark, "holds if": claim.words}
-        for column in COLUMNS:
-            of_column = [verdict for verdict in of_claim if verdict.column == column]
-            row[column] = _verdict_words(of_column[0]) if of_column else None
-            row[f"{column}: ours"] = _value_words(of_column[0]) if of_column else None
-            row[f"{column}: why not"] = _reasons(of_column[0]) if of_column else None
+        row: dict[str, str | None] = {
+            "item": claim.item, "claim": claim.id, "kind": claim.kind, "says": claim.statement,
+            "measured": claim.measured + remark, "holds if": claim.words,
+        }  # fmt: skip
+        for one in of_claim:
+            row |= {one.column: _verdict_words(one), f"{one.column}: ours": _value_words(one)}
+            row |= {f"{one.column}: why not": _reasons(one)}
         rows.append(row)
     each = (f"{column}{end}" for column in COLUMNS for end in ("", ": ours", ": why not"))
     names = ("item", "claim", "kind", "says", "measured", "holds if", *each)
@@ -165,21 +164,25 @@ def write_tables(made: Reproduction, folder: Path) -> None:
     A file is named ITEM-TABLE.csv, or ITEM.csv if the table has the name of the item. An earlier folder of tables is
     replaced as a whole.
     """
-    decided = made.decided
+    decided, command = made.decided, command_of(made.settings)
+    tables = [
+        (
+            name if name == entry.item.name else f"{entry.item.name}-{name}",
+            entry.item.title,
+            command_of(made.settings, entry.item.name),
+            frame,
+        )
+        for entry in made.made
+        for name, frame in entry.tables.items()
+        if name != CLAIMS
+    ]
+    tables.append(("claims", "Verdicts", command, claims_table(decided)))
+    tables.append(("claims-measured", "Verdicts", command, cells_table(decided)))
     folder.parent.mkdir(parents=True, exist_ok=True)
     with whole_folder(folder, replace=True, marker=MARKER) as part:
-        rows = []
-        named = [
-            (f"{entry.item.name}-{name}" if name != entry.item.name else name, entry, frame)
-            for entry in made.made
-            for name, frame in entry.tables.items()
-            if name != CLAIMS
-        ]
-        for name, entry, frame in named:
+        for name, _, _, frame in tables:
             (part / f"{name}.csv").write_bytes(csv_bytes(frame))
-            rows.append((name, entry.item.title, command_of(made.settings, entry.item.name)))
-        for name, frame in (("claims", claims_table(decided)), ("claims-measured", cells_table(decided))):
-            (part / f"{name}.csv").write_bytes(csv_bytes(frame))
-            rows.append((name, "Verdicts", command_of(made.settings)))
-        index = pl.DataFrame(rows, schema=["name", "title", "command"], orient="row")
+        index = pl.DataFrame(
+            [table[:3] for table in tables], schema=["name", "title", "command"], orient="row"
+        )
         (part / MARKER).write_bytes(csv_bytes(index))

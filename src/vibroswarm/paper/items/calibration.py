@@ -10,7 +10,6 @@ measured values of the claims are rows of ``claims.MEASURED``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +26,7 @@ from vibroswarm.core.numbers import stated
 from vibroswarm.core.optional_library import lacking
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, published
-from vibroswarm.paper.item import CLAIMS, Drawn, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.paper.real_data import (
     AUTHORS,
     REAL,
@@ -51,50 +50,52 @@ LABELS: Final = {
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield pictures of states, energies, positions and steps of all sources, then of the similarities."""
-    yield Picture("calibration-states", "Time in each state", partial(_draw_states, tables["states"]))
+    yield picture(
+        "calibration-states", "Time in each state", draw_error_bars, _state_shares(tables["states"]),
+        label="share of time", percent=True, interval="95 % interval over sessions",
+    )  # fmt: skip
     histograms = tables["histograms"]
     # A value of these features is one number, drawn as a step line; a value of the others is a pair, drawn as a map.
     for feature in ("avoidance", "vibrating", "still"):
-        part = histograms.filter(pl.col("feature") == feature)
-        draw = partial(draw_shares, part.select("x", "share", series="source"), x_label=LABELS[feature])
-        yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), draw)
+        shares = histograms.filter(pl.col("feature") == feature).select("x", "share", series="source")
+        yield picture(
+            f"calibration-{feature}",
+            WORDS[feature].capitalize(),
+            draw_shares,
+            shares,
+            x_label=LABELS[feature],
+        )
     for feature in ("places", "distances", "steps"):
-        part = histograms.filter(pl.col("feature") == feature)
-        maps = partial(draw_maps, part.select("x", "y", "share", panel="source"), feature)
-        yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), maps)
+        shares = histograms.filter(pl.col("feature") == feature).select("x", "y", "share", panel="source")
+        yield picture(f"calibration-{feature}", WORDS[feature].capitalize(), draw_maps, shares, feature)
     # The mark is the similarity "at equal counts": with as many values of each source as null and ceiling are computed
     # for. The bar goes from null to ceiling, and at least to the mark, which may lie beyond them.
     spans = tables["similarities"].select(
         x="feature", series="source", estimate="at equal counts",
         low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
     )  # fmt: skip
-    span = "span from uniform values to a perfect simulation"
-    draw = partial(draw_error_bars, spans, label="cosine similarity", interval=span, spans=True)
-    yield Picture("calibration-similarities", "Similarities between null and ceiling", draw)
+    yield picture(
+        "calibration-similarities", "Similarities between null and ceiling", draw_error_bars, spans,
+        label="cosine similarity", interval="span from uniform values to a perfect simulation", spans=True,
+    )  # fmt: skip
 
 
-def _draw_states(states: pl.DataFrame, *, style: str) -> Drawn:
-    """Draw the share of time in each state and source, with intervals over sessions.
+def _state_shares(states: pl.DataFrame) -> pl.DataFrame:
+    """Return the mean share of time in each state and source with its limits, and the number of sessions.
 
     Args:
         states: table of ``_states`` for all sources.
     """
-    # Mean over sessions with its limits, and the number of sessions.
     rows = [
         (state, source, *mean_interval(part[state].to_numpy())[:3], part.height)
         for state in ("walking", "sensing", "avoiding")
         for (source,), part in states.group_by("source", maintain_order=True)
     ]
-    intervals = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
-    return draw_error_bars(
-        intervals, label="share of time", percent=True, interval="95 % interval over sessions", style=style
-    )
+    return pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
 
 
 SESSIONS: Final = 3
 """Number of recorded sessions, and number of simulated sessions in a set."""
-THEIR_SETS: Final[int] = published("calibration.sets_of_sessions")
-"""Sets of three sessions behind each similarity that the paper prints."""
 NAMES: Final = {
     "avoidance": "state_times",
     "vibrating": "energy_vibrating",
@@ -176,7 +177,7 @@ def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
                 cell=WORDS[feature],
                 values=similarities,
                 less=published_value,
-                published_runs=THEIR_SETS,
+                published_runs=published("calibration.sets_of_sessions"),
             )
             | {"scattered": float(nulls.mean()) - published_value}
         )
@@ -356,17 +357,11 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
     """
     rows = []
     for source, comparison in found.items():
-        measures = [
-            (WORDS[distance.feature], distance.effect, distance.real) for distance in comparison.distances
-        ]
-        measures.append(
-            (
-                "share of stretches told apart",
-                comparison.classifier.simulated_by_robot,
-                comparison.classifier.real,
-            )
-        )
-        for feature, effect, real in measures:
+        told_apart = comparison.classifier
+        for feature, effect, real in (
+            *((WORDS[one.feature], one.effect, one.real) for one in comparison.distances),
+            ("share of stretches told apart", told_apart.simulated_by_robot, told_apart.real),
+        ):
             row = {"source": source, "feature": feature}
             rows.append(row | columns_of("effect", effect) | columns_of("real", real or [None] * 3))
     return pl.DataFrame(rows, infer_schema_length=None)

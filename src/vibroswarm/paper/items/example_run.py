@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from typing import Final
 
 import polars as pl
@@ -13,10 +13,10 @@ from vibroswarm.core.numbers import whole
 from vibroswarm.paper.cells import options_of
 from vibroswarm.paper.claim_values import frame, mean
 from vibroswarm.paper.columns import STRATEGIES, published
-from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
+from vibroswarm.plots import Picture as Drawn
 from vibroswarm.plots import draw_run
 from vibroswarm.result import Result
-from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
 
@@ -40,15 +40,13 @@ def cells(settings: Settings) -> Cells:
 
 
 @cache
-def _simulated(scenario: Scenario, seed: int) -> Result:
-    """Simulate run 0 with its paths; cached, because the tables and the picture both need it."""
-    return simulate(scenario, seed, 1, segments=True)
-
-
 def example(settings: Settings) -> Result:
-    """Return run 0 of seven robots in the first column (preset), with the preset's strategy, and with its paths."""
+    """Return run 0 of seven robots in the first column (preset), with the preset's strategy, and with its paths.
+
+    It is cached, because the tables and the picture both need it.
+    """
     values = {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS}
-    return _simulated(settings.scenario(settings.columns[0], values), settings.seed)
+    return simulate(settings.scenario(settings.columns[0], values), settings.seed, 1, segments=True)
 
 
 def compute(work: Work) -> Tables:
@@ -84,7 +82,7 @@ def compute(work: Work) -> Tables:
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield the picture of the example run's paths and samples."""
-    yield Picture("example-run", "Paths and samples of seven robots", partial(_draw, tables, settings))
+    yield picture("example-run", "Paths and samples of seven robots", _draw, tables, settings)
 
 
 def _draw(tables: Tables, settings: Settings, *, style: str) -> Drawn:

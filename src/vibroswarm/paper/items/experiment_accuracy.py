@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +44,7 @@ from vibroswarm.paper.item import (
     TableView,
     Work,
     needs_column,
+    picture,
 )
 from vibroswarm.paper.items import experiment_times
 from vibroswarm.paper.items.experiment_times import (
@@ -54,7 +54,6 @@ from vibroswarm.paper.items.experiment_times import (
     REAL_EXPERIMENTS,
     beside_published,
     columns_of,
-    largest_sd,
     points,
     published_by_size,
     published_points,
@@ -137,7 +136,7 @@ def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
         row
         for column in columns
         for setting in (AS_TEXT, FITTED)
-        for row in beside_published(work, [column], setting, PUBLISHED, BELIEF, largest_sd)
+        for row in beside_published(work, [column], setting, PUBLISHED, BELIEF, widest=True)
     ]
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -159,7 +158,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     They are, for each strategy: our accuracy minus the published accuracy with each swarm size, and the change of our
     accuracy from the smallest to the largest swarm; and the rise of our distance with each size of a subset.
     """
-    for found in beside_published(work, [column], AS_TEXT, PUBLISHED, BELIEF, largest_sd):
+    for found in beside_published(work, [column], AS_TEXT, PUBLISHED, BELIEF, widest=True):
         label = f"{found['robots']} robots, {found['strategy']}"
         # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
         yield row("belief-less-robots", column, label, found["less"], found["error"], REAL_EXPERIMENTS)
@@ -297,8 +296,10 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             series = pl.format("{}, θ_E {}, gate {}", "column", "theta_E", "gate")
             published_line = published_points(published(f"experiments.belief_in_truth.{strategy}"))
             both = pl.concat([published_line, points(part, series, "ours", mean - half, mean + half)])
-            draw = partial(draw_error_bars, both, x_label="robots", label="belief in the truth")
-            yield Picture(f"experiments-accuracy-{strategy}", f"Accuracy, {strategy}", draw)
+            yield picture(
+                f"experiments-accuracy-{strategy}", f"Accuracy, {strategy}", draw_error_bars, both,
+                x_label="robots", label="belief in the truth",
+            )  # fmt: skip
 
 
 ITEM: Final = Item(

@@ -17,7 +17,7 @@ The best settings (``FITTED``) were chosen by the published times: a fit, not a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any, Final
 
@@ -25,9 +25,8 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
-from vibroswarm.paper.item import Cells, Drawn, Settings, Work
+from vibroswarm.paper.item import Cells, Settings, Work
 from vibroswarm.paper.real_data import real_floor
-from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
 COLUMNS: Final = ("paper", "calibrated")
@@ -139,18 +138,12 @@ def _values(packets: str, threshold: float, gate: str, robots: int, strategy: st
     }
 
 
-def published_points(values: list[float], name: str = "published") -> pl.DataFrame:
-    """Return the paper's values as the points of a line without intervals, in the columns of ``points``.
-
-    Args:
-        values: one value for each of ``sizes``. name: name of the line.
-    """
-    numbers = [float(value) for value in values]
-    columns = {"x": [float(n) for n in sizes()], "estimate": numbers, "low": numbers, "high": numbers}
-    return (
-        pl.DataFrame(columns)
-        .with_columns(series=pl.lit(name))
-        .select("x", "series", "estimate", "low", "high")
+def published_points(values: list[float]) -> pl.DataFrame:
+    """Return the paper's values, one for each of ``sizes``, as ``points`` without intervals."""
+    x, estimates = ([float(number) for number in numbers] for numbers in (sizes(), values))
+    series = ["published"] * len(x)
+    return pl.DataFrame(
+        {"x": x, "series": series, "estimate": estimates, "low": estimates, "high": estimates}
     )
 
 
@@ -187,7 +180,8 @@ def beside_published(
     setting: tuple[float, str],
     path: str,
     name: str,
-    spread: Callable[[Work, str, int, str, str], float] | None = None,
+    *,
+    widest: bool = False,
 ) -> Iterator[dict[str, Any]]:
     """Yield our means with message loss beside the published ones, for each column, strategy and swarm size.
 
@@ -196,12 +190,13 @@ def beside_published(
 
     Args:
         setting: threshold and gate. path: of the published means without the strategy. name: of the figure.
-        spread: standard deviation over the published experiments, ``largest_sd``; None: that over our runs.
+        widest: whether the published experiments are taken to vary as our runs do in any setting (``largest_sd``), or
+            as in this one.
     """
     for column, strategy, robots in product(columns, STRATEGIES, sizes()):
         values = work.values((column, LOSSES[0], *setting, robots, strategy), name)
         mean, printed = float(values.mean()), published_by_size(f"{path}.{strategy}")[robots]
-        sd = None if spread is None else spread(work, column, robots, strategy, name)
+        sd = largest_sd(work, column, robots, strategy, name) if widest else None
         error = error_of_difference(values, sd)
         yield {
             "column": column, "theta_E": setting[0], "gate": setting[1], "strategy": strategy, "robots": robots,
@@ -223,16 +218,14 @@ def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
     return table.select("column", "strategy", "robots", *seconds, "in errors")
 
 
-def draw_fit(part: pl.DataFrame, *, style: str) -> Drawn:
-    """Draw our means minus the published means over the swarm size, with bars of two standard errors.
+def fit_points(part: pl.DataFrame) -> pl.DataFrame:
+    """Return our means minus the published means over the swarm size as points, with bars of two standard errors.
 
     Args:
         part: rows of ``fit_table`` of one column.
     """
     less, half = pl.col("less_s"), 2 * pl.col("error_s")
-    frame = points(part, pl.col("strategy"), "less_s", less - half, less + half)
-    label = "ours - published (s)"
-    return draw_error_bars(frame, x_label="robots", label=label, interval="two standard errors", style=style)
+    return points(part, pl.col("strategy"), "less_s", less - half, less + half)
 
 
 Z: Final = 1.96
@@ -258,12 +251,12 @@ def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
     for column, (threshold, gate), robots in product(columns, SETTINGS, sizes()):
         row: dict[str, Any] = {"column": column, "theta_E": threshold, "gate": gate, "robots": robots}
         row["packets lost"] = loss_of(robots)
-        names = ("with", "without", "change")
-        for name, values in zip(names, gaps(work, column, threshold, gate, robots), strict=True):
+        of_runs = gaps(work, column, threshold, gate, robots)
+        for name, values in zip(("with", "without", "change"), of_runs, strict=True):
             error = float(values.std(ddof=1)) / values.size**0.5
             row |= {f"{name}_s": float(values.mean()), f"{name}_error_s": error}
-        row |= {"change_low": row["change_s"] - Z * row["change_error_s"]}
-        row |= {"change_high": row["change_s"] + Z * row["change_error_s"]}
+        half = Z * row["change_error_s"]
+        row |= {"change_low": row["change_s"] - half, "change_high": row["change_s"] + half}
         rows.append(row | {"published_s": printed[robots]})
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -290,8 +283,8 @@ def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> t
     return gaps_of[0], gaps_of[1], gaps_of[0] - gaps_of[1]
 
 
-def draw_loss(part: pl.DataFrame, *, style: str) -> Drawn:
-    """Draw the published gaps, our gaps with loss in all settings, and our gaps without loss in the first setting.
+def loss_points(part: pl.DataFrame) -> pl.DataFrame:
+    """Return as points the published gaps, and ours with loss in all settings and without loss in the first setting.
 
     The first setting has the lowest threshold, where loss matters most.
 
@@ -304,5 +297,4 @@ def draw_loss(part: pl.DataFrame, *, style: str) -> Drawn:
         mean, half = pl.col(f"{name}_s"), Z * pl.col(f"{name}_error_s")
         series = pl.lit(f"{name} loss, θ_E {threshold}, gate {gate}")
         frames.append(points(of_setting, series, f"{name}_s", mean - half, mean + half))
-    label = "difference in time, positive - none (s)"
-    return draw_error_bars(pl.concat(frames), x_label="robots", label=label, style=style)
+    return pl.concat(frames)

@@ -11,7 +11,6 @@ paired by run.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Final
 
 import polars as pl
@@ -20,7 +19,17 @@ from vibroswarm.core.numbers import number
 from vibroswarm.paper.cell_tables import PROPER_FORM, WALK_FORM
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
-from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, needs_column
+from vibroswarm.paper.item import (
+    CLAIMS,
+    Item,
+    Picture,
+    Settings,
+    Tables,
+    TableView,
+    Work,
+    needs_column,
+    picture,
+)
 from vibroswarm.paper.items.experiment_times import (
     AS_TEXT,
     COLUMNS,
@@ -35,11 +44,11 @@ from vibroswarm.paper.items.experiment_times import (
     TIME,
     cells,
     columns_of,
-    draw_fit,
-    draw_loss,
+    fit_points,
     fit_table,
     gaps,
     largest_sd,
+    loss_points,
     loss_table,
     points,
     published_by_size,
@@ -86,7 +95,11 @@ def compute(work: Work) -> Tables:
     return {
         "cells": table,
         "bands": bands,
-        "widths": _widths(bands),
+        # For each column and strategy, means over the swarm sizes of the published time and of the band's width, and
+        # the number of published means that lie inside their band.
+        "widths": bands.group_by("column", "strategy", maintain_order=True).agg(
+            pl.col("published").mean(), pl.col("width").mean(), pl.col("inside").sum()
+        ),
         "fit": fit_table(work, columns),
         "loss": loss_table(work, columns),
         CLAIMS: frame(measured),
@@ -126,16 +139,6 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
     joined = bands.join(means, on=["strategy", "robots"], how="left", maintain_order="left")
     inside = (pl.col("published") >= pl.col("least")) & (pl.col("published") <= pl.col("most"))
     return joined.with_columns((pl.col("most") - pl.col("least")).alias("width"), inside.alias("inside"))
-
-
-def _widths(bands: pl.DataFrame) -> pl.DataFrame:
-    """Return, for each column and strategy, means over the swarm sizes of the published time and of the band's width.
-
-    ``inside`` is the number of published means that lie inside their band.
-    """
-    return bands.group_by("column", "strategy", maintain_order=True).agg(
-        pl.col("published").mean(), pl.col("width").mean(), pl.col("inside").sum()
-    )
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
@@ -205,32 +208,35 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         own = points(part, pl.col("column"), "as the text has it", "least", "most")
         # The table repeats the published means for each column of the reproduction; the first column's are enough.
         both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), own])
-        band = f"band over thresholds and gates (mark: θ_E {TEXTS}, the robots' gate)"
-        draw = partial(
-            draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band, spans=True
-        )
-        yield Picture(f"experiments-time-{strategy}", f"Decision time, {strategy}", draw)
+        yield picture(
+            f"experiments-time-{strategy}", f"Decision time, {strategy}", draw_error_bars, both, x_label="robots",
+            label="decision time (s)", spans=True,
+            interval=f"band over thresholds and gates (mark: θ_E {TEXTS}, the robots' gate)",
+        )  # fmt: skip
     # The fit is drawn for the last column: `calibrated`, for which the setting was chosen, if it was requested.
     part = tables["fit"].filter(pl.col("column") == tables["fit"]["column"].last())
     title = f"Ours at {number(FITTED[0], 2)}, gate {FITTED[1]} - the published means: a fit"
-    yield Picture("experiments-fit", title, partial(draw_fit, part))
+    yield picture(
+        "experiments-fit", title, draw_error_bars, fit_points(part), x_label="robots", label="ours - published (s)",
+        interval="two standard errors",
+    )  # fmt: skip
     for column in COLUMNS:
         part = tables["loss"].filter(pl.col("column") == column)
         if not part.is_empty():
-            name = f"experiments-loss-{column}"
-            yield Picture(
-                name, f"{column}: does loss make positive feedback overtake?", partial(draw_loss, part)
-            )
+            title = f"{column}: does loss make positive feedback overtake?"
+            yield picture(
+                f"experiments-loss-{column}", title, draw_error_bars, loss_points(part), x_label="robots",
+                label="difference in time, positive - none (s)",
+            )  # fmt: skip
     for _, figure, label, numbers in WALKED:
         chosen = tables["cells"].filter(
             _AS_TEXT, pl.col("packets") == LOSSES[0], pl.col("strategy") == "none"
         )
         own = points(chosen, pl.col("column"), figure, f"{figure}_low", f"{figure}_high")
         both = pl.concat([published_points(published(f"experiments.{numbers}")), own])
-        draw = partial(draw_error_bars, both, x_label="robots", label=label)
         # The title is the label without its unit, and the file's name has the name of the figure without its unit.
-        title = label.rpartition(" (")[0].capitalize()
-        yield Picture(f"experiments-{figure.rpartition('_')[0].replace('_', '-')}", title, draw)
+        name, title = figure.rpartition("_")[0].replace("_", "-"), label.rpartition(" (")[0].capitalize()
+        yield picture(f"experiments-{name}", title, draw_error_bars, both, x_label="robots", label=label)
 
 
 _BANDS: Final = {

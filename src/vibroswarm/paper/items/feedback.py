@@ -21,7 +21,6 @@ A column is a preset of the reproduction. The measured values of the claims are 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from itertools import product
 from typing import Any, Final
 
@@ -44,22 +43,16 @@ from vibroswarm.paper.item import (
     TableView,
     Work,
     cells_and_claims,
+    picture,
 )
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
-FILL: Final = "random:0.48"
-"""Floor of the grid of eta and kappa: random floors of fill ratio 0.48."""
-
-
-def _etas() -> list[int]:
-    """Return the values of eta in the paper's grid."""
-    return [int(eta) for eta in published("parameters.soft_feedback_grid.eta")]
-
-
-def _kappas() -> list[int]:
-    """Return the values of kappa in the paper's grid."""
-    return [int(kappa) for kappa in published("parameters.soft_feedback_grid.kappa")]
+HERE: Final = "random:0.48"
+"""Floor of the paper's search, and of its grid of eta and kappa: random floors of fill ratio 0.48."""
+GRID_ETAS: Final[list[int]] = published("parameters.soft_feedback_grid.eta")
+GRID_KAPPAS: Final[list[int]] = published("parameters.soft_feedback_grid.kappa")
+"""Values of eta and kappa in the paper's grid."""
 
 
 def cells_of_grid(settings: Settings) -> Cells:
@@ -67,17 +60,19 @@ def cells_of_grid(settings: Settings) -> Cells:
 
     Without soft feedback, eta and kappa do not exist; they are None in the key.
     """
-    by_key: Cells = {}
-    for column in settings.columns:
-        for strategy in ("none", "positive"):
-            values = {"floor.source": FILL, "strategy.name": strategy}
-            by_key[column, strategy, None, None] = settings.cell(column, values)
-        for eta in _etas():
-            for kappa in _kappas():
-                values = {"floor.source": FILL, "strategy.name": "soft"}
-                values |= {"strategy.soft.eta": float(eta), "strategy.soft.kappa": float(kappa)}  # type: ignore[dict-item]
-                by_key[column, "soft", eta, kappa] = settings.cell(column, values)
-    return by_key
+    soft = [("soft", eta, kappa) for eta, kappa in product(GRID_ETAS, GRID_KAPPAS)]
+    return {
+        (column, *key): settings.cell(column, {"floor.source": HERE, **_fields_of(*key)})
+        for column in settings.columns
+        for key in (("none", None, None), ("positive", None, None), *soft)
+    }
+
+
+def _fields_of(strategy: str, eta: float | None, kappa: float | None) -> dict[str, Any]:
+    """Return the fields of a strategy; ``eta`` and ``kappa`` are None unless it is soft feedback."""
+    if eta is None or kappa is None:
+        return {"strategy.name": strategy}
+    return {"strategy.name": strategy, "strategy.soft.eta": float(eta), "strategy.soft.kappa": float(kappa)}
 
 
 def _measured_grid(work: Work, column: str) -> Iterator[Row]:
@@ -87,12 +82,12 @@ def _measured_grid(work: Work, column: str) -> Iterator[Row]:
     """
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     none = (column, "none", None, None)
-    most_eta, most_kappa = max(_etas()), max(_kappas())
+    least_eta, most_eta, most_kappa = min(GRID_ETAS), max(GRID_ETAS), max(GRID_KAPPAS)
     most = (column, "soft", most_eta, most_kappa)
     yield work.change(
         "time-weakest-soft-less-none", column, f"eta {most_eta}, kappa {most_kappa}", time, most, none
     )
-    for eta in _etas():
+    for eta in GRID_ETAS:
         kappa_1, kappa_2, kappa_4 = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
         for value_name, name, first, second in (
             ("time-kappa-4-less-none", time, kappa_4, none),
@@ -101,8 +96,7 @@ def _measured_grid(work: Work, column: str) -> Iterator[Row]:
             ("wrong-kappa-1-less-2", wrong, kappa_1, kappa_2),
         ):
             yield work.change(value_name, column, f"eta {eta}", name, first, second)
-    for kappa in _kappas():
-        least_eta = min(_etas())
+    for kappa in GRID_KAPPAS:
         low, high = (column, "soft", least_eta, kappa), (column, "soft", most_eta, kappa)
         for value_name, name in (("time-low-eta-less-high", time), ("belief-low-eta-less-high", belief)):
             label = f"kappa {kappa}, eta {least_eta} less {most_eta}"
@@ -117,7 +111,7 @@ def pictures_of_grid(tables: Tables, settings: Settings) -> Iterator[Picture]:
     table = tables["cells"]
     soft = table.filter(pl.col("strategy") == "soft").with_columns(series=pl.format("κ {}", pl.col("kappa")))
     others = table.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
-    horizontal = others.join(pl.DataFrame({"eta": _etas()}), how="cross")  # the same value at every eta
+    horizontal = others.join(pl.DataFrame({"eta": GRID_ETAS}), how="cross")  # the same value at every eta
     names = [name for name in soft.columns if name != "strategy"]
     together = pl.concat([soft.select(names), horizontal.select(names)]).sort("series", maintain_order=True)
     yield from both_forms(
@@ -149,20 +143,15 @@ GRID: Final = Item(
     shown=two_forms("cells", GRID_KEYS),
 )
 
-HERE: Final = "random:0.48"
-"""Floor of the paper's search."""
-EASIER: Final = "random:0.44"
-"""Floor whose fill ratio is farther from one half, so that the decision is easier."""
 WRONG: Final = 4.0
 """Cost of a wrong robot, added to its time / T_end."""
 ETAS: Final = (750.0, 1500.0, 2500.0)
 """Values of eta that are tried in each case."""
-KAPPAS: Final = (1.0, 2.0, 3.0, 4.0)
-"""Values of kappa that are tried in each case."""
-CHOICES: Final = tuple(product(ETAS, KAPPAS))
+CHOICES: Final = tuple(product(ETAS, (1.0, 2.0, 3.0, 4.0)))
 """Pairs of eta and kappa that are tried in each case."""
-CASES: Final = {"as searched": (5, HERE), "ten robots": (10, HERE), "easier floor": (5, EASIER)}
-"""Robots and floor of each case; the paper optimised eta and kappa in the first case."""
+CASES: Final = {"as searched": (5, HERE), "ten robots": (10, HERE), "easier floor": (5, "random:0.44")}
+"""Robots and floor of each case; the paper optimised eta and kappa in the first. The easier floor has a fill ratio that
+is farther from one half."""
 COLUMN: Final = "paper"
 """Preset in which the cases are simulated."""
 
@@ -173,23 +162,27 @@ def cells(settings: Settings) -> Cells:
     Cells of no feedback and of positive feedback have the keys (column, robots, floor, strategy). Cells of the cases,
     with soft feedback, have the keys (case, eta, kappa).
     """
-    by_key: Cells = {}
-    for column in settings.columns:
-        for robots, floor in _where():
-            for strategy in STRATEGIES[:2]:
-                values: dict[str, Any] = {
-                    "floor.source": floor,
-                    "strategy.name": strategy,
-                    "swarm.robots": robots,
-                    "network.name": "ideal",  # preset `calibrated` has message loss
-                }
-                by_key[column, robots, floor, strategy] = settings.cell(column, values)
+    by_key: Cells = {
+        (column, robots, floor, strategy): settings.cell(
+            column,
+            {
+                "floor.source": floor,
+                "strategy.name": strategy,
+                "swarm.robots": robots,
+                "network.name": "ideal",  # preset `calibrated` has message loss
+            },
+        )
+        for column in settings.columns
+        for robots, floor in _where()
+        for strategy in STRATEGIES[:2]
+    }
     if COLUMN in settings.columns:
-        for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES):
-            values = {"floor.source": floor, "swarm.robots": robots, "strategy.name": "soft"}
-            by_key[case, eta, kappa] = settings.cell(
-                COLUMN, values | {"strategy.soft.eta": eta, "strategy.soft.kappa": kappa}
+        by_key |= {
+            (case, eta, kappa): settings.cell(
+                COLUMN, {"floor.source": floor, "swarm.robots": robots, **_fields_of("soft", eta, kappa)}
             )
+            for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES)
+        }
     return by_key
 
 
@@ -309,13 +302,16 @@ def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield a picture of the gaps without loss, and a picture of the costs over kappa with the middle eta."""
     gaps = tables["gaps"].select("low", "high", estimate="gap_s", x="cell", series="column")
-    draw = partial(draw_error_bars, gaps, label="difference in time, positive - none (s)")
-    yield Picture("sharing-positive", "Difference in time (positive - none) without loss", draw)
+    title = "Difference in time (positive - none) without loss"
+    label = "difference in time, positive - none (s)"
+    yield picture("sharing-positive", title, draw_error_bars, gaps, label=label)
     if "costs" in tables:
         chosen = tables["costs"].filter(pl.col("eta") == ETAS[1])
         costs = chosen.select("low", "high", estimate="cost", x="kappa", series="case")
-        draw = partial(draw_error_bars, costs, x_label="κ", label="cost (time / T_end + 4 × share wrong)")
-        yield Picture("sharing-costs", "Cost over kappa, eta 1500", draw)
+        yield picture(
+            "sharing-costs", "Cost over kappa, eta 1500", draw_error_bars, costs, x_label="κ",
+            label="cost (time / T_end + 4 × share wrong)",
+        )  # fmt: skip
 
 
 SHARING: Final = Item(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +21,7 @@ from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.paper.cells import Figures
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
@@ -29,29 +29,28 @@ STEPPED_RUNS: Final = 100
 """Runs by the fixed-step engine, which takes twelve times as long."""
 COLUMN: Final = "paper"
 """Preset in which the cells are simulated, also if it is not among the requested columns."""
-BOTH: Final = (OPTIMISED, EMPIRICAL)
-"""The parameter sets P* and P0."""
+CELLS: Final = tuple(product((OPTIMISED, EMPIRICAL), STRATEGIES))
+"""Parameter set and strategy of each headline cell."""
 
 
 def cells(settings: Settings) -> Cells:
     """Return the cells by (parameter set, strategy, variant)."""
     by_key: Cells = {}
-    for parameters in BOTH:
-        for strategy in STRATEGIES:
-            values = {"floor.source": "random:0.48", "strategy.name": strategy}
-            first = settings.cell(COLUMN, values, parameter_set=parameters)
-            by_key[parameters, strategy, "first"] = first
-            by_key[parameters, strategy, "other seeds"] = replace(first, block=1)  # block 1: the second seed
-            stepped = replace(first, motion="fixed-step", runs=STEPPED_RUNS)
-            by_key[parameters, strategy, "fixed-step"] = stepped
+    for parameters, strategy in CELLS:
+        values = {"floor.source": "random:0.48", "strategy.name": strategy}
+        first = settings.cell(COLUMN, values, parameter_set=parameters)
+        by_key |= {
+            (parameters, strategy, "first"): first,
+            (parameters, strategy, "other seeds"): replace(first, block=1),  # block 1: the second seed
+            (parameters, strategy, "fixed-step"): replace(first, motion="fixed-step", runs=STEPPED_RUNS),
+        }
     return by_key
 
 
 def compute(work: Work) -> Tables:
     """Return the table of headline cells, compared with other seeds and with fixed steps, and the claims' values."""
-    keys = [(parameters, strategy) for parameters in BOTH for strategy in STRATEGIES]
-    measured = [row for key in keys for row in _measured(work, key)]
-    table = pl.DataFrame([_row(work, key) for key in keys], infer_schema_length=None)
+    measured = [row for key in CELLS for row in _measured(work, key)]
+    table = pl.DataFrame([_row(work, key) for key in CELLS], infer_schema_length=None)
     return {"headline": table, CLAIMS: frame(measured)}
 
 
@@ -93,11 +92,10 @@ def _equal_runs(first: Figures, second: Figures) -> NDArray[np.bool_]:
         first, second: figures of each run by name, (runs,) each.
     """
     names = ("decision_time_s", "right_share", "wrong_share", "swarm_time_s")
-    pairs = [(first[name][: second[name].size], second[name]) for name in names]
     # 1e-6: the engines may differ by rounding errors; times that differ by a tick (20 ms) are not equal.
     same = [
-        np.isclose(first_values, second_values, rtol=0.0, atol=1e-6, equal_nan=True)
-        for first_values, second_values in pairs
+        np.isclose(first[name][: second[name].size], second[name], rtol=0.0, atol=1e-6, equal_nan=True)
+        for name in names
     ]
     equal: NDArray[np.bool_] = np.all(same, axis=0)
     return equal
@@ -137,8 +135,10 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         low="change_s_low",
         high="change_s_high",
     )
-    draw = partial(draw_error_bars, points, label="difference in decision time, other seeds - first (s)")
-    yield Picture("headline-seeds", "Difference in decision time (other seeds - first)", draw)
+    yield picture(
+        "headline-seeds", "Difference in decision time (other seeds - first)", draw_error_bars, points,
+        label="difference in decision time, other seeds - first (s)",
+    )  # fmt: skip
 
 
 ITEM: Final = Item(

@@ -24,7 +24,6 @@ measured values of the claims are rows of ``claims.MEASURED``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from itertools import product
 from typing import Any, Final, NamedTuple
 
@@ -46,6 +45,7 @@ from vibroswarm.paper.item import (
     TableView,
     Work,
     needs_column,
+    picture,
 )
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
@@ -119,12 +119,16 @@ def compute(work: Work) -> Tables:
     and at the paper's settings no measured value either. The gain in time is near 0, not 0: thresholds and m are chosen
     on other runs.
     """
+    figures = {
+        (robots, variant, threshold): _over_floors(work, robots, variant, threshold)
+        for robots, (variant, thresholds) in product(SIZES, VARIANTS.items())
+        for threshold in thresholds
+    }
     measured: list[Row] = []
     rows: list[dict[str, Any]] = []
-    asked = [(variant, threshold) for variant in ("soft", TUNED) for threshold in VARIANTS[variant]]
-    for robots, (variant, threshold) in product(SIZES, asked):
-        soft = _over_floors(work, robots, variant, threshold)
-        matched = match(_front(work, robots), soft)
+    for (robots, variant, threshold), soft in figures.items():
+        front = {p_c: figures[robots, "none", p_c] for p_c in THRESHOLDS}
+        matched = None if variant == "none" else match(front, soft)
         if matched is None:
             continue
         row: dict[str, Any] = {
@@ -143,10 +147,8 @@ def compute(work: Work) -> Tables:
                 measured.append(mean("wrong-at-equal-time", COLUMN, words, gain, cannot=work.cannot(*keys)))
         rows.append(row)
     fronts = [
-        {"robots": robots, "strategy": variant, "p_c": threshold}
-        | _means(_over_floors(work, robots, variant, threshold))
-        for robots, (variant, thresholds) in product(SIZES, VARIANTS.items())
-        for threshold in thresholds
+        {"robots": robots, "strategy": variant, "p_c": threshold} | _means(of_runs)
+        for (robots, variant, threshold), of_runs in figures.items()
     ]
     return {
         "fronts": pl.DataFrame(fronts),
@@ -165,11 +167,6 @@ def _over_floors(work: Work, robots: int, variant: str, threshold: float) -> dic
         name: np.mean([work.values((robots, floor, variant, threshold), name) for floor in FLOORS], axis=0)
         for name in FIGURES
     }
-
-
-def _front(work: Work, robots: int) -> dict[float, dict[str, Array]]:
-    """Return the figures of each run without feedback, by threshold p_c and name, (runs,) each."""
-    return {threshold: _over_floors(work, robots, "none", threshold) for threshold in THRESHOLDS}
 
 
 def _means(figures: dict[str, Array]) -> dict[str, float | None]:
@@ -228,14 +225,10 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             marks = table.select(
                 x="decision_time_s", series="strategy", estimate=name, low=f"{name}_low", high=f"{name}_high"
             ).sort("series", "x")
-            draw = partial(
-                draw_error_bars, marks, x_label="decision time (s)", label=f"robots {words}", percent=True
-            )
-            yield Picture(
-                f"hidden-threshold-{words}-{robots}",
-                f"Robots {words} over time, {robots} robots, p_c varied",
-                draw,
-            )
+            yield picture(
+                f"hidden-threshold-{words}-{robots}", f"Robots {words} over time, {robots} robots, p_c varied",
+                draw_error_bars, marks, x_label="decision time (s)", label=f"robots {words}", percent=True,
+            )  # fmt: skip
 
 
 ITEM: Final = Item(

@@ -8,14 +8,13 @@ the optimised ones. A column is a preset of the reproduction. The measured value
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.floors.difficulty import paper_table
-from vibroswarm.paper.cell_tables import FIGURES, draw_form, two_forms
+from vibroswarm.paper.cell_tables import FIGURES, form_picture, two_forms
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES, published
 from vibroswarm.paper.item import (
@@ -43,13 +42,14 @@ FILLS: Final = ("0.48", "0.46")
 """Fill ratios as the paper names them; not all floors have exactly this share of vibrating tiles."""
 
 
-def _difficulty_table() -> pl.DataFrame:
-    """Return one row for each pattern and measure, with the printed value, the paper's computation and the right value.
+def compute_difficulty(work: Work) -> Tables:
+    """Return the table of difficulty, and the claim's 20 measured values: printed - correct, without sampling error.
 
-    The measures are the Moran index and the entropy.
+    The table has one row for each pattern and measure (Moran index and entropy), with the printed value, the paper's
+    computation and the right value.
     """
     published_names = {own_name: name for name, own_name in PATTERNS.items()}
-    rows = []
+    rows, measured = [], []
     for entry in paper_table():
         kind, _, fill = entry.pattern.partition(":")  # such as "stripe:0.48"
         key = "moran" if entry.measure == "Moran index" else "entropy"
@@ -57,24 +57,11 @@ def _difficulty_table() -> pl.DataFrame:
         # Remove the rounding errors of logarithms.
         as_paper, right = round(entry.as_the_paper, 12), round(entry.right, 12)
         rows.append((entry.pattern, entry.measure, printed, as_paper, right, printed - right))
+        # Nothing is simulated, so the claim does not depend on a preset; it is decided in the column "paper" alone.
+        label = f"{entry.pattern}, {entry.measure}"
+        measured.append(exact("printed-difficulty-less-right", "paper", label, printed - right))
     names = ["pattern", "measure", "printed", "as the paper computed", "right", "printed less right"]
-    return pl.DataFrame(rows, schema=names, orient="row")
-
-
-def compute_difficulty(work: Work) -> Tables:
-    """Return the table of difficulty, and the claim's 20 measured values: printed - correct, without sampling error."""
-    table = _difficulty_table()
-    # Nothing is simulated, so the claim does not depend on a preset; it is decided in the column "paper" alone.
-    measured = [
-        exact(
-            "printed-difficulty-less-right",
-            "paper",
-            f"{row['pattern']}, {row['measure']}",
-            row["printed less right"],
-        )
-        for row in table.to_dicts()
-    ]
-    return {"difficulty": table, CLAIMS: frame(measured)}
+    return {"difficulty": pl.DataFrame(rows, schema=names, orient="row"), CLAIMS: frame(measured)}
 
 
 DIFFICULTY: Final = Item(
@@ -212,8 +199,10 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
                 short = figure.removesuffix("_s").replace("_", "-")
                 name = f"patterns-{column}-{fill}-{short}-{form}"
                 series = pl.format("{}, {}", "parameters", "strategy")
-                draw = partial(draw_form, part, figure, label, form, "pattern", series)
-                yield Picture(name, f"{column}, fill ratio {fill}: {title}", draw, folded=place > 0)
+                yield form_picture(
+                    name, f"{column}, fill ratio {fill}: {title}", part, figure, label, form, "pattern", series,
+                    folded=place > 0,
+                )  # fmt: skip
 
 
 FIVE_PATTERNS: Final = Item(

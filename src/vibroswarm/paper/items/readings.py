@@ -10,7 +10,6 @@ by run.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, Final
 
 import polars as pl
@@ -20,7 +19,7 @@ from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.paper.cell_tables import TIME, limits, two_forms
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, swapped_labels
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.plots import draw_error_bars, draw_forest
 from vibroswarm.show.document import Column
 
@@ -114,15 +113,16 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         ("belief_in_truth", "change of belief in the truth"),
     ):
         title = label.partition(" (")[0].capitalize()  # without the unit
-        low, high = (f"{name}_change{end}" for end in ("_low", "_high"))
         frame = part.select(
             comparison=pl.col("reading").str.replace("theta_E", "θ_E", literal=True),
             difference=f"{name}_change",
-            low=low,
-            high=high,
+            low=f"{name}_change_low",
+            high=f"{name}_change_high",
         )
-        draw = partial(draw_forest, frame, label=label, interval="95 % interval over runs, paired")
-        yield Picture(f"readings-{name.replace('_', '-')}", title, draw)
+        yield picture(
+            f"readings-{name.replace('_', '-')}", title, draw_forest, frame, label=label,
+            interval="95 % interval over runs, paired",
+        )  # fmt: skip
 
 
 _CHANGE: Final = {
@@ -203,8 +203,7 @@ def pictures_of_timers(tables: Tables, settings: Settings) -> Iterator[Picture]:
     points = limits(tables["cells"], "decision_time_s").select(
         "estimate", "low", "high", "runs", x=pl.col("timer").str.replace_all("_", " "), series="strategy"
     )
-    draw = partial(draw_error_bars, points, label=TIME)
-    yield Picture("timer-decision-time", "Decision time with each timer", draw)
+    yield picture("timer-decision-time", "Decision time with each timer", draw_error_bars, points, label=TIME)
 
 
 TIMER: Final = Item(

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -38,7 +37,7 @@ from vibroswarm.optimize import (
 )
 from vibroswarm.paper.claim_values import Row, exact, frame, mean, of_interval
 from vibroswarm.paper.columns import parameters, published
-from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.plots import draw_error_bars, draw_parameters, draw_search
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Column
@@ -186,19 +185,17 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         particle=pl.col("variable").str.strip_prefix("personal ").cast(pl.Int64)
     ).drop("variable")
     scores = history.select(pl.col("iteration").cast(pl.Int64), "best", "mean")
-    true = tables["truth"]["true"][0]
-    yield Picture(
-        "search-scores",
-        "Costs over the iterations",
-        partial(draw_search, scores, by_particle, label="cost (mean + sd)", true=true),
-    )
+    yield picture(
+        "search-scores", "Costs over the iterations", draw_search, scores, by_particle, label="cost (mean + sd)",
+        true=tables["truth"]["true"][0],
+    )  # fmt: skip
     shares = [name for name in history.columns if name.endswith(", of its bounds")]
     means = history.select("iteration", *shares).unpivot(
         index="iteration", value_name="share", variable_name="series"
     )
     field = pl.col("series").str.strip_prefix("mean ").str.strip_suffix(", of its bounds")
     drawn = means.with_columns(pl.col("iteration").cast(pl.Int64), series=field)
-    yield Picture("search-parameters", "Mean of the parameters", partial(draw_parameters, drawn))
+    yield picture("search-parameters", "Mean of the parameters", draw_parameters, drawn)
 
 
 SEARCH: Final = Item(
@@ -324,9 +321,10 @@ def _history(found: Found, place: int) -> pl.DataFrame:
         (place, iteration.number, min(iteration.personal), float(np.mean(iteration.personal)), iteration.mean)
         for iteration in found.history
     ]
-    names = ("search", "iteration", "best", "personal", "mean")
-    kinds = (pl.Int64, pl.Int64, pl.Float64, pl.Float64, pl.Float64)
-    return pl.DataFrame(rows, schema=dict(zip(names, kinds, strict=True)), orient="row")
+    kinds = dict.fromkeys(("search", "iteration"), pl.Int64) | dict.fromkeys(
+        ("best", "personal", "mean"), pl.Float64
+    )
+    return pl.DataFrame(rows, schema=kinds, orient="row")
 
 
 def _measured_repeats(table: pl.DataFrame, iterations: int) -> Iterator[Row]:
@@ -353,11 +351,11 @@ def pictures_of_repeats(tables: Tables, settings: Settings) -> Iterator[Picture]
             # ``str``, because polars gives keys the static type "object".
             rows.append((float(str(iteration)), label, *mean_interval(part[name].to_numpy())[:3]))
     points = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high"], orient="row")
-    draw = partial(
-        draw_error_bars, points, x_label="iteration", label="cost as the search estimates it (mean + sd)",
+    yield picture(
+        "search-repeats", "Costs over the iterations of short searches", draw_error_bars, points,
+        x_label="iteration", label="cost as the search estimates it (mean + sd)",
         interval="95 % interval over searches",
     )  # fmt: skip
-    yield Picture("search-repeats", "Costs over the iterations of short searches", draw)
 
 
 LINES: Final = {

@@ -8,6 +8,7 @@ row from the difference of two cells (first - second), paired by run.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
 
@@ -16,15 +17,15 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.paper.cell_tables import two_forms
-from vibroswarm.paper.cells import on_threads
 from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
 from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills, published
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.paper.real_data import REAL_FLOOR, real_floor
 from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
+from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""
@@ -58,9 +59,8 @@ def compute(work: Work) -> Tables:
     scenarios = {key: _scenario(work, *key) for key in keys}
     # Each different scenario once: the timer "as it ran", that of the preset, may be one of the other two timers.
     distinct = list(dict.fromkeys(scenarios.values()))
-    results = dict(
-        zip(distinct, on_threads(partial(_placed, work), distinct, work.settings.workers), strict=True)
-    )
+    with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
+        results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
     # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
     runs = _runs(work)
@@ -177,8 +177,9 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             name = f"side-claims-{column}-density-{timer.replace(' ', '-').replace('_', '-')}"
             title = f"{column}: density of samples, timer {timer.replace('_', ' ')}"
             # One scale for all pictures, so that they can be compared: it ends at twice the uniform density.
-            draw = partial(draw_density, part, bins=BINS, highest=2.0)
-            yield Picture(name, title, draw, folded=column != settings.columns[0])
+            yield picture(
+                name, title, draw_density, part, bins=BINS, highest=2.0, folded=column != settings.columns[0]
+            )
 
 
 ITEM: Final = Item(
