@@ -37,10 +37,10 @@ from vibroswarm.plots import (
     draw_spectrum,
 )
 from vibroswarm.plots.certainty import draw_certainty, draw_rasters
-from vibroswarm.plots.inputs import Group, quantile
+from vibroswarm.plots.distributions import Group, quantile
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.picture import picture_bytes
-from vibroswarm.plots.style import STYLES, settings
+from vibroswarm.plots.style import STYLES, look, settings
 
 LONG = [
     "walk.avoidance_threshold_mm = 55",
@@ -404,7 +404,7 @@ def test_boxes_stand_at_their_quantiles():
 
 
 def group_of(values: list[float], runs: int) -> Group:
-    return Group("", "", 0, 0, np.array(values), runs)
+    return Group("", "", 0.0, look(0), np.array(values), runs)
 
 
 def test_undecided_runs_count_as_later_than_the_end():

@@ -22,12 +22,11 @@ from vibroswarm.core.numbers import decimals_of, number, percent, with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
-from vibroswarm.show.data import document_data
+from vibroswarm.show.data import document_data, document_from, document_values
 from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
 from vibroswarm.show.figures import write_figures
 from vibroswarm.show.markup import escape, inline_svg
 from vibroswarm.show.page import fragment_html, page_html, write_page
-from vibroswarm.show.stored import document_from, document_values
 
 NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
 IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter

@@ -31,8 +31,7 @@ from vibroswarm.optimize.validation import Truth
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
-from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text, versions_in_words
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import plan_of
 

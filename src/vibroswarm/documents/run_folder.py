@@ -28,11 +28,12 @@ def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
             write_table(maps, part / "maps")
         if pictures:
             # here, since a run without pictures need not wait for matplotlib
-            from vibroswarm.plots.reports import write_reports_picture
-            from vibroswarm.plots.run import write_maps_picture, write_run_picture
+            from vibroswarm.plots.picture import save_figure
+            from vibroswarm.plots.reports import draw_run_reports
+            from vibroswarm.plots.run import maps_figure, write_run_picture
 
             write_run_picture(result, part / "run.png")
             if reports_over_time(result).height:
-                write_reports_picture(result, part / "reports.png")
+                save_figure(lambda: draw_run_reports(result, style="page").figure, part / "reports.png")
             if maps is not None:
-                write_maps_picture(maps, part / "maps.png")
+                save_figure(lambda: maps_figure(maps), part / "maps.png")

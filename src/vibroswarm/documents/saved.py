@@ -1,7 +1,7 @@
 """What a folder of results holds besides tables: a page, pictures, and the document itself, to be shown again.
 
 The file ``printed.json`` in the folder holds what the command printed, so that ``vibroswarm show`` can print it again:
-the words of the command, such as "league", and the document without its figures (``show.stored``). ``show`` lays tables
+the words of the command, such as "league", and the document without its figures (``show.data``). ``show`` lays tables
 out for the width of its own terminal, with all columns if ``--wide``.
 
 The manifest of a folder that no other module fills (``core.folders``, kind "results") names the command, and a hash of
@@ -146,7 +146,7 @@ def write_printed(folder: Path, printed: Printed, files: Mapping[str, Any]) -> N
     Raises:
         RunError: it cannot be written.
     """
-    from vibroswarm.show.stored import document_values
+    from vibroswarm.show.data import document_values
 
     values = {"command": printed.command, "document": document_values(printed.document)}
     write_files(folder, {PRINTED: manifest_text("document", **values, files=files)})
@@ -158,7 +158,7 @@ def read_printed(folder: Path) -> Printed | None:
     Raises:
         InputError: the file is damaged, of a newer format, or no plain file.
     """
-    from vibroswarm.show.stored import document_from
+    from vibroswarm.show.data import document_from
 
     path = folder / PRINTED
     if not os.path.lexists(path):  # what is there but is no plain file is refused below

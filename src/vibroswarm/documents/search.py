@@ -51,8 +51,7 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Document, Figure, Part, Section, Text
-from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.document import Document, Figure, Part, Section, Text, versions_in_words
 from vibroswarm.simulation import versions
 
 QUOTE: Final = (

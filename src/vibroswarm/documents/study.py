@@ -42,8 +42,16 @@ from vibroswarm.documents.study_words import (
     traded,
     warnings_of,
 )
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
-from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.document import (
+    Column,
+    Document,
+    Part,
+    Section,
+    Table,
+    Text,
+    limits_of,
+    versions_in_words,
+)
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References
 from vibroswarm.study.study_outputs import Comparison

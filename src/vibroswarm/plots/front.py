@@ -110,13 +110,15 @@ def _write_names(
         sizes: the style. known: all points that are drawn. chosen: the points on the front.
         named: the points of ``chosen`` that get numbers and names if the names stand below.
     """
+    from matplotlib.lines import Line2D
+
     # If there are few points, all get their names, also those that are not on the front.
     beside = known if known.height <= DIRECT_UP_TO else chosen
     if beside.height > DIRECT_UP_TO or not label_points(
         figure, axes, sizes, _labels(beside, "name"), known, always=False
     ):
         names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
-        legend_below(figure, sizes, [_empty_handle() for _ in names], names)
+        legend_below(figure, sizes, [Line2D([], [], ls="") for _ in names], names)  # of text alone
         label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
 
 
@@ -126,18 +128,15 @@ def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
     Places are counted by time, from 1; the number of a choice that is not on the front is null. If the frame already
     has a column ``front``, this column decides. Choices without time or error are never on the front.
     """
-    has_front = "front" in frame.columns
     known = (frame["time"].is_not_null() & frame["error"].is_not_null()).to_numpy()
-    if has_front:
+    if "front" in frame.columns:
         front = frame["front"].cast(pl.Boolean).fill_null(False).to_numpy() & known
     else:
         front = pareto_front(frame["time"].to_numpy(), frame["error"].to_numpy())
     frame = frame.with_columns(front=pl.Series(front))
     places = frame.with_row_index("row").filter("front").sort("time", "error", "row")["row"].to_list()
-    number: list[int | None] = [None] * frame.height
-    for place, row in enumerate(places, start=1):
-        number[row] = place
-    return frame.with_columns(number=pl.Series(number, dtype=pl.UInt32))
+    number_of = {row: place for place, row in enumerate(places, start=1)}
+    return frame.with_columns(number=pl.Series(map(number_of.get, range(frame.height)), dtype=pl.UInt32))
 
 
 def _points(axes: Any, style: Style, known: pl.DataFrame, looks: dict[str, Look]) -> None:
@@ -185,13 +184,6 @@ def _steps(axes: Any, style: Style, chosen: pl.DataFrame) -> None:
             chosen["time"], chosen["error"], where="post", color=FAINT, linewidth=style.line_pt, zorder=1.5,
             linestyle=(0, (4, 2)),
         )  # fmt: skip
-
-
-def _empty_handle() -> Any:
-    """Return an invisible line, for a legend that has only text."""
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], ls="")
 
 
 def _labels(points: pl.DataFrame, column: str) -> list[tuple[float, float, str]]:

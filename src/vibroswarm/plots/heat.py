@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -135,6 +136,8 @@ def _draw_heat(
         xs, ys: values of the columns and rows. labels: of x, y and the values.
         digits: significant digits of the numbers in the cells.
     """
+    from matplotlib.patches import Rectangle
+
     rows, columns = grid.shape
     # Many rows get little more than the least height, so that the map does not become tall. 0.45 of the usual height is
     # for the title and the labels of the axis. A map is never taller than ``tallest_in``: its rows become lower.
@@ -142,11 +145,17 @@ def _draw_heat(
     height = max(style.height_in, min(style.tallest_in, style.height_in * 0.45 + rows * row_in))
     figure = new_figure(style, height_in=height, title=title)
     axes = figure.add_subplot()
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
-    axes.set_xlim(0, columns)
-    axes.set_ylim(0, rows)
-    axes.add_patch(_hatched_ground(columns, rows))
+    axes.spines[:].set_visible(True)
+    axes.set(xlim=(0, columns), ylim=(0, rows))
+    # A cell is 1 wide and 1 high; the ground is visible where cells have no value.
+    ground: dict[str, Any] = {
+        "facecolor": PAPER,
+        "edgecolor": FAINT,
+        "hatch": "////",
+        "linewidth": 0,
+        "zorder": 1,
+    }
+    axes.add_patch(Rectangle((0, 0), columns, rows, **ground))
     known = np.isfinite(grid)
     low, high = (float(np.nanmin(grid)), float(np.nanmax(grid))) if known.any() else (0.0, 1.0)
     # The scale of colours needs a range above 0. For large values it is relative, since 0.5 could be less than their
@@ -165,20 +174,8 @@ def _draw_heat(
     _name_ticks(axes.yaxis, style, ys, axes_size_pt(figure, axes)[1], upright=True)
     _name_ticks(axes.xaxis, style, xs, axes_size_pt(figure, axes)[0], upright=False)
     _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits)
-    _outline(axes, style, chosen)
+    _outline(axes, _borders(chosen), (3.4 * style.line_pt, 1.8 * style.line_pt), zorder=5, clip_on=False)
     return figure
-
-
-def _hatched_ground(columns: int, rows: int) -> Any:
-    """Return a hatched background of the size of the map; it is visible where cells have no value.
-
-    A cell is 1 wide and 1 high.
-    """
-    from matplotlib.patches import Rectangle
-
-    return Rectangle(
-        (0, 0), columns, rows, facecolor=PAPER, edgecolor=FAINT, hatch="////", linewidth=0, zorder=1
-    )
 
 
 def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, upright: bool) -> None:
@@ -272,18 +269,18 @@ def _borders(chosen: NDArray[np.bool_]) -> list[list[tuple[int, int]]]:
     return vertical + horizontal
 
 
-def _outline(axes: Any, style: Style, chosen: NDArray[np.bool_]) -> None:
-    """Draw a line around the chosen cells: a dark one on a wider light one, so that it is visible on every colour."""
+def _outline(axes: Any, lines: Sequence[Any], widths_pt: tuple[float, float], **how: Any) -> None:
+    """Draw double lines: a dark one on a wider light one, so that they are visible on every colour.
+
+    Args:
+        widths_pt: of the light line, and of the dark one. how: for ``LineCollection``.
+    """
     from matplotlib.collections import LineCollection
 
-    lines = _borders(chosen)
-    for colour, width in ((ON_DARK, 3.4), (ON_LIGHT, 1.8)):
+    for colour, width in zip((ON_DARK, ON_LIGHT), widths_pt, strict=True):
         axes.add_collection(
-            LineCollection(
-                lines, colors=colour, linewidths=style.line_pt * width, capstyle="projecting", zorder=5,
-                clip_on=False,
-            )
-        )  # fmt: skip
+            LineCollection(lines, colors=colour, linewidths=width, capstyle="projecting", **how)
+        )
 
 
 @drawn
@@ -416,8 +413,7 @@ def _draw_density(
     width_m, height_m = float(edges[0][-1]), float(edges[1][-1])
     figure = new_figure(style, title=title)
     axes = figure.add_subplot()
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
+    axes.spines[:].set_visible(True)
     mesh = axes.pcolormesh(
         *edges,
         density.T,
@@ -459,25 +455,17 @@ def _tiles(
         size_m: width and height of a tile; None: the tiles fill the arena.
         corner_m: lower left corner of the floor in the arena. arena_m: width and height of the arena.
     """
-    from matplotlib.collections import LineCollection
-
     rows, columns = tiles.shape
     wide, high = size_m or (arena_m[0] / columns, arena_m[1] / rows)  # size of a tile
     kinds = range(1, max(int(tiles.max()), 1) + 1)
-    of_kind = [
-        tiles[::-1] == kind for kind in kinds
-    ]  # rows in reverse order: ``_borders`` has row 0 at the bottom
+    # rows in reverse order: ``_borders`` has row 0 at the bottom
+    of_kind = [tiles[::-1] == kind for kind in kinds]
     # Two kinds share a border, which is drawn once.
     lines = list(dict.fromkeys(tuple(line) for chosen in of_kind for line in _borders(chosen)))
     # from units of tiles to m: (segments, 2 ends, x and y)
     placed = np.array(lines, dtype=float).reshape(-1, 2, 2) * (wide, high) + np.asarray(corner_m)
-    for colour, width in ((ON_DARK, 2.6), (ON_LIGHT, 1.2)):
-        axes.add_collection(
-            LineCollection(
-                list(placed), colors=colour, linewidths=style.line_pt * width, capstyle="projecting",
-                rasterized=len(lines) > MARKS_UP_TO,
-            )
-        )  # fmt: skip
+    widths_pt = 2.6 * style.line_pt, 1.2 * style.line_pt
+    _outline(axes, list(placed), widths_pt, rasterized=len(lines) > MARKS_UP_TO)
     markers = list(KIND_MARKERS)
     for kind, chosen in zip(kinds, of_kind, strict=True):
         centres = (np.argwhere(chosen)[:, ::-1] + 0.5) * (wide, high) + np.asarray(corner_m)

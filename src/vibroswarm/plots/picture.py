@@ -218,11 +218,10 @@ def themed_svg(figure: Figure) -> str:
     text = _svg(figure)
     if len(text) > SVG_UP_TO:
         text = _svg_with_image(figure)
-    return _TAG.sub(lambda tag: _themed(tag[0]), text)
+    # The tags of the SVG: matplotlib escapes both signs in text and in attributes.
+    return re.sub(r"<[^<>]*>", lambda tag: _themed(tag[0]), text)
 
 
-_TAG: Final = re.compile(r"<[^<>]*>")  # matplotlib escapes both signs in text and in attributes
-"""A tag of an SVG."""
 _STYLE: Final = re.compile(r'(?<= style=")[^"]*(?=")')
 """The text of the attribute ``style`` of a tag."""
 _HATCHED: Final = re.compile(r' fill="(#[0-9a-f]{6})"')

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
-from vibroswarm.plots.picture import Picture, drawn, save_figure
+from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
 from vibroswarm.result import Result
 
@@ -40,11 +39,6 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
     headings = report_headings(result, told["name"].unique().to_list())
     truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
     return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)
-
-
-def write_reports_picture(result: Result, path: Path, run: int = 0) -> None:
-    """Write the picture of what robots reported to a file, in the format of its suffix; an older one is replaced."""
-    save_figure(lambda: draw_run_reports(result, run, style="page").figure, path)
 
 
 @drawn

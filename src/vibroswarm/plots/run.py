@@ -197,9 +197,8 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
 
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
     values = floor.surface.values
-    labels = (
-        {} if values is not None else dict(labels)
-    )  # the first tile of each kind takes the label, so that the legend has each label once
+    # The first tile of each kind takes the label, so that the legend has each label once.
+    labels = {} if values is not None else dict(labels)
     # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
     with rc_context({"hatch.color": RUN["ripple"]}):
         for (row, column), kind in np.ndenumerate(floor.tiles):
@@ -229,8 +228,7 @@ def _between(contrast: float) -> tuple[float, ...]:
     """Return the colour of a tile of a value, between those of still and of vibrating tiles."""
     from matplotlib.colors import to_rgb
 
-    ends = (np.array(to_rgb(RUN[name])) for name in ("tile-still", "ripple"))
-    still, vibrating = ends
+    still, vibrating = (np.array(to_rgb(RUN[name])) for name in ("tile-still", "ripple"))
     return tuple((still + contrast * (vibrating - still)).tolist())
 
 
@@ -411,13 +409,3 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     bar.set_label("belief that a tile vibrates", fontsize=9)
     figure.supxlabel("x: believed to be what it is not", fontsize=8)
     return figure
-
-
-def write_maps_picture(maps: pl.DataFrame, path: Path, run: int = 0) -> None:
-    """Write the picture of ``maps_figure`` for ``maps`` and ``run`` to the PNG file ``path``; replace an existing file.
-
-    Raises:
-        InputError: the folder cannot be written.
-        RunError: the disk is full or failed.
-    """
-    save_figure(lambda: maps_figure(maps, run), path)

@@ -1,11 +1,15 @@
-"""A document as plain values for JSON: the answer and the named tables, not titles and captions."""
+"""A document as plain values: for JSON (answer and named tables), and whole but for its pictures, to show it again."""
 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
-from vibroswarm.show.document import Document
+from pydantic import TypeAdapter, ValidationError
+
+from vibroswarm.errors import InputError
+from vibroswarm.show.document import Document, without_pictures
 
 
 def document_data(document: Document) -> dict[str, Any]:
@@ -33,3 +37,31 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
     return value
+
+
+def document_values(document: Document) -> dict[str, Any]:
+    """Return a document as values that JSON has, from which ``document_from`` makes it again, without its pictures."""
+    values: dict[str, Any] = plain(_adapter().dump_python(without_pictures(document), exclude_defaults=True))
+    return values
+
+
+def document_from(values: object, name: str) -> Document:
+    """Make the document that ``document_values`` has written.
+
+    Args:
+        values: as read from JSON. name: of the file, for errors.
+    Raises:
+        InputError: it is damaged, or something else.
+    """
+    try:
+        return _adapter().validate_python(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"])) or "it"
+        raise InputError(f"is damaged: {place}: {first['msg']}", field=name) from None
+
+
+@cache
+def _adapter() -> TypeAdapter[Document]:
+    """Return what checks and converts documents, by the types of their fields."""
+    return TypeAdapter(Document)

@@ -84,13 +84,17 @@ def page_html(document: Document) -> str:
     # The page's content security policy allows only the script with this hash: the script element contains it between
     # two line feeds.
     digest = base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
-    first, rest = _before_sections(document.parts)
+    # What stands before the first section belongs to the first screen.
+    place = next(
+        (n for n, part in enumerate(document.parts) if isinstance(part, Section)), len(document.parts)
+    )
+    rest = document.parts[place:]
     return (
         _environment()
         .get_template("page.html")
         .render(
             document=document,
-            first=first,
+            first=document.parts[:place],
             rest=rest,
             contents=_contents(rest),
             style=Markup(_asset("page.css")),
@@ -108,12 +112,6 @@ def certificate_html(document: Document) -> str:
 def fragment_html(document: Document) -> str:
     """Return a document as one HTML element without scripts, for a notebook."""
     return _environment().get_template("fragment.html").render(document=document, rows_up_to=ROWS_IN_FRAGMENT)
-
-
-def _before_sections(parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Divide the parts of a document into those before the first section, and the rest."""
-    place = next((n for n, part in enumerate(parts) if isinstance(part, Section)), len(parts))
-    return parts[:place], parts[place:]
 
 
 def _contents(parts: tuple[Part, ...]) -> dict[str, Any] | None:

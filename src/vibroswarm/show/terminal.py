@@ -58,7 +58,7 @@ def printable(text: str) -> str:
 
 def paragraph(text: str, width: int) -> list[str]:
     """Break text between words into lines of at most ``width`` characters; a number and its unit stay together."""
-    return [line.replace(UNBROKEN, " ") for line in _wrapped(_unbroken(printable(text)), width)]
+    return _lines(_unbroken(printable(text)), width)
 
 
 def _unbroken(text: str) -> str:
@@ -67,8 +67,9 @@ def _unbroken(text: str) -> str:
     return re.sub(r"\[[^][ ]+, [^][ ]+\]", lambda limits: limits[0].replace(" ", UNBROKEN), text)
 
 
-def _wrapped(text: str, width: int) -> list[str]:
-    return wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
+def _lines(text: str, width: int) -> list[str]:
+    lines = wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
+    return [line.replace(UNBROKEN, " ") for line in lines]
 
 
 class _Printer:
@@ -88,40 +89,29 @@ class _Printer:
             self.paragraph(f"Warning: {words}", "yellow")
         if document.parts and isinstance(document.parts[0], Text):  # other parts begin with an empty line
             self.line()
-        for part in document.parts:
-            self.part(part)
+        self.parts(document.parts)
 
-    def part(self, part: Part) -> None:
-        """Print a part, after an empty line unless it is a text."""
-        if isinstance(part, Text):
-            self.text(part)
-        elif isinstance(part, Photos):
-            for words in (part.words, *(f"  {photo.words}" for photo in part.photos)):
-                self.paragraph(words)
-        elif isinstance(part, Table):
-            self.table(part)
-        elif isinstance(part, Section):
-            self.section(part)
-
-    def section(self, section: Section) -> None:
-        """Print a section under its heading; nothing if it has figures only."""
-        shown = [part for part in section.parts if self.is_shown(part)]
-        if not shown or not self.is_open(section):
-            return
-        self.line()
-        self.paragraph(section.title, "bold")
-        for part in shown:
-            self.part(part)
+    def parts(self, parts: tuple[Part, ...]) -> None:
+        """Print parts, each after an empty line unless it is a text; a section under its heading."""
+        for part in filter(self.is_shown, parts):
+            if isinstance(part, Text):
+                self.text(part)
+            elif isinstance(part, Photos):
+                for words in (part.words, *(f"  {photo.words}" for photo in part.photos)):
+                    self.paragraph(words)
+            elif isinstance(part, Table):
+                self.table(part)
+            elif isinstance(part, Section):
+                self.line()
+                self.paragraph(part.title, "bold")
+                self.parts(part.parts)
 
     def is_shown(self, part: Part) -> bool:
-        """Return whether anything of a part is printed."""
+        """Return whether anything of a part is printed: no figure, nor a section that has figures only."""
         if isinstance(part, Section):
-            return self.is_open(part) and any(map(self.is_shown, part.parts))
+            is_open = self.wide or not (part.folded or part.wide)
+            return is_open and any(map(self.is_shown, part.parts))
         return isinstance(part, Text | Photos) or (isinstance(part, Table) and (self.wide or not part.folded))
-
-    def is_open(self, section: Section) -> bool:
-        """Return whether a section is printed."""
-        return self.wide or not (section.folded or section.wide)
 
     def text(self, text: Text) -> None:
         """Print a paragraph, or lines of code as they are."""
@@ -148,8 +138,6 @@ class _Printer:
 
     def table(self, table: Table) -> None:
         """Print a table under its caption, in the first layout that fits."""
-        if table.folded and not self.wide:
-            return
         self.line()
         if table.caption:
             self.paragraph(table.caption)
@@ -203,10 +191,6 @@ class _Printer:
                 self.paragraph(f"  {head}: {text}" if head else f"  {text}", STYLES[tone])
 
 
-def _lines(text: str, width: int) -> list[str]:
-    return [line.replace(UNBROKEN, " ") for line in _wrapped(text, width)]
-
-
 class Grid(NamedTuple):
     """A table of texts, each with its tone; texts are broken at spaces only."""
 
@@ -225,7 +209,7 @@ class Grid(NamedTuple):
         all of them get about as many lines.
         """
         cells = [[row[column][0] for row in self.rows] for column in range(len(self.heads))]
-        widths = [_longest(word for text in (head, *texts) for word in _words(text))
+        widths = [_longest(word for text in (head, *texts) for word in text.split(" "))
                   for head, texts in zip(self.heads, cells, strict=True)]  # fmt: skip
         spare = width - sum(widths) - GAP * (len(widths) - 1)
         if spare < 0:
@@ -261,10 +245,6 @@ class Grid(NamedTuple):
         chosen = [*range(self.names), *columns]
         rows = [[row[column] for column in chosen] for row in self.rows]
         return Grid([self.heads[c] for c in chosen], rows, self.names, [self.numbers[c] for c in chosen])
-
-
-def _words(text: str) -> list[str]:
-    return text.split(" ")
 
 
 def _widen(widths: list[int], wanted: list[int], spare: int) -> int:
