@@ -21,7 +21,7 @@ from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.simulation import versions
 from vibroswarm.study.detection import Detection
 
@@ -35,22 +35,21 @@ def detection_document(detection: Detection) -> Document:
     found, needed, curve = hardest(tables["pairs"]), tables["needed"], tables["detection"]
     figures = tuple(_figures(curve, scenario, detection))
     numbers = (_curve_table(curve), *([_pairs_table(tables["pairs"])] if found.height else []))
-    parts: list[Part] = [Text(_setting_of(needed, scenario))]
-    if added:
-        parts.append(Text(f"Fill ratios added to count false alarms: {listed(map(stated_percent, added))}."))
-    if found.height:
-        parts.append(_found_table(found, scenario, detection))
-    parts.append(Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))))
-    if "maps" in tables:
-        parts.append(Section("Maps", (_map_table(tables["maps"]),)))
-    if figures:
-        parts.append(Section("Misses against the fill ratio", figures))
+    words = f"Fill ratios added to count false alarms: {listed(map(stated_percent, added))}." if added else ""
     return Document(
         title="How many robots, and how much time?",
         answer=_answer(found, scenario, detection),
         knew=told([scenario]),
         warnings=detection.warnings,
-        parts=(*parts, Section("All numbers", numbers, folded=True)),
+        parts=(
+            Text(_setting_of(needed, scenario)),
+            *([Text(words)] if words else []),
+            *([_found_table(found, scenario, detection)] if found.height else []),
+            Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))),
+            *([Section("Maps", (_map_table(tables["maps"]),))] if "maps" in tables else []),
+            *([Section("Misses against the fill ratio", figures)] if figures else []),
+            Section("All numbers", numbers, folded=True),
+        ),
         made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},
     )
 

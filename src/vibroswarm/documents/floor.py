@@ -58,14 +58,8 @@ def _listed(patches: Sequence[Patch]) -> tuple[Table, ...]:
     if not patches:
         return ()
     frame = pl.DataFrame([{"shape": "disc" if p.is_disc else "rectangle"} | p._asdict() for p in patches])
-    names = {
-        "x_m": "x (m)",
-        "y_m": "y (m)",
-        "width_m": "width (m)",
-        "height_m": "height (m)",
-        "contrast": "contrast",
-    }
-    columns = {name: Column(words, decimals=3) for name, words in names.items()}
+    columns = {f"{name}_m": Column(f"{name} (m)", decimals=3) for name in ("x", "y", "width", "height")}
+    columns["contrast"] = Column(decimals=3)
     return (Table(frame.drop("is_disc"), columns, name="patches"),)
 
 
@@ -120,12 +114,11 @@ def design_document(
     made = _rows({"made": design.difficulty}).with_columns(
         reached=pl.lit(design.reached), words=pl.lit(design.words)
     )
-    rows = rows_of(design.tiles)
     return Document(
         title="Floor made to order",
         answer=(design.words,),
         parts=(*_drawing(drawing), _picture(design.tiles, design.words)),
-        data={**asked, "floors": made, "tiles": pl.DataFrame({"row": rows})},
+        data={**asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
     )
 
 

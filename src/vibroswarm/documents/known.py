@@ -33,23 +33,19 @@ USES: Final = {
 
 
 def known_document(kind: str) -> Document:
-    """Return the names of a kind, with one line each.
+    """Return the names of a kind, with one line each, those of installed packages included.
 
     Args:
         kind: a key of ``NOUNS``.
     """
-    named = about_of(kind)
+    if kind == "preset":
+        named = {name: describe(name) for name in preset_names()}
+    else:
+        plugins.load_installed()
+        named = {name: one.about for name, one in plugins.KINDS[kind].known().items()}
     title = NOUNS[kind][1]
     frame = pl.DataFrame({kind: list(named), "about": list(named.values())})
     answer = f"{count(len(named), *NOUNS[kind])}; select one with {USES[kind]}."
     return Document(
         title[:1].upper() + title[1:], (answer,), parts=(Table(frame, name=title.replace(" ", "_"), names=1),)
     )
-
-
-def about_of(kind: str) -> dict[str, str]:
-    """Return a line about each object of a kind, by name, those of installed packages included."""
-    if kind == "preset":
-        return {name: describe(name) for name in preset_names()}
-    plugins.load_installed()
-    return {name: one.about for name, one in plugins.KINDS[kind].known().items()}

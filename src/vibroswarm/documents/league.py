@@ -97,16 +97,11 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
 
 def entries_document(league: League) -> Document:
     """Return the document of a league that is not played yet: its entries."""
-    settings = _settings(league)
-    return Document("League", (f"{_size(league)}; seed {league.seed}.",), parts=settings.parts)
-
-
-def _size(league: League) -> str:
-    """Say how large a league is."""
-    return (
+    size = (
         f"{count(len(league.entries), 'entry', 'entries')}, {count(len(league.floors), 'floor')}, swarms of "
-        f"{listed(map(str, league.robots))}, {count(league.runs, 'run')} of each"
+        f"{listed(map(str, league.robots))}, {count(league.runs, 'run')} of each; seed {league.seed}."
     )
+    return Document("League", (size,), parts=_settings(league).parts)
 
 
 def _warnings(league: League) -> tuple[str, ...]:
@@ -395,7 +390,13 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
     Args:
         floors: ``Standings.floor_table``. differences: ``Standings.floor_differences``; empty for a single entry.
     """
-    picture = Figure("floors", lambda style: _draw_floors(floors, style))
+    picture = Figure(
+        "floors",
+        lambda style: draw_heat(
+            by_difficulty(floors), x_label="pattern and share of tiles in the minority", y_label="",
+            label="forced error (%)", best="low", style=style,
+        ),
+    )  # fmt: skip
     every = Table(floors.drop("strategy"), FIGURES, name="floors", names=3)
     return (
         Section("Floor by floor", (picture,)),
@@ -423,17 +424,6 @@ def _floor_differences(differences: pl.DataFrame) -> tuple[Section, ...]:
     table = Table(frame, DIFFERENCES, name="floor_differences", names=3)
     words = Text("Entry - reference; p by Holm over entries and floors.", "aside")
     return (Section("Differences from the reference, floor by floor", (table, words), folded=True),)
-
-
-def _draw_floors(floors: pl.DataFrame, style: str) -> Any:
-    return draw_heat(
-        by_difficulty(floors),
-        x_label="pattern and share of tiles in the minority",
-        y_label="",
-        label="forced error (%)",
-        best="low",
-        style=style,
-    )
 
 
 def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:

@@ -215,12 +215,11 @@ def _command(one: ItemResult, settings: Settings) -> str:
 
 def _tables(one: ItemResult, settings: Settings) -> list[Table]:
     """Return the tables of an item that have rows: some are not made for presets that were not requested."""
-    found = []
-    for place, view in enumerate(one.item.shown, start=1):
-        frame = one.tables.get(view.table)
-        if frame is not None and not frame.is_empty():
-            found.append(_table(frame, view, f"{one.item.name}-{place}", _command(one, settings)))
-    return found
+    return [
+        _table(one.tables[view.table], view, f"{one.item.name}-{place}", _command(one, settings))
+        for place, view in enumerate(one.item.shown, start=1)
+        if view.table in one.tables and not one.tables[view.table].is_empty()
+    ]
 
 
 def _table(frame: pl.DataFrame, view: TableView, name: str, command: str) -> Table:

@@ -55,23 +55,24 @@ def run_document(result: Result, run: int) -> Document:
     answers = _answers_over_time(result, run)
     decidable = decidability(scenario, floor=result.floor(run).at(found.end_s))
     opinions = holds_opinions(scenario)
-    parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(result, run, found))]
-    parts += map(Text, fault_sentences(result, run))
-    parts += [Text(OPINION_NOTE)] if opinions else []
-    parts += robot_tables(
-        found, "opinion" if opinions else "share of ones" if _counts(found, scenario) else "estimate"
-    )
-    parts += answers_table(answers)
-    parts += _reports(result, run)
-    parts += _map(result, run)
-    parts += _reports_over_time(result, run)
-    parts.append(Figure("run", lambda style: draw_run(result, run, style=style)))
+    posterior = "opinion" if opinions else "share of ones" if _counts(found, scenario) else "estimate"
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
         answer=(*failure_sentences(result), *_outcome(found), *_when_given(found, answers)),
         knew=told([scenario]),
         warnings=(decidable.says,) if decidable.is_warning else (),
-        parts=tuple(parts),
+        parts=(
+            Text(_what_ran(result, found, run)),
+            *map(Text, _readings(result, run, found)),
+            *map(Text, fault_sentences(result, run)),
+            *([Text(OPINION_NOTE)] if opinions else []),
+            *robot_tables(found, posterior),
+            *answers_table(answers),
+            *_reports(result, run),
+            *_map(result, run),
+            *_reports_over_time(result, run),
+            Figure("run", lambda style: draw_run(result, run, style=style)),
+        ),
         made_by=_made_by(result),
         data=_verdict_data(found) | _failed_parts(result, run),
     )

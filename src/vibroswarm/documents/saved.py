@@ -20,10 +20,11 @@ from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
 from vibroswarm.core.folders import REPORT, check_files, has_manifest, manifest_text, read_manifest
 from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError, warn_once
+from vibroswarm.show.data import document_from, document_values
+from vibroswarm.show.document import Document
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.show.document import Document
 
 
 def save(
@@ -40,13 +41,16 @@ def save(
     Args:
         command, work: as of ``begin``, which is called first.
         files: what ``printed.json`` says of the command's tables (``study.summary.write_table``).
+    Raises:
+        InputError, RunError: the folder cannot be written.
     """
     from vibroswarm.show.page import write_page
 
     begin(folder, command, work)
     if page is not None:
         write_page(folder / page, document)
-    write_printed(folder, Printed(command, document), files or {})
+    values = {"command": command, "document": document_values(document), "files": files or {}}
+    write_files(folder, {PRINTED: manifest_text("document", **values)})
 
 
 def begin(folder: Path, command: str, work: str = "") -> None:
@@ -140,26 +144,12 @@ def hash_of(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def write_printed(folder: Path, printed: Printed, files: Mapping[str, Any]) -> None:
-    """Write ``printed.json`` into a folder; ``files`` is what it says of the command's tables.
-
-    Raises:
-        RunError: it cannot be written.
-    """
-    from vibroswarm.show.data import document_values
-
-    values = {"command": printed.command, "document": document_values(printed.document)}
-    write_files(folder, {PRINTED: manifest_text("document", **values, files=files)})
-
-
 def read_printed(folder: Path) -> Printed | None:
     """Read ``printed.json`` of a folder; None if the folder has no such file.
 
     Raises:
         InputError: the file is damaged, of a newer format, or no plain file.
     """
-    from vibroswarm.show.data import document_from
-
     path = folder / PRINTED
     if not os.path.lexists(path):  # what is there but is no plain file is refused below
         return None

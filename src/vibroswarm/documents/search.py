@@ -20,9 +20,8 @@ from vibroswarm.documents.search_tables import (
     BEST,
     account,
     against,
-    against_table,
     best_table,
-    failure_table,
+    failure_tables,
     frame_of,
     front_table,
     history_of,
@@ -175,7 +174,8 @@ def _truth_sections(found: Found, truth: Truth | None) -> Iterator[Section]:
     cases = [cell.name for cell in search.cases]
     yield truth_section(truth, found.archive[found.best].count, cases, search.objectives[0].unit)
     if truth.others:
-        yield Section("Against the start", (against_table(search, truth),))
+        others = against(truth, other_names(search, truth), search.objectives[0].unit)
+        yield Section("Against the start", (others,))
 
 
 def truth_section(truth: Truth, believed_runs: int, cases: Sequence[str], unit: str) -> Section:
@@ -239,9 +239,7 @@ def _history_section(found: Found, truth: Truth | None) -> Section:
 
 def _runs_section(found: Found, truth: Truth | None, front: Front | None) -> Section:
     """Return the section with the runs that search, race and fresh runs took, and why runs failed."""
-    failures = failure_table(found.archive)
-    tables = (account(found, truth, front), *(() if failures is None else (failures,)))
-    return Section("Runs", tables)
+    return Section("Runs", (account(found, truth, front), *failure_tables(found.archive)))
 
 
 def file_section(text: str, name: str) -> tuple[Section, ...]:

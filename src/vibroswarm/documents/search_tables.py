@@ -15,7 +15,6 @@ from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import Estimate, count, decimals_of
 from vibroswarm.documents.search_words import (
     bound_of,
-    other_names,
     place_of,
     short_names,
     standing,
@@ -137,13 +136,8 @@ def _part_table(rows: list[dict[str, Any]], in_cases: bool) -> Table:
     return Table(frame_of(rows), columns, f"What the score is made of.{worst}", "parts", names=2)
 
 
-def against_table(search: Search, truth: Truth) -> Table:
-    """Tabulate the starts and other candidates of ``truth.others``: the score of each, and winner - candidate."""
-    return against(truth, other_names(search, truth), search.objectives[0].unit)
-
-
 def against(truth: Truth, names: Sequence[str], unit: str = "") -> Table:
-    """Tabulate the scores of ``truth.others`` by their names, and winner - candidate."""
+    """Tabulate the scores of ``truth.others`` (starts and other candidates) by their names, and winner - candidate."""
     rows = [
         {
             "other": name,
@@ -323,8 +317,8 @@ def account(found: Found, truth: Truth | None, front: Front | None) -> Table:
     return Table(frame_of(rows), columns, name="runs", folded=True)
 
 
-def failure_table(archive: Archive) -> Table | None:
-    """Tabulate the causes of failed runs, the cause that affected most candidates first; None if no run failed.
+def failure_tables(archive: Archive) -> tuple[Table, ...]:
+    """Tabulate the causes of failed runs, the cause that affected most candidates first; nothing if no run failed.
 
     All failed runs of a candidate are counted under the cause of its first failure, since only that one is saved.
     """
@@ -333,7 +327,7 @@ def failure_table(archive: Archive) -> Table | None:
         if c.failed:
             by_cause.setdefault(c.why or "not known", []).append(c)
     if not by_cause:
-        return None
+        return ()
     rows = [
         {
             "why": cause,
@@ -345,7 +339,7 @@ def failure_table(archive: Archive) -> Table | None:
     ]
     result = "their scores are of the other runs" if archive.drops_failed else "none of them could win"
     caption = f"Why runs failed, by the first reason of each candidate; {result}."
-    return Table(frame_of(rows), {"why": Column(prose=True)}, caption, "failures", folded=True)
+    return (Table(frame_of(rows), {"why": Column(prose=True)}, caption, "failures", folded=True),)
 
 
 def _stage(candidate: Candidate) -> str:

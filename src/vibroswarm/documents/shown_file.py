@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+import polars as pl
+
+from vibroswarm.core.folders import check_written, kind_of
+from vibroswarm.core.tables import MAX_BYTES, read_frame
+from vibroswarm.core.untrusted_files import check_plain, parsed_toml, read_bytes, read_text
+from vibroswarm.documents.saved import PRINTED, Printed, read_printed
 from vibroswarm.errors import InputError
+from vibroswarm.show.document import Document
 
 if TYPE_CHECKING:
     import numpy as np
-    import polars as pl
     from numpy.typing import NDArray
-
-    from vibroswarm.documents.saved import Printed
-    from vibroswarm.show.document import Document
 
 TABLES: Final = (".csv", ".parquet")
 """Suffixes of files that hold a table; a .csv file may also hold a floor."""
@@ -32,9 +36,6 @@ def file_document(path: Path, draw: Callable[[NDArray[np.uint8]], str]) -> Docum
     Raises:
         InputError: the file cannot be read, its suffix is not known, or its content is wrong.
     """
-    from vibroswarm.core.tables import MAX_BYTES
-    from vibroswarm.core.untrusted_files import check_plain
-
     check_plain(path, MAX_BYTES, "a file of vibroswarm")
     if path.suffix == ".toml":
         return _toml_document(path)
@@ -61,7 +62,6 @@ def _toml_document(path: Path) -> Document:
     A search and a study are detected by the names of their entries, settings by the form of their keys; any other file
     is read as a scenario. Of a search or a study, it is a summary.
     """
-    from vibroswarm.core.untrusted_files import parsed_toml, read_text
     from vibroswarm.documents import file
 
     text = read_text(path, "a file in TOML")
@@ -141,15 +141,6 @@ def _frame(path: Path) -> pl.DataFrame:
     Raises:
         InputError: it cannot be read.
     """
-    import io
-
-    import polars as pl
-
-    from vibroswarm.core.folders import check_written
-    from vibroswarm.core.tables import read_frame
-    from vibroswarm.core.untrusted_files import read_bytes
-    from vibroswarm.documents.saved import PRINTED
-
     if path.suffix != ".csv":
         check_written(path, PRINTED)
         return read_frame(path, path.stem)
@@ -190,9 +181,6 @@ def shown_folder(folder: Path) -> Shown:
     Raises:
         InputError: the folder holds a damaged search, or nothing that a command writes.
     """
-    from vibroswarm.core.folders import kind_of
-    from vibroswarm.documents.saved import read_printed
-
     printed, damaged = None, None
     try:
         printed = read_printed(folder)
@@ -219,8 +207,7 @@ def _of_kind(folder: Path, kind: str | None, printed: Printed | None) -> Shown:
         about = held(folder)
         return Shown(about, (search_state_document(about, is_validated=printed is not None), *saved), command)
     if kind == "study":
-        from vibroswarm.documents.study_results import results_or_need
-        from vibroswarm.documents.study_state import state_document, study_state
+        from vibroswarm.documents.study_folder import results_or_need, state_document, study_state
         from vibroswarm.study.store import Store
 
         store = Store.open(folder)

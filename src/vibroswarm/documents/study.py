@@ -92,21 +92,18 @@ def comparison_document(comparison: Comparison) -> Document:
     """Return what the comparisons of a study's cells say, without its figures."""
     outcome = comparison.outcome
     head, compared = _differences_parts(outcome)
-    parts: list[Part] = [*head]
-    if compared:
-        parts.append(Section("Compared run by run", tuple(compared)))
-    equal_error = _equal_error_section(outcome)
-    if equal_error.parts:
-        parts.append(equal_error)
-    if not outcome.answers:
-        parts.append(_outcome_table(outcome))
+    sections = Section("Compared run by run", tuple(compared)), _equal_error_section(outcome)
     data = _data(outcome)
     return Document(
         title=question(outcome),
         answer=_answer(outcome, math.inf),
         knew=told(one.cell.scenario for one in outcome.cells),
         warnings=tuple(warnings_of(outcome)),
-        parts=tuple(parts),
+        parts=(
+            *head,
+            *(section for section in sections if section.parts),
+            *([] if outcome.answers else [_outcome_table(outcome)]),
+        ),
         made_by=_made_by(outcome),
         data={name: data[name] for name in ("comparisons", "equal_error") if name in data},
     )
@@ -200,13 +197,16 @@ _OUTCOME_WORDS: Final = (
 
 
 def _outcome_section(outcome: Outcome) -> Section:
-    parts: list[Part] = [_outcome_table(outcome)]
-    parts += _tables_of_some_cells(outcome)
-    parts += _reported_parts(outcome)
-    if words := _levels(outcome):
-        parts.append(Text(words))
-    parts.append(Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True))
-    return Section("Outcome", (*parts, *outcome_figures(outcome)))
+    levels = _levels(outcome)
+    parts = (
+        _outcome_table(outcome),
+        *_tables_of_some_cells(outcome),
+        *_reported_parts(outcome),
+        *([Text(levels)] if levels else []),
+        Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True),
+        *outcome_figures(outcome),
+    )
+    return Section("Outcome", parts)
 
 
 def _outcome_table(outcome: Outcome) -> Table:

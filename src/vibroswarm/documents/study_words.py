@@ -120,7 +120,8 @@ def sentence(answer: Answer) -> str:
     if not shown:
         names = f"{answer.first_name} and {answer.reference_name}"
         return f"{names}{where}: no significant difference ({_differences(others)})."
-    text = f"{headline(answer)}{where}: {', '.join(map(_in_words, shown))}; {_confirmed(shown)}."
+    differences = ", ".join(_directed(effect.figure, effect.interval) for effect in shown)
+    text = f"{headline(answer)}{where}: {differences}; {_confirmed(shown)}."
     return text + (f" Not significant: {_differences(others)}." if others else "")
 
 
@@ -166,10 +167,6 @@ def _conclusion(answer: Answer, first_is_faster_at_equal_error: bool | None) -> 
     if first_is_faster_at_equal_error is None or first_is_faster_at_equal_error != first_is_faster:
         return f" So {faster} is faster as run, but not shown to be better: it is wrong more often."
     return f" So {faster} is faster, and not only because it is wrong more often."
-
-
-def _in_words(effect: Effect) -> str:
-    return _directed(effect.figure, effect.interval)
 
 
 def _directed(figure: str, difference: Interval) -> str:
