@@ -138,7 +138,6 @@ def test_cells_differ_in_what_is_asked_alone() -> None:
     for robots in hidden_threshold.SIZES:
         pair = [hidden[robots, "random:0.52", "none", p].scenario for p in (0.7, 0.95)]
         assert set(differences(*pair)) == {"decision.credible_threshold"}
-    assert hidden_threshold.cells(Settings(columns=("calibrated",))) == {}
     timers = readings.cells_of_timers(Settings())
     always, frozen = (timers[name, "none"].scenario for name in (readings.ALWAYS, readings.FROZEN))
     assert differences(always, frozen) == {"sample.timer": "always"}

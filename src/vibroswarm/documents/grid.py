@@ -13,7 +13,7 @@ import polars as pl
 
 from vibroswarm.core.numbers import count, counts, decimals_of, listed, with_limits
 from vibroswarm.documents.cell_figures import figure_columns
-from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.search import captioned, commands, file_section, truth_section
 from vibroswarm.documents.search_words import (
     DIFFERENT_VERSIONS,
@@ -31,7 +31,7 @@ from vibroswarm.optimize.validation import Truth
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
-from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text, versions_in_words
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.simulation import versions
 from vibroswarm.study.plan import plan_of
 
@@ -197,16 +197,13 @@ def _draw(nodes: Nodes, name: str, style: str) -> Picture:
 def _made_by(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Return what repeats a grid, and the commands for its lowest cell."""
     study = nodes.grid.study
+    fresh = "" if truth is None else f" --fresh {truth.winner.score.n}"
     file = "grid.toml" if file_text(nodes.grid) else ""
-    texts = {
+    return {
         "study": study.hash,
         "seed": str(study.seed),
         "objective": nodes.grid.objective.words,
         "engine": study.motion,
         **versions_in_words(made_by),
-        **commands(file, against="paper"),
+        **commands(file, "paper", f" --method grid{fresh}"),
     }
-    if file:
-        fresh = "" if truth is None else f" --fresh {truth.winner.score.n}"
-        texts["to repeat, in this folder"] = f"vibroswarm optimize grid.toml --method grid{fresh} --out ."
-    return texts

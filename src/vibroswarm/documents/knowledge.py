@@ -1,8 +1,8 @@
-"""In which setting robots are, and what they know: a sentence for wherever strategies stand side by side."""
+"""Words that documents share: in which setting robots are, what they know, and which versions made a result."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from vibroswarm.analysis.claimed_rates import claims_notes
 from vibroswarm.analysis.true_places import true_places_notes
@@ -40,3 +40,17 @@ def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
         beyond = [f"{name} also knows {listed(words)}" for name, words in more.items() if words]
         sentences.append(f"Strategies know different facts of their task: {'; '.join(beyond)}.")
     return tuple(sentences)
+
+
+def versions_in_words(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return the versions that made a result, as texts for ``Document.made_by``, numbered if there are several.
+
+    Args:
+        made_by: the different ``simulation.versions``, which have the version of each part of the software.
+    """
+    return {
+        "made by" if len(made_by) == 1 else f"made by ({number})": ", ".join(
+            f"{name} {version}" for name, version in versions.items()
+        )
+        for number, versions in enumerate(made_by, start=1)
+    }

@@ -74,7 +74,13 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             _costs(standings.main.table),
             *_maps(standings, tables.get("maps")),
             *_differences(
-                tables["differences"], folded=len(league.entries) > len(standings.main.league.entries)
+                tables["differences"],
+                "Difference from {}",
+                "Entry - reference, motion by motion, with 95 % intervals; p by Holm over the entries. No significant "
+                "difference is not evidence of no difference.",
+                "name",
+                # it compares single settings of fronts
+                folded=len(league.entries) > len(standings.main.league.entries),
             ),
             *_beliefs(tables.get("beliefs")),
             *_faults(tables.get("faults")),
@@ -166,21 +172,20 @@ def _maps(standings: Standings, maps: pl.DataFrame | None) -> tuple[Section, ...
     return (Section("Maps", (map_table(shown, {"name": ENTRY}),)),)
 
 
-def _differences(differences: pl.DataFrame, folded: bool) -> tuple[Section, ...]:
-    """Return the section of differences from the reference; none for a single entry.
+def _differences(
+    differences: pl.DataFrame, title: str, words: str, *index: str, folded: bool
+) -> tuple[Section, ...]:
+    """Return a section of differences from the reference; none for a single entry.
 
     Args:
-        folded: whether it compares single settings of fronts.
+        title: {} becomes the reference. words: below the table. index: columns of which each row has other values.
     """
     if differences.is_empty():
         return ()
-    words = (
-        "Entry - reference, motion by motion, with 95 % intervals; p by Holm over the entries. No significant "
-        "difference is not evidence of no difference."
-    )
-    table = Table(_side_by_side(differences, "name"), DIFFERENCES, name="differences")
-    title = f"Difference from {differences['reference'][0]}"
-    return (Section(title, (table, Text(words, "aside")), folded=folded),)
+    name = "differences" if len(index) == 1 else "floor_differences"
+    table = Table(_side_by_side(differences, *index), DIFFERENCES, name=name, names=len(index))
+    parts = (table, Text(words, "aside"))
+    return (Section(title.format(differences["reference"][0]), parts, folded=folded),)
 
 
 def _side_by_side(differences: pl.DataFrame, *index: str) -> pl.DataFrame:
@@ -223,11 +228,9 @@ def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
         "behind_s": Column("behind the fastest", "s", decimals=0, sign=True, strip=True),
         "in_group": Column("among the fastest"),
     }
-    parts: list[Part] = [Figure("fronts", lambda style: _draw_fronts(standings, style)), *levels]
-    if compared.height:
-        parts.append(Text(words, "aside"))
-        parts.append(Table(compared, columns, name="fronts", names=2, folded=True))
-    return (Section("Time at equal error", tuple(parts)),)
+    table = Table(compared, columns, name="fronts", names=2, folded=True)
+    below: list[Part] = [Text(words, "aside"), table] if compared.height else []
+    return (Section("Time at equal error", (_fronts_figure(standings), *levels, *below)),)
 
 
 def _levels(fronts: pl.DataFrame) -> tuple[Table, ...]:
@@ -257,7 +260,7 @@ def _cell_of(row: Mapping[str, Any]) -> str:
     return with_limits(Estimate.of(row, "time_s"), "", 0) + ("*" if row["in_group"] else "")
 
 
-def _draw_fronts(standings: Standings, style: str) -> Any:
+def _fronts_figure(standings: Standings) -> Figure:
     marks = standings.table.sort("decision_time_s").select(
         x="decision_time_s",
         series="strategy",
@@ -265,13 +268,16 @@ def _draw_fronts(standings: Standings, style: str) -> Any:
         low="forced_error_low",
         high="forced_error_high",
     )
-    return draw_error_bars(
-        marks.unique(["x", "series"], maintain_order=True),
-        x_label="decision time (s)",
-        label="forced error",
-        interval="95 % interval over motions, which all strategies share",
-        percent=True,
-        style=style,
+    return Figure(
+        "fronts",
+        lambda style: draw_error_bars(
+            marks.unique(["x", "series"], maintain_order=True),
+            x_label="decision time (s)",
+            label="forced error",
+            interval="95 % interval over motions, which all strategies share",
+            percent=True,
+            style=style,
+        ),
     )
 
 
@@ -304,25 +310,21 @@ def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
     frame = beliefs.select(
         "name", "settings", "prior", *with_limits_of(["confidence", "right"], beliefs.columns), "decided"
     )
-    figure = Figure("beliefs", lambda style: _draw_beliefs(beliefs, style))
-    table = Table(frame, columns, name="beliefs", names=3, folded=True)
-    return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
-
-
-def _draw_beliefs(beliefs: pl.DataFrame, style: str) -> Any:
     marks = [
         {"x": f"{row['name']}, {row['settings']}", "series": f"{name}, {row['prior']}"}
         | {to: row[f"{name}{end}"] for to, end in (("estimate", ""), ("low", "_low"), ("high", "_high"))}
         for row in beliefs.iter_rows(named=True)
         for name in ("confidence", "right")
     ]
-    return draw_error_bars(
-        pl.DataFrame(marks, infer_schema_length=None),
-        label="robots that decided",
-        interval="95 % jackknife interval over motions",
-        percent=True,
-        style=style,
-    )
+    figure = Figure(
+        "beliefs",
+        lambda style: draw_error_bars(
+            pl.DataFrame(marks, infer_schema_length=None), label="robots that decided", percent=True,
+            interval="95 % jackknife interval over motions", style=style,
+        ),
+    )  # fmt: skip
+    table = Table(frame, columns, name="beliefs", names=3, folded=True)
+    return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
 
 
 def _faults(curves: pl.DataFrame | None) -> tuple[Section, ...]:
@@ -400,7 +402,13 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
     every = Table(floors.drop("strategy"), FIGURES, name="floors", names=3)
     return (
         Section("Floor by floor", (picture,)),
-        *_floor_differences(differences),
+        *_differences(
+            differences,
+            "Differences from the reference, floor by floor",
+            "Entry - reference; p by Holm over entries and floors.",
+            *("name", "pattern", "fill_ratio"),
+            folded=True,
+        ),
         Section("All figures, floor by floor", (every,), folded=True),
     )
 
@@ -415,15 +423,6 @@ def _all_figures(summary: pl.DataFrame | None) -> tuple[Section, ...]:
     caption = "Means over floors and swarm sizes. `summary.csv` has each of them, with intervals."
     table = Table(means, {**formats, "name": ENTRY}, name="figures", caption=caption, names=1)
     return (Section("All figures of an entry", (table,), folded=True),)
-
-
-def _floor_differences(differences: pl.DataFrame) -> tuple[Section, ...]:
-    if differences.is_empty():
-        return ()
-    frame = _side_by_side(differences, "name", "pattern", "fill_ratio")
-    table = Table(frame, DIFFERENCES, name="floor_differences", names=3)
-    words = Text("Entry - reference; p by Holm over entries and floors.", "aside")
-    return (Section("Differences from the reference, floor by floor", (table, words), folded=True),)
 
 
 def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:

@@ -321,12 +321,18 @@ def robot_tables(found: Verdict, posterior: str) -> list[Table]:
 
 def _by_decision(robots: pl.DataFrame, posterior: str) -> Table:
     """Return a table with a row for each decision: how many robots, and the means and ranges of their figures."""
-    figures = {"decision_time_s": 1, "confidence": 3, "posterior": 3, "samples": 0, "received": 0}
+    columns = {
+        "decision_time_s": Column("at", "s", decimals=1),
+        "confidence": Column(share=True),
+        "posterior": Column(posterior, decimals=3),
+        "samples": Column("own", decimals=0),
+        "received": Column("heard", decimals=0),
+    }
     groups = robots.group_by("decision", maintain_order=True).agg(
         pl.len().alias("robots"),
         *(
             column
-            for name in figures
+            for name in columns
             for column in (
                 pl.col(name).mean(),
                 pl.col(name).min().cast(pl.Float64).alias(f"{name}_low"),
@@ -334,20 +340,6 @@ def _by_decision(robots: pl.DataFrame, posterior: str) -> Table:
             )
         ),
     )
-    titles = {
-        "decision_time_s": ("at", "s"),
-        "posterior": (posterior, ""),
-        "samples": ("own", ""),
-        "received": ("heard", ""),
-    }
-    columns = {
-        name: Column(
-            *titles.get(name, (name, "")),
-            share=name == "confidence",
-            decimals=None if name == "confidence" else decimals,
-        )
-        for name, decimals in figures.items()
-    }
     caption = "Robots by decision: mean, and smallest and largest."
     return Table(groups, columns, caption, name="decisions")
 

@@ -14,7 +14,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.core.numbers import count, count_of, listed, number, whole, with_limits
-from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.objects import values_table
 from vibroswarm.documents.search_tables import (
     BEST,
@@ -50,7 +50,7 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Document, Figure, Part, Section, Text, versions_in_words
+from vibroswarm.show.document import Document, Figure, Part, Section, Text
 from vibroswarm.simulation import versions
 
 QUOTE: Final = (
@@ -305,7 +305,7 @@ def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, 
     # A start is the name of a preset, or a table of values.
     presets = [start for start in search.to_values()["start"] if isinstance(start, str)]
     file = "search.toml" if file_text(search) else ""
-    texts = {
+    return {
         "search": search.hash,
         "seed": str(search.seed),
         "method": search.settings.method_name,
@@ -314,21 +314,20 @@ def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, 
         **versions_in_words(made_by),
         **commands(file, presets[0] if presets else "paper"),
     }
-    if file:
-        texts["to repeat, in this folder"] = "vibroswarm optimize search.toml --out ."
-    return texts
 
 
-def commands(file: str, against: str) -> dict[str, str]:
-    """Return the command that runs ``best.toml``, and the one that compares it with a preset on other runs.
+def commands(file: str, against: str, options: str = "") -> dict[str, str]:
+    """Return the commands that run ``best.toml``, compare it with a preset on other runs, and repeat the search.
 
     Args:
-        file: the file of the search or grid; if it is empty, the second command is left out, since it needs the file.
-        against: the preset.
+        file: the file of the search or grid; if it is empty, only the first command is returned: the others need it.
+        against: the preset. options: of the command that repeats it, with a space before each.
     """
     run = {"one run of the best, in this folder": "vibroswarm run --scenario best.toml"}
     check = f"vibroswarm optimize compare best.toml {against} --search {file}"
-    return run | ({"scored once more on other runs, in pairs, twice": check} if file else {})
+    again = f"vibroswarm optimize {file}{options} --out ."
+    more = {"scored once more on other runs, in pairs, twice": check, "to repeat, in this folder": again}
+    return run | (more if file else {})
 
 
 def search_state_document(about: dict[str, Any], *, is_validated: bool) -> Document:

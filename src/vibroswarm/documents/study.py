@@ -24,7 +24,7 @@ from vibroswarm.analysis.reports_over_time import report_heading
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.numbers import count, counts, listed, number, percent, stated, stated_percent
 from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
-from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.study_figures import (
     comparison_figures,
     front_figures,
@@ -42,16 +42,7 @@ from vibroswarm.documents.study_words import (
     traded,
     warnings_of,
 )
-from vibroswarm.show.document import (
-    Column,
-    Document,
-    Part,
-    Section,
-    Table,
-    Text,
-    limits_of,
-    versions_in_words,
-)
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References
 from vibroswarm.study.study_outputs import Comparison

@@ -96,7 +96,7 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
         counts = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
         limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
         rows.append({"cell": name_of(cell_outcome.cell), **counts, **limits})
-    return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
+    return draw_outcomes(pl.DataFrame(rows), interval="95 % Wilson interval", style=style)
 
 
 def _table(outcome: Outcome, layout: Layout | None = None) -> pl.DataFrame:
@@ -427,10 +427,3 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     belief[np.isnan(belief)] = float(prior)
     columns = {f"q{q:02d}": np.quantile(belief, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
     return pl.DataFrame({"time_s": times, "series": [name_of(one.cell)] * TIMES, **columns})
-
-
-def _frame(rows: Sequence[dict[str, object]]) -> pl.DataFrame:
-    """Return the rows as a table, with null in place of floats that are not finite: these are not drawn."""
-    frame = pl.DataFrame(list(rows), infer_schema_length=None)
-    floats = (pl.col(name) for name, kind in frame.schema.items() if kind == pl.Float64)
-    return frame.with_columns(pl.when(column.is_finite()).then(column) for column in floats)

@@ -16,7 +16,6 @@ An archive of items without cells has no scenarios, and neither ``cells.csv`` no
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import zipfile
 from pathlib import Path
@@ -67,12 +66,9 @@ def write_archive(made: Reproduction, path: Path) -> None:
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in entries.items()},
     }
     entries = {HEAD: (json.dumps(head, indent=2) + "\n").encode(), **entries}
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
+    with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in entries.items():
             file.writestr(zipfile.ZipInfo(name, _MADE), data, zipfile.ZIP_DEFLATED)
-    with whole_file(path) as part:
-        part.write_bytes(buffer.getvalue())
 
 
 def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:

@@ -61,20 +61,20 @@ PROPER_CAPTION: Final = (
 """Caption of tables in the proper form."""
 
 
-def two_forms(table: str, keys: Sequence[str], walk: bool = False) -> tuple[TableView, ...]:
-    """Return two views of a table of cells: in the paper's form, and in the proper form.
+def two_forms(keys: Sequence[str], walk: bool = False) -> tuple[TableView, ...]:
+    """Return two views of the table ``cells``: in the paper's form, and in the proper form.
 
     The report skips columns of a view that the table does not have, such as ``printed_s``, which few tables have.
 
     Args:
-        table: name of the table. keys: its columns that name the cell, shown first.
+        keys: its columns that name the cell, shown first.
         walk: whether the proper form also shows how robots walked.
     """
     first_columns = {key: Column(key) for key in keys} | {"runs": Column("runs")}
     walk_columns = WALK_FORM if walk else {}
     return (
-        TableView(table, PAPERS_CAPTION, first_columns | PAPERS_FORM),
-        TableView(table, PROPER_CAPTION, first_columns | PROPER_FORM | walk_columns),
+        TableView("cells", PAPERS_CAPTION, first_columns | PAPERS_FORM),
+        TableView("cells", PROPER_CAPTION, first_columns | PROPER_FORM | walk_columns),
     )
 
 

@@ -36,7 +36,6 @@ from vibroswarm.study.study_result import StudyResult
 
 FIRST_RUNS: Final = 10
 """Runs of each cell whose robots an archive lists one by one."""
-Progress = Callable[[float], None]
 Figures = Mapping[str, NDArray[np.float64]]
 """Figures of each run of a cell, by name, (runs,) each."""
 
@@ -142,7 +141,12 @@ class CellResults:
 
 
 def run_cells(
-    cells: Iterable[Cell], runs: int, seed: int, folder: Path, workers: int | None, progress: Progress
+    cells: Iterable[Cell],
+    runs: int,
+    seed: int,
+    folder: Path,
+    workers: int | None,
+    progress: Callable[[float], None],
 ) -> CellResults:
     """Run the cells whose results are missing in ``folder``, and return the results of all cells.
 

@@ -149,11 +149,10 @@ def share(
     column: str,
     cell: str,
     values: ArrayLike,
-    less: float = 0.0,
     *,
     cannot: str | None = None,
 ) -> Row:
-    """Return the row of the mean over runs of a share or of a difference of shares, minus ``less``.
+    """Return the row of the mean over runs of a share or of a difference of shares.
 
     The row has no standard error. Its limits follow from the mean of max(value, 0), in the column ``above``, and the
     mean of max(-value, 0), in the column ``below``. Such limits hold for rare events too.
@@ -165,10 +164,9 @@ def share(
     runs_values = runs_values[~np.isnan(runs_values)]
     if not runs_values.size:
         return row(value_name, column, cell, math.nan, error=None, n=0, cannot=cannot)
-    estimate = float(runs_values.mean()) - less
-    return row(value_name, column, cell, estimate, error=None, n=runs_values.size, cannot=cannot) | _parts(
-        runs_values
-    )
+    estimate = float(runs_values.mean())
+    found = row(value_name, column, cell, estimate, error=None, n=runs_values.size, cannot=cannot)
+    return found | _parts(runs_values)
 
 
 def _nearly_all_equal(values: NDArray[np.float64]) -> bool:

@@ -24,9 +24,9 @@ from typing import Any, Final, NamedTuple
 import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
-from vibroswarm.core.atomic_io import MANIFEST, whole_folder
+from vibroswarm.core.atomic_io import MANIFEST, whole_folder, write_files
 from vibroswarm.core.code_version import saved_syntax_hash
-from vibroswarm.core.folders import about_file, has_manifest, manifest_text, read_described
+from vibroswarm.core.folders import about_file, manifest_text, read_described
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent
 from vibroswarm.core.tables import parquet_bytes, read_frame
@@ -163,6 +163,26 @@ class Work:
         # this bound to widen the limits for rare large differences that did not occur in these runs. Times and
         # distances have no such bound.
         return mean(value_name, column, label, values, bounded=name == "belief_in_truth", cannot=cannot)
+
+    def changes(
+        self,
+        figures: Mapping[str, str],
+        column: str,
+        label: str,
+        first: Hashable,
+        second: Hashable,
+        *,
+        check: bool = True,
+    ) -> list[Row]:
+        """Return the rows of ``change`` for several figures of two cells.
+
+        Args:
+            figures: name of the figure, by what claims name.
+        """
+        return [
+            self.change(value_name, column, label, name, first, second, check=check)
+            for value_name, name in figures.items()
+        ]
 
     def claims(self, measure: Callable[[Work, str], Iterable[Row]]) -> pl.DataFrame:
         """Return the rows that ``measure`` yields for each column, as a table with the columns of ``claims.MEASURED``.
@@ -363,8 +383,6 @@ def load_tables(folder: Path, fingerprint: str) -> Tables | None:
 
     The item has to be computed again if the tables are missing, damaged, or saved with another fingerprint.
     """
-    if not has_manifest(folder):
-        return None
     try:
         manifest, files = read_described(folder, "item")
         if entry(manifest, "fingerprint", str, folder) != fingerprint:
@@ -381,11 +399,8 @@ def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:
     Raises:
         InputError, RunError: the tables cannot be written.
     """
+    contents = {f"{name}.parquet": parquet_bytes(table) for name, table in tables.items()}
+    files = {name: about_file(data) for name, data in contents.items()}
+    text = manifest_text("item", fingerprint=fingerprint, files=files)
     with whole_folder(folder, replace=True) as part:
-        files: dict[str, Any] = {}
-        for name, table in tables.items():
-            data = parquet_bytes(table)
-            files[f"{name}.parquet"] = about_file(data)
-            (part / f"{name}.parquet").write_bytes(data)
-        text = manifest_text("item", fingerprint=fingerprint, files=files)
-        (part / MANIFEST).write_text(text, encoding="utf-8")
+        write_files(part, {**contents, MANIFEST: text})

@@ -13,7 +13,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.atomic_io import whole_folder, write_files
 from vibroswarm.core.numbers import MISSING, Estimate, span, stated, with_limits
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.paper.claims import CANNOT, Claim, Decided, all_claims
@@ -178,11 +178,8 @@ def write_tables(made: Reproduction, folder: Path) -> None:
     ]
     tables.append(("claims", "Verdicts", command, claims_table(decided)))
     tables.append(("claims-measured", "Verdicts", command, cells_table(decided)))
+    index = pl.DataFrame([table[:3] for table in tables], schema=["name", "title", "command"], orient="row")
+    contents = {f"{name}.csv": csv_bytes(frame) for name, _, _, frame in tables}
     folder.parent.mkdir(parents=True, exist_ok=True)
     with whole_folder(folder, replace=True, marker=MARKER) as part:
-        for name, _, _, frame in tables:
-            (part / f"{name}.csv").write_bytes(csv_bytes(frame))
-        index = pl.DataFrame(
-            [table[:3] for table in tables], schema=["name", "title", "command"], orient="row"
-        )
-        (part / MARKER).write_bytes(csv_bytes(index))
+        write_files(part, {**contents, MARKER: csv_bytes(index)})

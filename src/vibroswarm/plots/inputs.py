@@ -9,8 +9,6 @@ import polars as pl
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.plots.style import SERIES_UP_TO
 
-SERIES = "series"
-
 
 def tidy(
     frame: pl.DataFrame,
@@ -73,14 +71,14 @@ def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
     Raises:
         InputError: there are more series than markers, so that they could not be distinguished.
     """
-    if SERIES not in frame.columns:
-        return frame.with_columns(pl.lit("").alias(SERIES)), [""]
-    frame = frame.with_columns(pl.col(SERIES).cast(pl.String).fill_null("(no name)"))
-    names = frame[SERIES].unique(maintain_order=True).to_list()
+    if "series" not in frame.columns:
+        return frame.with_columns(series=pl.lit("")), [""]
+    frame = frame.with_columns(pl.col("series").cast(pl.String).fill_null("(no name)"))
+    names = frame["series"].unique(maintain_order=True).to_list()
     if len(names) > SERIES_UP_TO:
         raise InputError(
             f"{len(names)} series cannot be distinguished; at most {SERIES_UP_TO}: put some of them into cells",
-            field=SERIES,
+            field="series",
         )
     return frame, names
 
@@ -115,17 +113,11 @@ def check_bounds(frame: pl.DataFrame, low: str, middle: str, high: str) -> None:
         raise InputError(f"{row[middle]} does not lie in [{row[low]}, {row[high]}]", field=middle)
 
 
-def run_counts(frame: pl.DataFrame, column: str = "runs") -> list[int]:
-    """Return the numbers of runs in a column, for a caption; nulls are left out.
-
-    The list is empty if the frame does not have the column.
-    """
-    if column not in frame.columns:
-        return []
-    return [int(count) for count in frame[column].drop_nulls().to_list()]
+def run_counts(frame: pl.DataFrame) -> list[int]:
+    """Return the numbers of runs in the column ``runs`` of a tidy frame, for a caption; nulls are left out."""
+    return [int(count) for count in frame["runs"].drop_nulls()]
 
 
-def most(*columns: pl.Series, otherwise: float = 0.0) -> float:
-    """Return the greatest number in some columns, or ``otherwise`` if they have no numbers."""
-    values = [value for column in columns for value in column.drop_nulls().to_list()]
-    return float(max(values)) if values else otherwise
+def most(*columns: pl.Series) -> float:
+    """Return the greatest number in some columns, or 0 if they have no numbers."""
+    return float(max((value for column in columns for value in column.drop_nulls()), default=0.0))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import whole_file, write_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, shown
@@ -136,16 +136,11 @@ def write_picture(
             f"'{unknown[0]}' is not a format of a picture; {', '.join(FORMATS)}", field="formats"
         )
     base = Path(path_without_suffix)
-    written = []
+    paths = {suffix: base.with_name(f"{base.name}.{suffix}") for suffix in (*formats, "csv")}
     for kind in formats:
-        path = base.with_name(f"{base.name}.{kind}")
-        with whole_file(path) as part:
-            part.write_bytes(picture_bytes(figure, kind, dots_per_inch=dots_per_inch))
-        written.append(path)
-    path = base.with_name(f"{base.name}.csv")
-    with whole_file(path) as part:
-        part.write_bytes(csv_bytes(numbers))
-    return [*written, path]
+        write_file(paths[kind], picture_bytes(figure, kind, dots_per_inch=dots_per_inch))
+    write_file(paths["csv"], csv_bytes(numbers))
+    return list(paths.values())
 
 
 def save_figure(draw: Callable[[], Figure], path: Path, *, replace: bool = True) -> None:

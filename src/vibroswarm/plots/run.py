@@ -24,7 +24,7 @@ from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
-from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, kind_colours
+from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, WORDS, kind_colours
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ POINTS_PER_S = 2
 """Points of a path per second of simulated time."""
 VIBRATES: Final = 1
 """The value of an observation, or of a decision, that stands for vibrating."""
-FEEDBACK: Final = {"none": "no feedback", "positive": "positive feedback", "soft": "soft feedback"}
+FEEDBACK: Final = {strategy: words for words, strategy in WORDS.items()}
 """Words for strategies in the title."""
 
 

@@ -6,7 +6,7 @@ is decided by who shows it: ``terminal``, ``page``, ``notebook`` and ``data``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -248,20 +248,6 @@ class Document(NotebookView):
     def figures(self) -> dict[str, Figure]:
         """All figures by name, also those in sections."""
         return {part.name: part for part in walk(self.parts) if isinstance(part, Figure)}
-
-
-def versions_in_words(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return the versions that made a result, as texts for ``Document.made_by``, numbered if there are several.
-
-    Args:
-        made_by: the different ``simulation.versions``, which have the version of each part of the software.
-    """
-    return {
-        "made by" if len(made_by) == 1 else f"made by ({number})": ", ".join(
-            f"{name} {version}" for name, version in versions.items()
-        )
-        for number, versions in enumerate(made_by, start=1)
-    }
 
 
 def walk(parts: tuple[Part, ...]) -> Iterator[Part]:

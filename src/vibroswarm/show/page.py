@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.show.cells import Cell, Heading, Written, written
@@ -67,8 +67,7 @@ def write_page(
     text = page_html(document)
     if made_from is not None:
         text = with_origin(text, made_from)
-    with whole_file(Path(path)) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+    write_file(Path(path), text)
 
 
 def page_html(document: Document) -> str:

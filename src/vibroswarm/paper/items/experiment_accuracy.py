@@ -65,6 +65,8 @@ POOL: Final[int] = published("experiments.pool_of_robots")
 """Robots from which the robots of each real experiment were taken."""
 WHOLE: Final[int] = published("experiments.whole_pool_takes_part_up_to")
 """With up to this number of robots, all robots of the pool took part, in turn."""
+SUBSET_SIZES: Final = [robots for robots in sizes() if robots > WHOLE]
+"""Swarm sizes with which only a subset of the pool took part."""
 POOL_RUNS: Final = 300
 """Runs with speeds drawn once per robot."""
 POOL_COLUMN: Final = "paper"
@@ -80,7 +82,7 @@ GROUPS: Final = 20
 def cells(settings: Settings) -> Cells:
     """Return the cells of ``experiment_times`` with message loss, and the cells of the pool.
 
-    The cells of the pool have the key ("pool", robots), with the sizes of ``_subset_sizes``; in them a robot's speed is
+    The cells of the pool have the key ("pool", robots), with the sizes of ``SUBSET_SIZES``; in them a robot's speed is
     drawn once. There are none if ``POOL_COLUMN`` was not requested.
     """
     of_times = experiment_times.cells(settings)
@@ -90,7 +92,7 @@ def cells(settings: Settings) -> Cells:
         key: cell for key, cell in of_times.items() if isinstance(key, tuple) and key[1] == with_loss
     }
     if POOL_COLUMN in settings.columns:
-        for robots in _subset_sizes():
+        for robots in SUBSET_SIZES:
             cell: Cell = of_times[_key(POOL_COLUMN, robots)]
             drawn_once = cell.scenario.with_values({"robot.speed_redraw": "robot"})
             cells_of["pool", robots] = replace(cell, scenario=drawn_once, runs=POOL_RUNS)
@@ -100,11 +102,6 @@ def cells(settings: Settings) -> Cells:
 def _key(column: str, robots: int, strategy: str = "none") -> tuple[str | float, ...]:
     """Return the key of a cell with message loss and as the text has it, in the order of ``experiment_times.KEYS``."""
     return column, LOSSES[0], *AS_TEXT, robots, strategy
-
-
-def _subset_sizes() -> list[int]:
-    """Return the swarm sizes with which only a subset of the pool took part."""
-    return [robots for robots in sizes() if robots > WHOLE]
 
 
 def compute(work: Work) -> Tables:
@@ -119,7 +116,7 @@ def compute(work: Work) -> Tables:
     if POOL_COLUMN in columns:
         for robots, off in tables["loss"].select("robots", "off the line").iter_rows():
             measured.append(exact("plotted-loss-less-line", POOL_COLUMN, f"{robots} robots", off))
-        unexplained = {robots: _to_explain(work, robots) for robots in _subset_sizes()}
+        unexplained = {robots: _to_explain(work, robots) for robots in SUBSET_SIZES}
         measured += list(unexplained.values())
         tables["distance"] = _distances(work, unexplained)
     return tables | {CLAIMS: frame(measured)}
@@ -169,7 +166,7 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
         yield work.change(
             "belief-on-real-floor-many-less-few", column, strategy, BELIEF, first, second, check=False
         )
-    for robots in _subset_sizes():
+    for robots in SUBSET_SIZES:
         first, second = (_key(column, n) for n in (robots, WHOLE))
         label = f"{robots} less {WHOLE} robots"
         yield work.change("distance-less-eight-robots", column, label, DISTANCE, first, second)
@@ -183,7 +180,7 @@ def _to_explain(work: Work, robots: int) -> Row:
     per robot than with speeds drawn at every sample: S is undefined then.
 
     Args:
-        robots: swarm size, one of ``_subset_sizes``.
+        robots: swarm size, one of ``SUBSET_SIZES``.
     """
     drawn_once = work.values(("pool", robots), DISTANCE)
     redrawn, with_whole = (work.values(_key(POOL_COLUMN, n), DISTANCE) for n in (robots, WHOLE))
@@ -294,7 +291,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         if not part.is_empty():
             mean, half = pl.col("ours"), 1.96 * pl.col("ours_error")
             series = pl.format("{}, θ_E {}, gate {}", "column", "theta_E", "gate")
-            published_line = published_points(published(f"experiments.belief_in_truth.{strategy}"))
+            published_line = published_points(published_by_size(f"{PUBLISHED}.{strategy}"))
             both = pl.concat([published_line, points(part, series, "ours", mean - half, mean + half)])
             yield picture(
                 f"experiments-accuracy-{strategy}", f"Accuracy, {strategy}", draw_error_bars, both,

@@ -27,7 +27,6 @@ import polars as pl
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
 from vibroswarm.paper.item import Cells, Settings, Work
 from vibroswarm.paper.real_data import real_floor
-from vibroswarm.show.document import Column
 
 COLUMNS: Final = ("paper", "calibrated")
 """Presets in which the experiments are simulated."""
@@ -138,23 +137,14 @@ def _values(packets: str, threshold: float, gate: str, robots: int, strategy: st
     }
 
 
-def published_points(values: list[float]) -> pl.DataFrame:
-    """Return the paper's values, one for each of ``sizes``, as ``points`` without intervals."""
-    x, estimates = ([float(number) for number in numbers] for numbers in (sizes(), values))
-    series = ["published"] * len(x)
-    return pl.DataFrame(
-        {"x": x, "series": series, "estimate": estimates, "low": estimates, "high": estimates}
-    )
+def published_points(values: dict[int, float]) -> pl.DataFrame:
+    """Return the paper's values by swarm size as ``points`` without intervals."""
+    rows = [(float(robots), "published", value, value, value) for robots, value in values.items()]
+    return pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high"], orient="row")
 
 
 FITTED: Final = (1.40, "total")
 """Threshold and gate for which `calibrated` comes closest to the published times without feedback."""
-SHOWN_FITS: Final = {
-    "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
-    "published_s": Column("published mean", "s"), "ours_s": Column("ours", "s"),
-    "less_s": Column("ours - published", "s"), "error_s": Column("standard error", "s"),
-    "in errors": Column("in standard errors"),
-}  # fmt: skip
 
 
 def error_of_difference(values: Any, spread: float | None = None) -> float:
@@ -230,12 +220,6 @@ def fit_points(part: pl.DataFrame) -> pl.DataFrame:
 
 Z: Final = 1.96
 """Standard errors of a 95 % interval."""
-SHOWN_LOSSES: Final = {
-    "column": Column("column"), "theta_E": Column("theta_E"), "gate": Column("gate"), "robots": Column("robots"),
-    "packets lost": Column("packets lost", share=True), "published_s": Column("published", "s"),
-    "with_s": Column("with loss", "s"), "without_s": Column("without", "s"),
-    "change_s": Column("effect of loss", "s", limits=("change_low", "change_high")),
-}  # fmt: skip
 
 
 def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
@@ -247,7 +231,7 @@ def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
     ``loss_of``.
     """
     rows = []
-    printed = dict(zip(sizes(), published_gaps(), strict=True))
+    printed = published_gaps()
     for column, (threshold, gate), robots in product(columns, SETTINGS, sizes()):
         row: dict[str, Any] = {"column": column, "theta_E": threshold, "gate": gate, "robots": robots}
         row["packets lost"] = loss_of(robots)
@@ -261,10 +245,12 @@ def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def published_gaps() -> list[float]:
-    """Return the published difference in mean time (positive - none), s, for each of ``sizes``."""
-    none, positive = (published(f"experiments.decision_time_s.{name}") for name in ("none", "positive"))
-    return [float(p) - float(n) for n, p in zip(none, positive, strict=True)]
+def published_gaps() -> dict[int, float]:
+    """Return the published difference in mean time (positive - none), s, by swarm size."""
+    none, positive = (
+        published_by_size(f"experiments.decision_time_s.{name}") for name in ("none", "positive")
+    )
+    return {robots: positive[robots] - none[robots] for robots in none}
 
 
 def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> tuple[Any, Any, Any]:

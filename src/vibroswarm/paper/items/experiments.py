@@ -38,8 +38,6 @@ from vibroswarm.paper.items.experiment_times import (
     LOSSES,
     REAL_EXPERIMENTS,
     SETTINGS,
-    SHOWN_FITS,
-    SHOWN_LOSSES,
     TEXTS,
     TIME,
     cells,
@@ -81,15 +79,11 @@ def compute(work: Work) -> Tables:
     columns = columns_of(work.settings)
     measured = [row for column in columns for row in _measured(work, column)]
     if "paper" in work.settings.columns:
-        plotted = published("experiments.packet_loss_percent")  # one value for each of ``sizes``, ascending
+        plotted = published_by_size("experiments.packet_loss_percent")
         # Two values: of the smallest and of the largest swarm.
         in_text = published("experiments.packet_loss_percent_in_text")
-        smallest, largest = min(sizes()), max(sizes())
-        for robots, plotted_percent, stated_percent in (
-            (smallest, plotted[0], in_text[0]),
-            (largest, plotted[-1], in_text[1]),
-        ):
-            difference = (plotted_percent - stated_percent) / 100
+        for robots, percent in zip((min(sizes()), max(sizes())), in_text, strict=True):
+            difference = (plotted[robots] - percent) / 100
             measured.append(exact("plotted-loss-less-text", "paper", f"{robots} robots", difference))
     bands = _bands(table)
     return {
@@ -206,8 +200,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     for strategy in STRATEGIES:
         part = tables["bands"].filter(pl.col("strategy") == strategy)
         own = points(part, pl.col("column"), "as the text has it", "least", "most")
-        # The table repeats the published means for each column of the reproduction; the first column's are enough.
-        both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), own])
+        printed = published_points(published_by_size(f"experiments.decision_time_s.{strategy}"))
+        both = pl.concat([printed, own])
         yield picture(
             f"experiments-time-{strategy}", f"Decision time, {strategy}", draw_error_bars, both, x_label="robots",
             label="decision time (s)", spans=True,
@@ -233,19 +227,12 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             _AS_TEXT, pl.col("packets") == LOSSES[0], pl.col("strategy") == "none"
         )
         own = points(chosen, pl.col("column"), figure, f"{figure}_low", f"{figure}_high")
-        both = pl.concat([published_points(published(f"experiments.{numbers}")), own])
+        both = pl.concat([published_points(published_by_size(f"experiments.{numbers}")), own])
         # The title is the label without its unit, and the file's name has the name of the figure without its unit.
         name, title = figure.rpartition("_")[0].replace("_", "-"), label.rpartition(" (")[0].capitalize()
         yield picture(f"experiments-{name}", title, draw_error_bars, both, x_label="robots", label=label)
 
 
-_BANDS: Final = {
-    "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
-    "published": Column("published mean", "s"), "least": Column("ours, least", "s"),
-    "most": Column("ours, most", "s"), "width": Column("width of the band", "s"),
-    "as the text has it": Column("ours at 1.55, own gate", "s"),
-    "inside": Column("published inside"),
-}  # fmt: skip
 ITEM: Final = Item(
     number=8,
     name="experiments",
@@ -283,19 +270,40 @@ ITEM: Final = Item(
                 "inside": Column("published means inside, of 6"),
             },
         ),
-        TableView("bands", "Published means and the band of ours.", _BANDS),
+        TableView(
+            "bands",
+            "Published means and the band of ours.",
+            {
+                "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
+                "published": Column("published mean", "s"), "least": Column("ours, least", "s"),
+                "most": Column("ours, most", "s"), "width": Column("width of the band", "s"),
+                "as the text has it": Column("ours at 1.55, own gate", "s"),
+                "inside": Column("published inside"),
+            },
+        ),
         TableView(
             "fit",
             f"Published means and ours with theta_E {number(FITTED[0], 2)} and the gate on the {FITTED[1]}, chosen "
             f"by the "
             "times without feedback. The standard error is that of the difference, with the error of 15 of our runs "
             "for the published mean.",
-            SHOWN_FITS,
+            {
+                "column": Column("column"), "strategy": Column("strategy"), "robots": Column("robots"),
+                "published_s": Column("published mean", "s"), "ours_s": Column("ours", "s"),
+                "less_s": Column("ours - published", "s"), "error_s": Column("standard error", "s"),
+                "in errors": Column("in standard errors"),
+            },
         ),
         TableView(
             "loss",
             "Difference in decision time (positive - none); 95 % intervals over runs, paired.",
-            SHOWN_LOSSES,
+            {
+                "column": Column("column"), "theta_E": Column("theta_E"), "gate": Column("gate"),
+                "robots": Column("robots"),
+                "packets lost": Column("packets lost", share=True), "published_s": Column("published", "s"),
+                "with_s": Column("with loss", "s"), "without_s": Column("without", "s"),
+                "change_s": Column("effect of loss", "s", limits=("change_low", "change_high")),
+            },
         ),
         TableView(
             "cells",
@@ -303,4 +311,4 @@ ITEM: Final = Item(
             {key: Column(key) for key in KEYS} | PROPER_FORM | WALK_FORM,
         ),
     ),
-)
+)  # fmt: skip

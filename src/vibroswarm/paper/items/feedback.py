@@ -89,18 +89,16 @@ def _measured_grid(work: Work, column: str) -> Iterator[Row]:
     )
     for eta in GRID_ETAS:
         kappa_1, kappa_2, kappa_4 = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
-        for value_name, name, first, second in (
-            ("time-kappa-4-less-none", time, kappa_4, none),
-            ("time-kappa-1-less-2", time, kappa_1, kappa_2),
-            ("belief-kappa-1-less-2", belief, kappa_1, kappa_2),
-            ("wrong-kappa-1-less-2", wrong, kappa_1, kappa_2),
-        ):
-            yield work.change(value_name, column, f"eta {eta}", name, first, second)
+        yield work.change("time-kappa-4-less-none", column, f"eta {eta}", time, kappa_4, none)
+        yield from work.changes(
+            {"time-kappa-1-less-2": time, "belief-kappa-1-less-2": belief, "wrong-kappa-1-less-2": wrong},
+            column, f"eta {eta}", kappa_1, kappa_2,
+        )  # fmt: skip
     for kappa in GRID_KAPPAS:
         low, high = (column, "soft", least_eta, kappa), (column, "soft", most_eta, kappa)
-        for value_name, name in (("time-low-eta-less-high", time), ("belief-low-eta-less-high", belief)):
-            label = f"kappa {kappa}, eta {least_eta} less {most_eta}"
-            yield work.change(value_name, column, label, name, low, high)
+        label = f"kappa {kappa}, eta {least_eta} less {most_eta}"
+        figures = {"time-low-eta-less-high": time, "belief-low-eta-less-high": belief}
+        yield from work.changes(figures, column, label, low, high)
 
 
 def pictures_of_grid(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -140,7 +138,7 @@ GRID: Final = Item(
     cells=cells_of_grid,
     compute=cells_and_claims(GRID_KEYS, _measured_grid),
     pictures=pictures_of_grid,
-    shown=two_forms("cells", GRID_KEYS),
+    shown=two_forms(GRID_KEYS),
 )
 
 WRONG: Final = 4.0

@@ -64,14 +64,11 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     those farther away; and our times with the printed ones.
     """
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
+    nearness = {"time-near-half-less-far": time, "belief-near-half-less-far": belief}
     for strategy in STRATEGIES:
         for near, far in SIDES:
             pair = (column, near, strategy), (column, far, strategy)
-            for value_name, name in (
-                ("time-near-half-less-far", time),
-                ("belief-near-half-less-far", belief),
-            ):
-                yield work.change(value_name, column, f"{near} less {far}, {strategy}", name, *pair)
+            yield from work.changes(nearness, column, f"{near} less {far}, {strategy}", *pair)
     for fill in fills():
         none, positive, soft = ((column, fill, strategy) for strategy in STRATEGIES)
         for value_name, name, other in (
@@ -129,7 +126,7 @@ FILL_RATIOS: Final = Item(
     cells=cells,
     compute=compute,
     pictures=pictures,
-    shown=two_forms("cells", ("column", "fill ratio", "strategy")),
+    shown=two_forms(("column", "fill ratio", "strategy")),
 )
 
 SIZE_KEYS: Final = ("column", "robots", "strategy")
@@ -155,19 +152,12 @@ def _measured_sizes(work: Work, column: str) -> Iterator[Row]:
     """
     few, many = min(sizes()), max(sizes())
     words = f"{many} less {few} robots"
+    decided = {"time-many-less-few": "decision_time_s", "belief-many-less-few": "belief_in_truth"}
     for strategy in STRATEGIES:
         pair = (column, many, strategy), (column, few, strategy)
-        for value_name, name in (
-            ("time-many-less-few", "decision_time_s"),
-            ("belief-many-less-few", "belief_in_truth"),
-        ):
-            yield work.change(value_name, column, f"{words}, {strategy}", name, *pair)
-    pair = (column, many, "none"), (column, few, "none")
-    for value_name, name in (
-        ("avoidance-many-less-few", "avoid_per_sample_s"),
-        ("distance-many-less-few", "distance_m"),
-    ):
-        yield work.change(value_name, column, words, name, *pair)
+        yield from work.changes(decided, column, f"{words}, {strategy}", *pair)
+    walked = {"avoidance-many-less-few": "avoid_per_sample_s", "distance-many-less-few": "distance_m"}
+    yield from work.changes(walked, column, words, (column, many, "none"), (column, few, "none"))
     for robots in sizes():
         pair = (column, robots, "soft"), (column, robots, "none")
         yield work.change("time-soft-less-none-by-size", column, f"{robots} robots", "decision_time_s", *pair)
@@ -204,5 +194,5 @@ SWARM_SIZES: Final = Item(
     cells=cells_of_sizes,
     compute=cells_and_claims(SIZE_KEYS, _measured_sizes),
     pictures=pictures_of_sizes,
-    shown=two_forms("cells", SIZE_KEYS, walk=True),
+    shown=two_forms(SIZE_KEYS, walk=True),
 )

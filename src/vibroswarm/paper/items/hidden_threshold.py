@@ -72,9 +72,7 @@ Array = NDArray[np.float64]
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (robots, floor, strategy, p_c); none without the column ``COLUMN``."""
-    if COLUMN not in settings.columns:
-        return {}
+    """Return the cells by (robots, floor, strategy, p_c)."""
     fields = {"none": {"strategy.name": "none"}, "soft": {"strategy.name": "soft"}, TUNED: tuned_weights()}
     return {
         (robots, floor, variant, threshold): settings.cell(

@@ -219,5 +219,5 @@ FIVE_PATTERNS: Final = Item(
     cells=cells,
     compute=cells_and_claims(KEYS, _measured),
     pictures=pictures,
-    shown=two_forms("cells", KEYS),
+    shown=two_forms(KEYS),
 )

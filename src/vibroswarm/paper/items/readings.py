@@ -189,13 +189,13 @@ def _measured_timers(work: Work) -> Iterator[Row]:
     yield work.change(
         "distance-timer-always-less-frozen", COLUMN, "always less frozen in avoidance", "distance_m", *pair
     )
+    harder = {
+        "time-timer-always-less-frozen": "decision_time_s",
+        "belief-timer-always-less-frozen": "belief_in_truth",
+    }
     for strategy in STRATEGIES:
         pair = (ALWAYS, strategy), (FROZEN, strategy)
-        for value_name, name in (
-            ("time-timer-always-less-frozen", "decision_time_s"),
-            ("belief-timer-always-less-frozen", "belief_in_truth"),
-        ):
-            yield work.change(value_name, COLUMN, strategy, name, *pair, check=False)
+        yield from work.changes(harder, COLUMN, strategy, *pair, check=False)
 
 
 def pictures_of_timers(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -219,5 +219,5 @@ TIMER: Final = Item(
     cells=cells_of_timers,
     compute=compute_timers,
     pictures=pictures_of_timers,
-    shown=two_forms("cells", TIMER_KEYS, walk=True),
+    shown=two_forms(TIMER_KEYS, walk=True),
 )

@@ -52,18 +52,25 @@ def cells(settings: Settings) -> Cells:
 def compute(work: Work) -> Tables:
     """Return corner densities, counts of samples on a grid, the table of cells, and the claims' measured values.
 
-    Each column is simulated here with each timer, because the results of cells hold no positions.
+    Each column is simulated here with P0 and each timer, because the results of cells hold no positions.
     """
     columns = work.settings.columns
+    runs = min(work.settings.runs, MOST_RUNS)
     keys = [(column, timer) for column in columns for timer in TIMERS]
-    scenarios = {key: _scenario(work, *key) for key in keys}
+    scenarios = {
+        (column, timer): work.settings.scenario(
+            column, {} if timer == TIMERS[0] else {"sample.timer": timer}, parameter_set=EMPIRICAL
+        )
+        for column, timer in keys
+    }
     # Each different scenario once: the timer "as it ran", that of the preset, may be one of the other two timers.
     distinct = list(dict.fromkeys(scenarios.values()))
     with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
-        results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
+        results = dict(
+            zip(distinct, pool.map(partial(_placed, work.settings.seed, runs), distinct), strict=True)
+        )
     # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
-    runs = _runs(work)
     corners = {key: _corners(x, y, run, runs) for key, (run, x, y) in placed.items()}
     rows = []
     for (column, timer), values in corners.items():
@@ -89,20 +96,9 @@ def compute(work: Work) -> Tables:
     }
 
 
-def _scenario(work: Work, column: str, timer: str) -> Scenario:
-    """Return the scenario of a column with P0 and a timer (one of ``TIMERS``)."""
-    values = {} if timer == TIMERS[0] else {"sample.timer": timer}
-    return work.settings.scenario(column, values, parameter_set=EMPIRICAL)
-
-
-def _runs(work: Work) -> int:
-    """Return the number of runs whose samples are analysed."""
-    return min(work.settings.runs, MOST_RUNS)
-
-
-def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
-    """Simulate up to ``MOST_RUNS`` runs; return run, x (m) and y (m) of each sample, (samples,) each."""
-    samples = simulate(scenario, work.settings.seed, _runs(work), energies=False).motion
+def _placed(seed: int, runs: int, scenario: Scenario) -> tuple[Any, Any, Any]:
+    """Simulate a scenario; return run, x (m) and y (m) of each sample, (samples,) each."""
+    samples = simulate(scenario, seed, runs, energies=False).motion
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
 
@@ -204,6 +200,6 @@ ITEM: Final = Item(
                 "density": Column("density", limits=("low", "high")), "runs": Column("runs"),
             },
         ),
-        *two_forms("cells", ("column", "floor", "strategy")),
+        *two_forms(("column", "floor", "strategy")),
     ),
 )  # fmt: skip
