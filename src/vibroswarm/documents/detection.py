@@ -161,8 +161,13 @@ def _found_table(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) 
         ),
         "fewest": Column("fewest robots"),
     }
-    caption = f"Floors above the boundary. A dash: not by {stated(scenario.run.t_end_s)} s."
-    return Table(found.select(*columns), columns, caption=caption, name="found", names=2)
+    return Table(
+        found.select(*columns),
+        columns,
+        caption=f"Floors above the boundary. A dash: not by {stated(scenario.run.t_end_s)} s.",
+        name="found",
+        names=2,
+    )
 
 
 def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
@@ -187,11 +192,14 @@ def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
         "false_alarm_high": Column("upper limit", share=True),
         "clear_until_s": Column("clear until", "s", decimals=0),
     }
-    caption = (
-        f"Misses and false alarms by {stated(t_end_s)} s. A dash: not by then; false alarms are on floors below the "
-        "boundary only."
+    return Table(
+        rows.select(*columns),
+        columns,
+        caption=f"Misses and false alarms by {stated(t_end_s)} s. A dash: not by then; false alarms are on floors "
+        "below the boundary only.",
+        name="needed",
+        names=2,
     )
-    return Table(rows.select(*columns), columns, caption=caption, name="needed", names=2)
 
 
 def _map_table(maps: pl.DataFrame) -> Table:
@@ -207,10 +215,13 @@ def _pairs_table(pairs: pl.DataFrame) -> Table:
         "time_s": Column("from", "s", decimals=0),
         "fewest": Column("fewest robots"),
     }
-    caption = (
-        "All pairs of a floor above the boundary and one below it. A dash: not distinguished by the end."
+    return Table(
+        pairs,
+        columns,
+        caption="All pairs of a floor above the boundary and one below it. A dash: not distinguished by the end.",
+        name="pairs",
+        names=3,
     )
-    return Table(pairs, columns, caption=caption, name="pairs", names=3)
 
 
 def _curve_table(curve: pl.DataFrame) -> Table:
@@ -230,11 +241,10 @@ def _curve_table(curve: pl.DataFrame) -> Table:
         "truth": Column("answer that is right"),
         "runs": Column("runs"),
     }
-    caption = "Shares of runs, and of robots, by several times; 95 % intervals."
     return Table(
         curve.select(with_limits_of(columns, curve.columns)),
         columns,
-        caption=caption,
+        caption="Shares of runs, and of robots, by several times; 95 % intervals.",
         name="detection",
         names=3,
     )

@@ -158,9 +158,13 @@ def _time_and_error(standings: Standings) -> Section:
 
 
 def _costs(table: pl.DataFrame) -> Section:
-    frame = table.select("name", "told", "sent", "bytes_on_air", "bytes_sent")
-    caption = "Messages and bytes are those that a robot sends in a run."
-    costs = Table(frame, FIGURES, name="costs", caption=caption, folded=True)
+    costs = Table(
+        table.select("name", "told", "sent", "bytes_on_air", "bytes_sent"),
+        FIGURES,
+        caption="Messages and bytes are those that a robot sends in a run.",
+        name="costs",
+        folded=True,
+    )
     return Section("What it costs, and what a robot knows", (costs,))
 
 

@@ -140,12 +140,11 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
     fill = f"fill ratio {number(floor.fill_ratio_within(arena.width_m, arena.height_m), digits=4)}"
     tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, {fill}"
     if len(counts) > 2:
-        tiles = f"{', '.join(f'{n} tiles of kind {kind}' for kind, n in enumerate(counts))}"
+        tiles = ", ".join(f"{n} tiles of kind {kind}" for kind, n in enumerate(counts))
     if floor.surface.values is not None:
         tiles = f"{count(floor.tiles.size, 'tile')} with values, {fill}"
     elif result.scenario.floor.has_surface:
-        patches = count(len(floor.surface.patches), "patch", "patches")
-        tiles = f"{patches} on still tiles, {fill}"
+        tiles = f"{count(len(floor.surface.patches), 'patch', 'patches')} on still tiles, {fill}"
     changes = change_words(result.scenario.change)
     at_end = " at the end" if changes else ""
     return f"{_swarm(result)}, on '{floor.name}' ({tiles}{at_end}), {_origin(result)}. {changes}".rstrip()
@@ -340,8 +339,7 @@ def _by_decision(robots: pl.DataFrame, posterior: str) -> Table:
             )
         ),
     )
-    caption = "Robots by decision: mean, and smallest and largest."
-    return Table(groups, columns, caption, name="decisions")
+    return Table(groups, columns, "Robots by decision: mean, and smallest and largest.", "decisions")
 
 
 def _map(result: Result, run: int) -> list[Part]:

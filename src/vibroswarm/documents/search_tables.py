@@ -156,10 +156,10 @@ def against(truth: Truth, names: Sequence[str], unit: str = "") -> Table:
         "failed": Column("failed runs", wide=True),
         "standing": Column("the winner is", tones=STANDING_TONES),
     }
-    caption = (
+    words = (
         "On the same fresh runs, in pairs: below 0 the winner costs less. Intervals by bootstrap over runs."
     )
-    return Table(frame_of(rows), columns, caption, "against")
+    return Table(frame_of(rows), columns, words, "against")
 
 
 def value_table(search: Search, values: Mapping[str, Any], others: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -121,19 +121,12 @@ def _differences_parts(outcome: Outcome) -> tuple[list[Part], list[Part]]:
 
     The table of differences is among the first, unless it is too long for the first screen.
     """
-    first: list[Part] = []
-    if names := traded(outcome):
-        first.append(
-            Text(
-                f"Faster but wrong more often: {listed(names)}. Not compared at equal error; add --equal-error."
-            )
-        )
-    if not outcome.answers:
-        return first, []
-    table = _differences_table(outcome.answers)
-    if len(outcome.answers) <= MOST_SENTENCES:
-        return [*first, table], []
-    return first, [table]
+    names = traded(outcome)
+    words = "Faster but wrong more often: {}. Not compared at equal error; add --equal-error."
+    notes: list[Part] = [Text(words.format(listed(names)))] if names else []
+    tables: list[Part] = [_differences_table(outcome.answers)] if outcome.answers else []
+    is_short = len(outcome.answers) <= MOST_SENTENCES
+    return (notes + tables, []) if is_short else (notes, tables)
 
 
 def _differences_table(answers: Sequence[Answer]) -> Table:

@@ -8,8 +8,7 @@ figure is its file name without a suffix; ``StudyResult.plot`` takes it too.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -55,17 +54,15 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     table = _table(outcome, layout)
     if len(cells) <= MOST_ROWS:
-        yield _figure("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
+        yield _figure("outcomes", "Outcomes of the swarms", _outcomes, cells)
     for figure in FIGURES:
         is_there = figure.by_run not in FOLLOWED or any(row.summary.figures[figure.name].n for row in cells)
         if figure.picture and is_there and (layout.x is not None or len(cells) <= MOST_ROWS):
-            yield _figure(figure.name, figure.picture, partial(_bars, table, layout, figure))
+            yield _figure(figure.name, figure.picture, _bars, table, layout, figure)
     yield from _planes(cells, table)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
     if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
-        yield _figure(
-            "detection", "Which fill ratios are judged correctly", partial(_detection, outcome, table)
-        )
+        yield _figure("detection", "Which fill ratios are judged correctly", _detection, outcome, table)
 
 
 def time_figures(outcome: Outcome) -> Iterator[Figure]:
@@ -76,14 +73,14 @@ def time_figures(outcome: Outcome) -> Iterator[Figure]:
     """
     yield from _incidences(outcome)
     if len(outcome.cells) <= MOST_ROWS // 2:
-        yield _figure("consensus-box", "Consensus time, run by run", partial(_spread, outcome))
+        yield _figure("consensus-box", "Consensus time, run by run", _spread, outcome)
     if len(outcome.cells) <= MOST_SERIES and any(_sampled(outcome, one) for one in outcome.cells):
-        yield _figure("belief", "Belief over time", partial(_belief, outcome))
+        yield _figure("belief", "Belief over time", _belief, outcome)
 
 
-def _figure(name: str, title: str, draw: Callable[..., Picture]) -> Figure:
-    """Declare a figure; ``draw`` takes the style by keyword."""
-    return Figure(name, lambda style: draw(style=style), title)
+def _figure(name: str, title: str, draw: Callable[..., Picture], *data: Any, **options: Any) -> Figure:
+    """Declare a figure; ``draw`` takes the data and options, and the style by keyword."""
+    return Figure(name, lambda style: draw(*data, style=style, **options), title)
 
 
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
@@ -154,7 +151,7 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
             title = f"{label} over {label_of(plane[0])} and {label_of(plane[1])}" + (
                 f": {rest}" if rest else ""
             )
-            yield _figure(name, title, partial(_heat, part, table, plane, figure, label, best))
+            yield _figure(name, title, _heat, part, table, plane, figure, label, best)
 
 
 def _heat(
@@ -209,7 +206,7 @@ def _incidences(outcome: Outcome) -> Iterator[Figure]:
             name = f"incidence-{unit}s" + (f"-{number + 1}" if len(panels_shown) > 1 else "")
             title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
             # ``words`` is empty for the figure of all cells, in which curves are named by cell and not by series.
-            yield _figure(name, title, partial(_incidence, outcome, part, layout if words else None, unit))
+            yield _figure(name, title, _incidence, outcome, part, layout if words else None, unit)
 
 
 def _incidence(
@@ -275,7 +272,7 @@ def front_figures(outcome: Outcome) -> Iterator[Figure]:
         if len(part) > 1:
             name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
             title = "Time against error" + (f": {floor}" if floor else "")
-            yield _figure(name, title, partial(_front, _table(outcome), [one.cell.number for one in part]))
+            yield _figure(name, title, _front, _table(outcome), [one.cell.number for one in part])
 
 
 def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
@@ -305,11 +302,11 @@ def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
             low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),
         )  # fmt: skip
         label = f"difference in {figure.title}{f' ({unit})' if unit else ''}"
-        draw = partial(
-            draw_forest, frame.head(MOST_ROWS), label=label, better="low" if figure.better < 0 else "high"
-        )
         title = f"{figure.title[0].upper()}{figure.title[1:]}, run by run"
-        yield _figure(f"compared-{name.replace('_', '-')}", title, draw)
+        yield _figure(
+            f"compared-{name.replace('_', '-')}", title, draw_forest, frame.head(MOST_ROWS), label=label,
+            better="low" if figure.better < 0 else "high",
+        )  # fmt: skip
 
 
 def _detection(outcome: Outcome, table: pl.DataFrame, style: str) -> Picture:
@@ -344,7 +341,7 @@ def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
         if one is not None:
             name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
             words = f": {name_of(one.cell)}" if len(groups) > 1 else ""
-            yield _figure(name, f"Where robots sampled{words}", partial(_density, outcome, one))
+            yield _figure(name, f"Where robots sampled{words}", _density, outcome, one)
 
 
 def _sampled(outcome: Outcome, one: CellOutcome) -> bool:

@@ -79,9 +79,8 @@ def draw_certainty(
             "standard_deviation": doubt.ravel(),
         }
     )
-    caption = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
-    if marked_m:
-        caption += " Outlined: called patches."
+    words = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
+    caption = f"{words} Outlined: called patches." if marked_m else words
     return Picture(figure, numbers, caption)
 
 

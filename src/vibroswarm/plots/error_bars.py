@@ -93,11 +93,11 @@ def draw_error_bars(
         )
     missing = frame["estimate"].null_count()
     runs = run_counts(frame)
-    caption = f"{label}{f' by {x_label}' if x_label else ''}: estimate and {interval}" + (
-        f" over {of_runs(runs)}." if runs else "."
+    caption = (
+        f"{label}{f' by {x_label}' if x_label else ''}: estimate and {interval}"
+        + (f" over {of_runs(runs)}." if runs else ".")
+        + (f" {missing} of {frame.height} have no value." if missing else "")
     )
-    if missing:
-        caption += f" {missing} of {frame.height} have no value."
     return Picture(figure, frame.select(*COLUMNS, "runs"), caption)
 
 

@@ -84,12 +84,12 @@ def draw_heat(
     runs = run_counts(frame)
     missing = int(np.isnan(grid).sum())
     axes = " and ".join(name for name in (x_label, y_label) if name)
-    caption = f"{label} over {axes}{', ' + of_runs(runs) if runs else ''}."
-    if chosen.any():
-        within = f" and all within {number(best_within)} of it" if best_within else ""
-        caption += f" Outlined: the {'lowest' if best == 'low' else 'highest'}{within}."
-    if missing:
-        caption += f" Hatched: {missing} of {grid.size} cells have no value."
+    within = f" and all within {number(best_within)} of it" if best_within else ""
+    caption = (
+        f"{label} over {axes}{', ' + of_runs(runs) if runs else ''}."
+        + (f" Outlined: the {'lowest' if best == 'low' else 'highest'}{within}." if chosen.any() else "")
+        + (f" Hatched: {missing} of {grid.size} cells have no value." if missing else "")
+    )
     return Picture(figure, numbers, caption)
 
 

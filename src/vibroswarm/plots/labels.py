@@ -129,9 +129,8 @@ def label_ends(
     ends_pt = [float(axes.transData.transform((0.0, end))[1]) * to_pt for end in ends]  # from the lower edge
     placed = spread(ends_pt, gap=size * 1.15)
     low, high = box.y0 * to_pt - size, box.y1 * to_pt + size  # names may stand this far outside the axes
-    if any(abs(end - place) > FARTHEST * size for end, place in zip(ends_pt, placed, strict=True)):
-        return False
-    if not all(low <= place <= high for place in placed):
+    is_far = any(abs(end - place) > FARTHEST * size for end, place in zip(ends_pt, placed, strict=True))
+    if is_far or not all(low <= place <= high for place in placed):
         return False
     for name, look, place in zip(names, looks, placed, strict=True):
         # The marker stands 1.1, the name 1.9 font sizes right of the axes. x and y are fractions of the axes.

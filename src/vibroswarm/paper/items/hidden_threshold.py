@@ -31,8 +31,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.league.entries import entries_of, frozen_settings, main_entries
+from vibroswarm.paper.cells import means_of
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import published
 from vibroswarm.paper.item import (
@@ -129,23 +129,23 @@ def compute(work: Work) -> Tables:
         matched = None if variant == "none" else match(front, soft)
         if matched is None:
             continue
-        row: dict[str, Any] = {
-            "robots": robots,
-            "strategy": variant,
-            "p_c": threshold,
-            "mean p_c": float(np.mean(matched.thresholds)),
-        }
-        for name in FIGURES:
-            gain = matched.figures[name] - soft[name]
-            row |= columns_of(name, mean_interval(gain))
-            # The claim is about the share of wrong robots with the paper's settings.
-            if variant == "soft" and threshold == PUBLISHED and name == "wrong_share":
-                keys = [(robots, floor, one, threshold) for floor in FLOORS for one in ("none", "soft")]
-                words = f"{robots} robots, fill ratios 0.48 and 0.52"
-                measured.append(mean("wrong-at-equal-time", COLUMN, words, gain, cannot=work.cannot(*keys)))
-        rows.append(row)
+        gains = {name: matched.figures[name] - soft[name] for name in FIGURES}
+        rows.append(
+            {
+                "robots": robots,
+                "strategy": variant,
+                "p_c": threshold,
+                "mean p_c": float(np.mean(matched.thresholds)),
+                **means_of(gains),
+            }
+        )
+        # The claim is about the share of wrong robots with the paper's settings.
+        if variant == "soft" and threshold == PUBLISHED:
+            keys = [(robots, floor, one, threshold) for floor in FLOORS for one in ("none", "soft")]
+            words, cannot = f"{robots} robots, fill ratios 0.48 and 0.52", work.cannot(*keys)
+            measured.append(mean("wrong-at-equal-time", COLUMN, words, gains["wrong_share"], cannot=cannot))
     fronts = [
-        {"robots": robots, "strategy": variant, "p_c": threshold} | _means(of_runs)
+        {"robots": robots, "strategy": variant, "p_c": threshold} | means_of(of_runs)
         for (robots, variant, threshold), of_runs in figures.items()
     ]
     return {
@@ -165,14 +165,6 @@ def _over_floors(work: Work, robots: int, variant: str, threshold: float) -> dic
         name: np.mean([work.values((robots, floor, variant, threshold), name) for floor in FLOORS], axis=0)
         for name in FIGURES
     }
-
-
-def _means(figures: dict[str, Array]) -> dict[str, float | None]:
-    """Return the mean NAME of each figure over runs, with its 95 % interval NAME_low and NAME_high."""
-    found: dict[str, float | None] = {}
-    for name, values in figures.items():
-        found |= columns_of(name, mean_interval(values))
-    return found
 
 
 def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Matched | None:

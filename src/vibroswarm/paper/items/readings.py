@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.paper.cell_tables import TIME, limits, two_forms
+from vibroswarm.paper.cells import means_of
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, swapped_labels
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
@@ -74,17 +74,19 @@ def compute(work: Work) -> Tables:
 
     The base has rows too, with differences of 0.
     """
-    rows = []
     pairs = [(reading, strategy) for reading in (BASE, *READINGS) for strategy in STRATEGIES]
-    table = work.rows(("reading", "strategy"), pairs)
+    rows = []
     for reading, strategy in pairs:
-        row: dict[str, Any] = {"reading": reading, "strategy": strategy}
-        for name in ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share"):
-            difference = work.difference(name, (reading, strategy), (BASE, strategy))
-            row |= columns_of(f"{name}_change", mean_interval(difference))
-        rows.append(row)
-    changes = pl.DataFrame(rows, infer_schema_length=None)
-    return {"cells": table, "changes": changes, CLAIMS: frame(list(_measured(work)))}
+        changes = {
+            f"{name}_change": work.difference(name, (reading, strategy), (BASE, strategy))
+            for name in ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share")
+        }
+        rows.append({"reading": reading, "strategy": strategy, **means_of(changes)})
+    return {
+        "cells": work.rows(("reading", "strategy"), pairs),
+        "changes": pl.DataFrame(rows, infer_schema_length=None),
+        CLAIMS: frame(list(_measured(work))),
+    }
 
 
 def _measured(work: Work) -> Iterator[Row]:
