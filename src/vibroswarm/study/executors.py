@@ -14,7 +14,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
     Executor,
     Future,
@@ -50,24 +50,21 @@ class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
     """The process that ran a batch died: out of memory, killed, or crashed."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Workers:
-    """An executor, how many batches it runs at a time, and how it is stopped."""
+    """An executor, how many batches it runs at a time, and how a batch learns that the study was stopped."""
 
     executor: Executor
     count: int
     """Number of batches that run at a time, as long as no workers join or leave."""
     name: str
     """Number and kind of the workers in words: ``4 threads``."""
-    cancel: Any = None
-    """An object with ``set`` and ``is_set``; setting it stops running batches. None: they cannot be stopped."""
+    cancelled: tuple[Callable[[], bool], ...] = ()
+    """A function that workers can call, which returns whether the study was stopped; empty: they cannot be stopped."""
 
     def submit(self, work: Batch) -> Future[BatchResult]:
-        """Submit a batch. A thread also gets the function that returns whether the study was stopped."""
-        # Such a function cannot be sent to another process: workers in other processes are stopped in other ways.
-        if isinstance(self.executor, ThreadPoolExecutor) and self.cancel is not None:
-            return self.executor.submit(do_batch, work, self.cancel.is_set)
-        return self.executor.submit(do_batch, work)
+        """Submit a batch."""
+        return self.executor.submit(do_batch, work, *self.cancelled)
 
     @property
     def width(self) -> int:
@@ -101,12 +98,16 @@ def workers_for(
     if count is not None:
         count = whole_number_of(count, "workers", 1, MOST_WORKERS)
     check_kind(executor, (str, Executor), "executor", "the name of an executor, or an Executor")
+    own = count or processors()
     if isinstance(executor, Executor):
         yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)
     elif executor == "threads":
-        yield from _threads(count or processors())
+        cancel, threads = threading.Event(), ThreadPoolExecutor(own, thread_name_prefix="vibroswarm")
+        name = numbers.count(own, "thread")
+        yield from _stopped_at_end(Workers(threads, own, name, (cancel.is_set,)), cancel.set)
     elif executor == "processes":
-        yield from _processes(count or processors())
+        pools, name = SingleProcessPools(own), numbers.count(own, "process", "processes")
+        yield from _stopped_at_end(Workers(pools, own, name, (_is_cancelled,)), pools.cancel.set)
     elif executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json"):
         yield from _dask(executor, mixed)
     else:
@@ -127,19 +128,18 @@ def _width(executor: Executor) -> int:
     return int(getattr(executor, "_max_workers", None) or 16)
 
 
-def _threads(count: int) -> Iterator[Workers]:
-    """Yield workers that are threads, once, and stop them afterwards."""
-    pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
-    wait_for_threads = True
+def _stopped_at_end(workers: Workers, cancel: Callable[[], None]) -> Iterator[Workers]:
+    """Yield workers of this computer, once, and stop them afterwards; ``cancel`` stops their batches."""
+    wait = True
     try:
-        yield Workers(pool, count, name=numbers.count(count, "thread"), cancel=cancel)
+        yield workers
     except KeyboardInterrupt:
-        # A thread that compiles a kernel cannot be stopped, and may take a minute.
-        wait_for_threads = False
+        # A thread or process that compiles a kernel cannot be stopped, and may take a minute.
+        wait = False
         raise
     finally:
-        cancel.set()
-        pool.shutdown(wait=wait_for_threads, cancel_futures=True)
+        cancel()
+        workers.executor.shutdown(wait=wait, cancel_futures=True)
 
 
 class _ProcessFlag:
@@ -273,59 +273,21 @@ def _end_with_parent() -> None:
         os._exit(1)  # ends the process without waiting for its other threads
 
 
-def _do_in_process(work: Batch) -> BatchResult:
-    """Run a batch in a worker process; it is given up if the flag that the process got at its start is set."""
-    return do_batch(work, _cancel.is_set)
+def _is_cancelled() -> bool:
+    """Return, in a worker process, whether the flag that the process got at its start is set."""
+    return bool(_cancel.is_set())
 
 
-@dataclass(frozen=True)
-class _ProcessWorkers(Workers):
-    """Workers that are processes."""
-
-    def submit(self, work: Batch) -> Future[BatchResult]:
-        """Submit a batch, which is given up when the flag ``cancel`` is set: each process has it from its start."""
-        return self.executor.submit(_do_in_process, work)
-
-
-def _processes(count: int) -> Iterator[Workers]:
-    """Yield workers that are processes, once, and stop them afterwards."""
-    pool = SingleProcessPools(count)
-    wait_for_processes = True
-    try:
-        yield _ProcessWorkers(
-            pool, count, name=numbers.count(count, "process", "processes"), cancel=pool.cancel
-        )
-    except KeyboardInterrupt:
-        # A process that compiles a kernel cannot be stopped, and may take a minute.
-        wait_for_processes = False
-        raise
-    finally:
-        pool.shutdown(wait=wait_for_processes, cancel_futures=True)
-
-
-class _ClusterState:
-    """Result of the last check of a Dask cluster, and times of the last checks.
-
-    It is an object of its own, so that it can change although ``_DaskWorkers`` is frozen.
-
-    Args:
-        threads: number of threads of all workers of the cluster.
-    """
-
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
-        # Times of the last check, and of the last check at which there was a worker.
-        self.checked_s = self.with_workers_s = time.monotonic()
-
-
-@dataclass(frozen=True)
+@dataclass
 class _DaskWorkers(Workers):
     """Workers of a Dask cluster, which may join and leave; the study stops if there is no worker for a while."""
 
     client: Any = None
     """``distributed.Client``."""
-    seen: _ClusterState = field(default_factory=lambda: _ClusterState(1))
-    """The cluster's number of threads at the last check, and times of the last checks."""
+    checked_s: float = field(default_factory=time.monotonic)
+    """When the cluster's threads were counted last."""
+    with_workers_s: float = field(default_factory=time.monotonic)
+    """When it last had a worker."""
 
     @property
     def width(self) -> int:
@@ -333,9 +295,9 @@ class _DaskWorkers(Workers):
 
         If the last count is older than ``ASK_EVERY_S``, ``check`` counts them again, and may raise ``RunError``.
         """
-        if time.monotonic() - self.seen.checked_s > ASK_EVERY_S:
+        if time.monotonic() - self.checked_s > ASK_EVERY_S:
             self.check()
-        return max(self.seen.threads, 1)
+        return self.count
 
     def check(self) -> None:
         """Count the cluster's threads again; raise ``RunError`` if it has had no worker for ``WITHOUT_WORKERS_S``.
@@ -346,10 +308,10 @@ class _DaskWorkers(Workers):
             threads = sum(self.client.nthreads().values())
         except Exception as error:  # a closed or disconnected client may raise anything
             raise RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}") from error
-        self.seen.threads, self.seen.checked_s = threads, time.monotonic()
+        self.count, self.checked_s = max(threads, 1), time.monotonic()
         if threads:
-            self.seen.with_workers_s = self.seen.checked_s
-        elif self.seen.checked_s - self.seen.with_workers_s > WITHOUT_WORKERS_S:
+            self.with_workers_s = self.checked_s
+        elif self.checked_s - self.with_workers_s > WITHOUT_WORKERS_S:
             raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
 
 
@@ -381,9 +343,7 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
         # ``pure=False``: equal calls are run again, instead of sharing one result. ``count`` is at least 1, so that
         # batches are submitted even if the workers report no threads.
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
-        yield _DaskWorkers(
-            pool, count, name=f"{len(threads)} Dask workers", client=client, seen=_ClusterState(count)
-        )
+        yield _DaskWorkers(pool, count, name=f"{len(threads)} Dask workers", client=client)
     finally:
         client.close(timeout=CLOSE_S)
 

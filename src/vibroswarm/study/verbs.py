@@ -6,25 +6,13 @@ The package's root adds where those functions are (``study_outputs``), so that n
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
-
-
-class Verbs(Protocol):
-    """The functions of ``study_outputs`` that do the work of methods."""
-
-    run_with_bar: Callable[..., Any]
-    summarised: Callable[..., Any]
-    compared: Callable[..., Any]
-    plotted: Callable[..., Any]
-    reported: Callable[..., Any]
-
+from typing import Any
 
 providers: list[Callable[[], Any]] = []
-"""One function, which the package's root adds; it returns an object with all ``Verbs``."""
+"""One function, which the package's root adds; it returns the module ``study_outputs``."""
 
 
-def verbs() -> Verbs:
-    """Return the functions; their module is imported when this is called for the first time."""
+def verbs() -> Any:
+    """Return the module of the functions; it is imported when this is called for the first time."""
     (provide,) = providers
-    found: Verbs = provide()
-    return found
+    return provide()
