@@ -16,8 +16,7 @@ listen_to_ctrl_c()
 
 import lazy_loader  # noqa: E402 - it must not be a file of the working folder
 
-from vibroswarm.core.displayed import makers, writers  # noqa: E402 - as above
-from vibroswarm.study.verbs import providers  # noqa: E402 - as above
+from vibroswarm.core.displayed import above  # noqa: E402 - as above
 
 
 def _as_html(value: object) -> str:
@@ -41,8 +40,6 @@ def _study_verbs() -> object:
     return study_outputs
 
 
-writers.append(_as_html)
-makers.append(_as_document)
-providers.append(_study_verbs)
+above.update({"html": _as_html, "document": _as_document, "study verbs": _study_verbs})
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -147,7 +147,7 @@ def test_each_robot_is_asked_anew_after_its_own_answer_by_hand() -> None:
         [(0, 0), (100, 1), (110, 0), (150, 1)],
         [(0, 0), (100, 1), (150, 0)],
     ]
-    assert np.isnan(own.truth).all()
+    assert np.isnan(own.truth.answer).all()
     numbers = judged(own)
     assert numbers["right_at_decision"] == 0.5  # robot 0 told of no change, robot 1 never answered 1
     # robot 0: 10 to 100, 115 to 130 and 140 to 150; robot 1: 20 to 100 and 150 to 200
@@ -160,7 +160,7 @@ def test_each_robot_is_asked_anew_after_its_own_answer_by_hand() -> None:
 def test_the_same_answers_are_others_since_the_start() -> None:
     """Negative control of the test before; the time of the change is scored here, too."""
     start = course(*TOLD, changed_s=REPORTED_S, **{**ANEW, "task.changed.since": "start"})
-    assert start.truth.tolist() == [0, 1, 0]
+    assert start.truth.answer.tolist() == [0, 1, 0]
     numbers = judged(start)
     assert numbers["right_at_decision"] == 0.5  # the last answer of robot 0, 0 at 140 s, is wrong
     assert numbers["right_time_share"] == pytest.approx((90 + 5 + 10 + 50 + 80 + 50) / 400)

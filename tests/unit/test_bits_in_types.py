@@ -64,7 +64,7 @@ ALLOWED = {
     "the task changed: told, or not": "analysis/answers_over_time",
     "false alarms and misses; task.costs has those of more answers": "optimize/costs",
     "bits of a number, or still in another sense": """calibrate/wall_approach core/atomic_io core/jit errors
-        inference/deliveries optimize/methods optimize/sensitivity robot/features study/factors testing/task
+        inference/deliveries optimize/sensitivity robot/features study/factors testing/task
         tracking/doubts tracking/marker_detection tracking/markers tracking/picture_quality tracking/track""",
 }
 """Modules with a bit in their types, by the reason for which they may have it."""

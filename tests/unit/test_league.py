@@ -32,7 +32,7 @@ from vibroswarm.league.entries import (
     least_entries,
     main_entries,
     read_settings,
-    varied,
+    varied_by,
 )
 from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
@@ -139,7 +139,7 @@ def test_a_line_has_no_value_beyond_its_ends() -> None:
 
 @pytest.fixture(scope="module")
 def standings() -> Standings:
-    entries = varied(entries_of(["none", "soft"], {}), "none", "decision.credible_threshold", [0.8, 0.99])
+    entries = varied_by(entries_of(["none", "soft"], {}), "none:decision.credible_threshold=0.8,0.99")
     return League(BASE, entries, floors_of(["random", "stripe"], [0.48]), (4, 6), runs=12, seed=3).play()
 
 

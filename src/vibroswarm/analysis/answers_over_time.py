@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -34,13 +33,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.displayed import viewed
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.outcomes import truth_of_robot, truth_over_time
+from vibroswarm.inference.outcomes import Array, truth_of_robot, truth_over_time
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import task
-
-Array = NDArray[np.float64]
 
 JUDGED: Final = (
     "right_at_decision",
@@ -67,7 +64,7 @@ class Answer(NamedTuple):
 
 @viewed
 class Truth(NamedTuple):
-    """What is right for a robot over time, and what was when it gave its answers."""
+    """What is right for a robot or a swarm over time, and what was when it gave its answers."""
 
     since_s: Array
     """Times from which the truth is ``answer``, 0 first."""
@@ -91,10 +88,8 @@ class Course(NamedTuple):
     """The swarm's answers, each different from the one before it."""
     presumed: int | None
     """The answer that the swarm stands for before its first."""
-    truth_s: Array
-    """Times from which the truth is ``truth``, 0 first."""
-    truth: Array
-    """The right answer; nan: none."""
+    truth: Truth
+    """What is right for the swarm."""
     end_s: float
     """End of the run."""
     truths: list[Truth]
@@ -134,6 +129,7 @@ def course_of(
             swarm.append(Answer(float(time_s[k]), answer))
     truth_s, truth = truth_over_time(scenario, floor)
     truth_s, truth = truth_s[truth_s < end_s], truth[truth_s < end_s]
+    of_swarm = Truth(truth_s, truth, _spans_at(truth_s, swarm))
     answers = [one for one, of in zip(robots, counts.tolist(), strict=True) if of]
     asked = task(scenario.task.name)
     is_own = asked.is_asked_anew(scenario.task.params)
@@ -141,7 +137,7 @@ def course_of(
         truths = [_own_truth(scenario, floor, one, end_s) for one in answers]
     else:
         truths = [Truth(truth_s, truth, _spans_at(truth_s, one)) for one in answers]
-    return Course(answers, swarm, asked.presumed, truth_s, truth, end_s, truths, is_own)
+    return Course(answers, swarm, asked.presumed, of_swarm, end_s, truths, is_own)
 
 
 def _own_truth(scenario: Scenario, floor: Floor, answers: list[Answer], end_s: float) -> Truth:
@@ -171,10 +167,6 @@ def judged(course: Course) -> dict[str, float]:
     }
 
 
-def _truth_at(course: Course, time_s: float) -> float:
-    return float(course.truth[np.searchsorted(course.truth_s, time_s, side="right") - 1])
-
-
 def _right_when_given(course: Course) -> float:
     right = []
     for answers, truth in zip(course.robots, course.truths, strict=True):
@@ -201,9 +193,7 @@ def _right_time_share(course: Course) -> float:
 def _delay_s(course: Course) -> float:
     """Return the mean delay of the swarm's new answer over changes to another truth; nan without one to notice."""
     delays = []
-    until_s = [*course.truth_s[1:].tolist(), course.end_s]
-    spans = list(zip(course.truth_s.tolist(), until_s, course.truth.tolist(), strict=True))
-    for since_s, end_s, truth in spans[1:]:
+    for since_s, end_s, truth in course.truth.spans(course.end_s)[1:]:
         if not math.isnan(truth) and _answer_before(course, since_s) != truth:
             delays.append(_first_time(course.swarm, truth, since_s, end_s) - since_s)
     return float(np.mean(delays)) if delays else math.nan
@@ -223,14 +213,10 @@ def _first_time(swarm: list[Answer], truth: float, since_s: float, end_s: float)
 
 def _false_changes(course: Course) -> int:
     """Return how often the swarm left a right answer without a change of the truth."""
-    swarm = course.swarm
-    if course.presumed is not None:
-        swarm = [Answer(0.0, course.presumed), *swarm]
-    return sum(
-        _truth_at(course, after.since_s) == before.answer != after.answer
-        and not math.isnan(_truth_at(course, after.since_s))
-        for before, after in pairwise(swarm)
-    )
+    answers = [one.answer for one in course.swarm]
+    truths = course.truth.answer[course.truth.given].tolist()  # when each answer was given
+    changes = zip([course.presumed, *answers], answers, truths, strict=False)
+    return sum(truth == before != after for before, after, truth in changes)
 
 
 def _own_delay_s(course: Course) -> float:

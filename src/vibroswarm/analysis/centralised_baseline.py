@@ -24,7 +24,7 @@ equal error, a swarm takes to decide.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 import polars as pl
@@ -32,13 +32,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_NAME, run_figures
-from vibroswarm.analysis.intervals import (
-    Interval,
-    check_level,
-    plain,
-    share_interval,
-    wilson,
-)
+from vibroswarm.analysis.intervals import ForJson, Interval, check_level, share_interval, wilson
 from vibroswarm.analysis.paired import difference
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -53,7 +47,7 @@ THRESHOLDS: Final = 400
 
 
 @dataclass(frozen=True)
-class PooledCounting(NotebookView):
+class PooledCounting(ForJson):
     """Pooled counting ("the reference") and the strategy, compared on the half of the runs that did not tune h.
 
     Times are in s; figures of the strategy have names that start with ``strategy_``.
@@ -92,13 +86,6 @@ class PooledCounting(NotebookView):
     """Strategy - reference, paired by run; above 0 if the swarm is slower."""
     error_difference: Interval
     """Strategy - reference, paired by run; close to 0 if the tuning generalised."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON: intervals become dictionaries, and values that are not finite become None."""
-        return {
-            name: value.as_dict() if isinstance(value, Interval) else plain(value)
-            for name, value in self.__dict__.items()
-        }
 
 
 def pooled_counting(

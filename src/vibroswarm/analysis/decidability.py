@@ -36,16 +36,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
-from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
+from vibroswarm.analysis.intervals import ForJson, check_level, wilson_limits
 from vibroswarm.core.displayed import viewed
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -78,7 +77,7 @@ _STEPS = 200
 
 
 @dataclass(frozen=True)
-class Decidability(NotebookView):
+class Decidability(ForJson):
     """Whether the question can be decided from own samples.
 
     The module's docstring explains the terms.
@@ -120,10 +119,6 @@ class Decidability(NotebookView):
     def is_warning(self) -> bool:
         """Whether a report must warn of the verdict: the question was assessed, and is not decidable."""
         return self.verdict not in ("decidable", "not assessed")
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON; a number that is not finite becomes None."""
-        return {name: plain(value) for name, value in self.__dict__.items()}
 
 
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:

@@ -23,7 +23,7 @@ the probability that at least one of the two is wrong is up to 2 (1 - level).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 import polars as pl
@@ -180,15 +180,15 @@ def needed(
     rows = []
     for robots, runs in cells:
         row = _about(robots, runs, t_end_s)
-        right, wrong = _events(robots, runs, t_end_s, of, level, seed)
-        row |= _needed(right, error)
-        row |= _clear(wrong, alarm_rate) if row["truth"] == 0 else dict.fromkeys(_ALARM)
+        shares = _over_time(robots, runs, t_end_s, of, level, seed)
+        row |= _needed(shares, error)
+        row |= _clear(shares, alarm_rate) if row["truth"] == 0 else dict.fromkeys(_ALARM)
         rows.append(row)
     if not rows:
         raise InputError("give at least one cell", field="cells")
     integers = {"truth": pl.Int8, "robots": pl.Int64, "runs": pl.Int64}
-    shares = dict.fromkeys(("needed_s", "missed", "missed_high", *_ALARM), pl.Float64)
-    frame = pl.DataFrame(rows, schema={"fill_ratio": pl.Float64, **integers, **shares})
+    floats = dict.fromkeys(("needed_s", "missed", "missed_high", *_ALARM), pl.Float64)
+    frame = pl.DataFrame(rows, schema={"fill_ratio": pl.Float64, **integers, **floats})
     # Number of robots of a cell that reaches the wanted rate; null for other cells.
     enough = pl.when(pl.col("needed_s").is_not_null()).then(pl.col("robots"))
     fewest = (enough == enough.min().over("fill_ratio")).fill_null(False)
@@ -226,41 +226,22 @@ _ALARM: Final = ("false_alarm", "false_alarm_high", "clear_until_s")
 """Columns that are null unless the floor lies below the boundary."""
 
 
-class _Events(NamedTuple):
-    """A share that grows with time in steps; all arrays have the shape (times,)."""
-
-    time_s: NDArray[np.float64]
-    """Times of the steps, increasing from 0."""
-    share: NDArray[np.float64]
-    """Value from each time until the next."""
-    low: NDArray[np.float64]
-    """Lower limit of the share."""
-    high: NDArray[np.float64]
-    """Upper limit of the share."""
-
-
-def _events(
+def _over_time(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, of: str, level: float, seed: int
-) -> tuple[_Events, _Events]:
-    """Compute the cumulative shares of runs with a right and with a wrong consensus, or of robots that decided so.
+) -> pl.DataFrame:
+    """Return the cumulative shares of runs with a right and with a wrong consensus, or of robots that decided so.
 
     Args:
         of: "swarm" or "robots". level, seed: as of ``needed``.
-    Returns: (right, wrong), at the times at which a run reaches a consensus; of robots at ``GRID`` times.
+    Returns: a row for each time at which a run reaches a consensus; of robots at ``GRID`` times.
     """
-    if of == "swarm":
-        reached_s = runs["consensus_time_s"].drop_nulls().to_numpy()
-        table = swarm_incidence(robots, runs, t_end_s, np.unique(np.append(0.0, reached_s)), level)
-    else:
-        table = robot_incidence(robots, runs, t_end_s, np.linspace(0.0, t_end_s, GRID), level, seed)
-    right, wrong = (
-        _Events(*(numbers(table[name]) for name in ("time_s", share, f"{share}_low", f"{share}_high")))
-        for share in ("right", "wrong")
-    )
-    return right, wrong
+    if of == "robots":
+        return robot_incidence(robots, runs, t_end_s, np.linspace(0.0, t_end_s, GRID), level, seed)
+    reached_s = runs["consensus_time_s"].drop_nulls().to_numpy()
+    return swarm_incidence(robots, runs, t_end_s, np.unique(np.append(0.0, reached_s)), level)
 
 
-def _needed(right: _Events, error: float) -> dict[str, float | None]:
+def _needed(shares: pl.DataFrame, error: float) -> dict[str, float | None]:
     """Find the first time at which the upper limit of the misses is below ``error``.
 
     The share of misses is 1 - the share of right decisions, so its upper limit is 1 - the lower limit of that share.
@@ -268,23 +249,29 @@ def _needed(right: _Events, error: float) -> dict[str, float | None]:
     Returns: needed_s, the time (None if there is none), and missed and missed_high, the share of misses and its upper
         limit at the end.
     """
-    enough = np.flatnonzero(1.0 - right.low < error)
+    missed, missed_high = (1.0 - numbers(shares[name]) for name in ("right", "right_low"))
     return {
-        "needed_s": float(right.time_s[enough[0]]) if enough.size else None,
-        "missed": plain(1.0 - float(right.share[-1])),
-        "missed_high": plain(1.0 - float(right.low[-1])),
+        "needed_s": _first_time(shares, missed_high < error),
+        "missed": plain(float(missed[-1])),
+        "missed_high": plain(float(missed_high[-1])),
     }
 
 
-def _clear(wrong: _Events, wanted: float) -> dict[str, float | None]:
+def _clear(shares: pl.DataFrame, wanted: float) -> dict[str, float | None]:
     """Find the first time at which the upper limit of the false alarms is not below the rate ``wanted``.
 
     Returns: clear_until_s, the time (None if there is none), and false_alarm and false_alarm_high, the share of false
         alarms and its upper limit at the end.
     """
-    over = np.flatnonzero(~(wrong.high < wanted))  # negated, so that a limit of nan counts as too high
+    wrong, wrong_high = (numbers(shares[name]) for name in ("wrong", "wrong_high"))
     return {
-        "false_alarm": plain(float(wrong.share[-1])),
-        "false_alarm_high": plain(float(wrong.high[-1])),
-        "clear_until_s": float(wrong.time_s[over[0]]) if over.size else None,
+        "false_alarm": plain(float(wrong[-1])),
+        "false_alarm_high": plain(float(wrong_high[-1])),
+        # negated, so that a limit of nan counts as too high
+        "clear_until_s": _first_time(shares, ~(wrong_high < wanted)),
     }
+
+
+def _first_time(shares: pl.DataFrame, holds: NDArray[np.bool_]) -> float | None:
+    """Return the first time at which something holds; None if it never does."""
+    return float(shares["time_s"][int(holds.argmax())]) if holds.any() else None

@@ -249,11 +249,9 @@ class ByRun(NotebookView):
         self.robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
         run = self.robots["run"].to_numpy()
         # A run starts at row 0, if the table has rows, and wherever the run number changes.
-        starts = np.append(run.size > 0, run[1:] != run[:-1])
-        self.first = np.flatnonzero(starts)
+        self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
         self.runs = run[self.first]
-        robots_per_run = np.diff(np.append(self.first, run.size))
-        self.count: NDArray[np.int64] = robots_per_run.astype(np.int64)
+        self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size)).astype(np.int64)
 
     def sum(self, values: Array) -> Array:
         """Sum ``values``, one for each row of the attribute ``robots``, over the robots of each run, shape (runs,)."""
@@ -634,10 +632,10 @@ def interval(
         return figure.mean(values, level, t_end_s)
     if figure.kind == "rate":
         return rate_interval(values, 3600.0 / t_end_s, level)
+    known = ~np.isnan(values)
     if figure.kind == "share":
-        known, robots = ~np.isnan(values), by_run["robots"]
+        robots = by_run["robots"]
         return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)
     if figure.kind == "median":
-        return quantile_interval(np.where(np.isnan(values), math.inf, values), 0.5, level)
-    known = ~np.isnan(values)
+        return quantile_interval(np.where(known, values, math.inf), 0.5, level)
     return wilson(int(values[known].sum()), int(known.sum()), level)

@@ -104,8 +104,7 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
     of_run = pl.col("run") == run
     samples, ends = result.motion.filter(of_run), result.ends.filter(of_run)
     moves = None if result.moves is None else result.moves.filter(of_run)
-    seen = result.observations.filter(of_run)
-    observation, energy = classes_and_values(seen)
+    observation, energy = classes_and_values(result.observations.filter(of_run))
     whole = timeline_of(scenario, Motion(samples=samples, ends=ends, moves=moves))
     # An estimated place depends on the past alone, so the estimates of the whole run hold at each time too.
     estimates = whole.estimates(scenario, seed)

@@ -111,12 +111,10 @@ def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedE
         first, reference: on the same runs. seed: seed of the bootstrap.
     """
     runs = reference.time_s.shape[1]
-
-    def means_of(values: Array) -> Array:
-        return drawn_means(values, seed, "matched error")
-
-    time_means = [means_of(strategy.time_s) for strategy in (first, reference)]
-    error_means = [means_of(strategy.error) for strategy in (first, reference)]
+    time_means, error_means = (
+        [drawn_means(values, seed, "matched error") for values in of_both]
+        for of_both in ((first.time_s, reference.time_s), (first.error, reference.error))
+    )
     # Lists: index 0 is the first strategy, 1 the reference. Arrays: row 0 is the strategy as given, column 0 all runs.
     # The strategy that errs more in all runs gives e* and T* of every draw.
     of_first = bool(error_means[0][0, 0] > error_means[1][0, 0])

@@ -55,20 +55,18 @@ def robot_incidence(
     }
     columns: dict[str, NDArray[np.float64]] = {"time_s": times}
     for name, (runs_counted, robots_counted) in parts.items():
-        counted = _counts_over_time(robots_and_truth.filter(robots_counted), runs_counted, times)
-        if name == "undecided":  # the undecided robots are the rest of a run, size - number that had decided
-            counted = [(size, size - count, number) for size, count, number in counted]
-        limits = _limits(counted, times.size, level, seed)
+        size, count, number = _counts_over_time(robots_and_truth.filter(robots_counted), runs_counted, times)
+        if name == "undecided":  # the rest of a run: its size - number that had decided
+            count = size - count
+        shares = [cluster_share_of_distinct(count, size, of_time, level, seed)[:3] for of_time in number]
+        limits = np.array(shares).reshape(-1, 3)
         columns |= {name: limits[:, 0], f"{name}_low": limits[:, 1], f"{name}_high": limits[:, 2]}
     return pl.DataFrame(columns).fill_nan(None)
 
 
-Counted = list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]
-"""For each time, three arrays with one entry per kind of run: number of robots of a run, number of them that had
-decided, and number of runs of this kind."""
-
-
-def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]) -> Counted:
+def _counts_over_time(
+    decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Count for each time the runs in which 0, 1, 2, ... robots had decided.
 
     At least k robots of a run had decided by t if its k-th decision time is at most t. So one sorted list of k-th
@@ -76,8 +74,8 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
 
     Args:
         decided: rows of the robots that decided. of: ``run_figures`` of the runs that count. times: times, s.
-    Returns: for each time the arrays (size, count, number), one entry for each size of a run and each count k from 0 to
-        this size: ``number`` runs have ``size`` robots, of which ``count`` had decided.
+    Returns: the kinds of runs, one for each size of a run and each count from 0 to this size: number of robots of a
+        run, (kinds,); number of them that had decided, (kinds,); and number of runs of each kind, (times, kinds).
     """
     ranked = (
         decided.lazy()
@@ -86,7 +84,8 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
         .select("size", "decision_time_s", rank=pl.int_range(1, pl.len() + 1).over("run"))
         .collect()
     )
-    counted: list[list[tuple[int, int, int]]] = [[] for _ in times]
+    sizes, counts = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
+    numbers = [np.empty((times.size, 0), dtype=np.int64)]
     for size, number in of.group_by("robots").len().sort("robots").iter_rows():
         # at_least[t, k]: number of runs with at least k decided robots at time t. The last column, for size + 1 robots,
         # stays 0, so that the differences of columns give the runs with exactly k.
@@ -96,27 +95,10 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
         for k in range(1, size + 1):
             kth = np.sort(of_size.filter(pl.col("rank") == k)["decision_time_s"].to_numpy())
             at_least[:, k] = np.searchsorted(kth, times, side="right")
-        exactly = at_least[:, :-1] - at_least[:, 1:]
-        for t in range(times.size):
-            counted[t] += [(size, k, int(exactly[t, k])) for k in range(size + 1)]
-    # ``reshape`` gives an array of three columns also if there are no runs.
-    return [
-        (rows[:, 0], rows[:, 1], rows[:, 2])
-        for rows in (np.array(c, dtype=np.int64).reshape(-1, 3) for c in counted)
-    ]
-
-
-def _limits(counted: Counted, times: int, level: float, seed: int) -> NDArray[np.float64]:
-    """Compute the share of robots with its lower and upper limit at each time, shape (times, 3).
-
-    Args:
-        counted: runs of each kind at each time, from ``_counts_over_time``. times: number of times.
-    """
-    limits = np.full((times, 3), np.nan)
-    for t, (size, count, number) in enumerate(counted):
-        interval = cluster_share_of_distinct(count, size, number, level, seed)
-        limits[t] = interval.estimate, interval.low, interval.high
-    return limits
+        sizes.append(np.full(size + 1, size))
+        counts.append(np.arange(size + 1))
+        numbers.append(at_least[:, :-1] - at_least[:, 1:])
+    return np.concatenate(sizes), np.concatenate(counts), np.concatenate(numbers, axis=1)
 
 
 def swarm_incidence(

@@ -31,6 +31,7 @@ from scipy.special import gammaincinv, ndtr, ndtri, stdtrit
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.core.displayed import viewed
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 
 DRAWS: Final = 1999
@@ -77,6 +78,17 @@ class Interval(NamedTuple):
 def plain(value: Any) -> Any:
     """Return a value for JSON: a float that is not finite becomes None, any other value stays as it is."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class ForJson(NotebookView):
+    """Base of results whose fields go into JSON."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields for JSON: intervals become dictionaries, and values that are not finite become None."""
+        return {
+            name: value.as_dict() if hasattr(value, "as_dict") else plain(value)
+            for name, value in vars(self).items()
+        }
 
 
 def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
@@ -263,11 +275,9 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     """
     check_level(level)
     runs = without_nan(values)
-    if runs.size == 0:
-        return undefined(level, 0, "bootstrap")
+    if runs.size < 2:
+        return mean_interval(runs, level)._replace(how="bootstrap")
     mean = _mean(runs)
-    if runs.size == 1:
-        return Interval(mean, -math.inf, math.inf, level, 1, "bootstrap")
     distinct, counts = np.unique(runs, return_counts=True)
     # ``_resampled`` computes a ratio of sums; with denominators of 1 the ratio is the mean.
     low, high = _resampled(distinct, np.ones(distinct.size), counts, level, seed, draws)

@@ -160,8 +160,7 @@ def could_be_known(
         )
     t_end_s = result.scenario.run.t_end_s
     times = _times(t_end_s, times_s)
-    posteriors = _exactly(result, prior, alpha, times, energies)
-    runs = pl.DataFrame([p.row for p in posteriors], schema=_RUNS, orient="row")
+    runs, in_truth = _exactly(result, prior, alpha, times, energies)
     # A side can be right or wrong only in a run with a truth.
     decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
     wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
@@ -169,7 +168,7 @@ def could_be_known(
         prior=prior if isinstance(prior, str) else "given",
         alpha=alpha,
         runs=runs,
-        over_time=_over_time(runs, [p.in_truth for p in posteriors], times, level),
+        over_time=_over_time(runs, in_truth, times, level),
         known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
         wrong=wilson(wrong, decided.height, level),
         claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
@@ -186,22 +185,6 @@ _RUNS: Final[dict[str, Any]] = {
     "belief_in_truth": pl.Float64,
 }
 """Columns of ``Known.runs``."""
-_NOT_KNOWN: Final[dict[str, Any]] = {
-    "known_s": None,
-    "decision": -1,
-    "claimed_error": None,
-}
-"""Values of a run in which the side of the boundary is not known by the end."""
-
-
-@dataclass(frozen=True)
-class _RunPosterior:
-    """What is known of the side of the boundary in one run."""
-
-    row: tuple[Any, ...]
-    """One value for each column of ``_RUNS``, in that order."""
-    in_truth: Values | None
-    """Posterior of the true side at each time; None without a truth."""
 
 
 def _times(t_end_s: float, times_s: ArrayLike | None) -> Values:
@@ -245,17 +228,18 @@ def _beliefs_of_run(
 
 def _exactly(
     result: Result, prior: Prior, alpha: float, times: Values, energies: bool
-) -> list[_RunPosterior]:
+) -> tuple[pl.DataFrame, list[Values]]:
     """Compute the posterior of each run exactly, at all times, from the likelihood ratios of its tiles.
 
     Args:
         prior: "tiles", "counts", "mirror" or N + 1 weights. alpha: posterior error at which a side counts as known.
         times: at which the posterior is computed, increasing, s. energies: read energies instead of bits.
+    Returns: the table ``Known.runs``; and the posterior of the true side at each time of each run with a truth.
     """
     scenario, ratios = result.scenario, log_ratios(result, energies)
     run_of_sample, tile = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
     taken_s = result.motion["time_s"].to_numpy()
-    posteriors = []
+    rows, in_truth = [], list[Values]()
     for run, truth in result.runs.select("run", "truth").iter_rows():
         # Samples are sorted by run: those of this run have the indices from ``low`` to ``high`` - 1.
         low, high = np.searchsorted(run_of_sample, [run, run + 1])
@@ -265,16 +249,17 @@ def _exactly(
         inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
         sums = _sums_over_time(ratios[part], tile[part], taken_s[part], inside, times)
         beliefs = _beliefs_of_run(result, prior, floor, inside, sums)
-        in_truth = None if truth is None else beliefs[truth]
-        at_end = None if in_truth is None else float(in_truth[-1])
-        row: dict[str, Any] = {"run": run, "truth": truth, **_NOT_KNOWN, "belief_in_truth": at_end}
+        row: dict[str, Any] = {"run": run, "truth": truth, "decision": -1}
+        if truth is not None:
+            in_truth.append(beliefs[truth])
+            row["belief_in_truth"] = float(beliefs[truth, -1])
         sure = np.flatnonzero(beliefs.max(axis=0) >= 1.0 - alpha)
         if sure.size:
             k = sure[0]  # the first time at which an answer is known
             row["known_s"], row["decision"] = times[k], int(beliefs[:, k].argmax())
             row["claimed_error"] = 1.0 - beliefs[:, k].max()
-        posteriors.append(_RunPosterior(tuple(row[name] for name in _RUNS), in_truth))
-    return posteriors
+        rows.append(row)
+    return pl.DataFrame(rows, schema=_RUNS), in_truth
 
 
 def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.int64]:
@@ -334,21 +319,18 @@ def _sums_over_time(
     return np.asarray(np.cumsum(flat.reshape(times.size, inside.size), axis=0))
 
 
-def _over_time(
-    runs: pl.DataFrame, in_truth: list[Values | None], times: Values, level: float
-) -> pl.DataFrame:
+def _over_time(runs: pl.DataFrame, in_truth: list[Values], times: Values, level: float) -> pl.DataFrame:
     """Compute the table ``Known.over_time``.
 
     Args:
-        runs: the table ``Known.runs``. in_truth: for each run the posterior of the true side at each time, (times,), or
-            None if it was not computed. times: times of the rows, s. level: confidence level of the limits.
+        runs: the table ``Known.runs``. in_truth: posterior of the true side at each time, (times,), of each run with a
+            truth. times: times of the rows, s. level: confidence level of the limits.
     """
     known_s = runs["known_s"].fill_null(np.inf).to_numpy()
     wrong = (runs["decision"] != runs["truth"]).fill_null(False).to_numpy() & np.isfinite(known_s)
     number = max(runs.height, 1)  # without runs the shares are 0 / 1
     known = np.searchsorted(np.sort(known_s), times, side="right")
     low, high = wilson_limits(known, runs.height, level)
-    beliefs = [beliefs_of_run for beliefs_of_run in in_truth if beliefs_of_run is not None]
     return pl.DataFrame(
         {
             "time_s": times,
@@ -356,7 +338,7 @@ def _over_time(
             "known_low": low,
             "known_high": high,
             "wrong": np.searchsorted(np.sort(known_s[wrong]), times, side="right") / number,
-            "belief_in_truth": np.mean(beliefs, axis=0) if beliefs else np.full(times.size, math.nan),
+            "belief_in_truth": np.mean(in_truth, axis=0) if in_truth else np.full(times.size, math.nan),
         }
     ).fill_nan(None)
 
@@ -391,8 +373,7 @@ def on_both_sides(result: Result) -> Result:
         )
     # The floor of the first run; the floors of all runs have the same number of vibrating tiles.
     floor = result.floor(int(result.runs["run"][0]))
-    tiles = floor.tiles.size
-    if tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m).size < tiles:
+    if tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m).size < floor.tiles.size:
         raise InputError(
             "the arena's border cuts the floor; give one that ends with the arena", field="floor"
         )

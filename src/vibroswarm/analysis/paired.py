@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike
 
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES
 from vibroswarm.analysis.intervals import (
+    ForJson,
     Interval,
     Tested,
     Values,
@@ -49,7 +50,6 @@ from vibroswarm.analysis.intervals import (
     plain,
     sign_flip,
 )
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 
 COMPARED: Final = tuple(figure.by_run for figure in FIGURES if figure.compared)
@@ -67,7 +67,7 @@ Test = Callable[[Values, float, int], Tested]
 
 
 @dataclass(frozen=True)
-class Paired(NotebookView):
+class Paired(ForJson):
     """Comparison of one figure in two cells, over the runs that have the figure in both ("pairs").
 
     ``first`` and ``second`` are the means; ``difference`` is first - second. ``wins``, ``ties`` and ``losses`` count
@@ -97,12 +97,6 @@ class Paired(NotebookView):
         row: dict[str, Any] = {name: plain(value) for name, value in self.__dict__.items()}
         interval = row.pop("difference")
         return row | columns_of("difference", interval) | {"level": interval.level}
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, with the interval as a dictionary; a number that is not finite becomes None."""
-        return {name: plain(v) for name, v in self.__dict__.items()} | {
-            "difference": self.difference.as_dict()
-        }
 
 
 def compare(
@@ -238,7 +232,7 @@ def holm(p_values: ArrayLike) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Confirmation(NotebookView):
+class Confirmation(ForJson):
     """A comparison on a first block of seeds and its repetition on a second."""
 
     first: Paired
@@ -248,15 +242,6 @@ class Confirmation(NotebookView):
     confirmed: bool
     says: str
     """The result in words."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, with the comparisons as dictionaries."""
-        return {
-            "first": self.first.as_dict(),
-            "second": self.second.as_dict(),
-            "confirmed": self.confirmed,
-            "says": self.says,
-        }
 
 
 def confirmed(first: Paired, second: Paired) -> Confirmation:

@@ -56,6 +56,7 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import mean_by_run
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.result import Result
 
@@ -158,12 +159,11 @@ class Walk(NotebookView):
         per_step = _mean_of_steps(after, self.first)
         distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
         avoid = samples["avoid_s"].to_numpy().astype(np.float64)  # null becomes nan
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return {
-                "avoid_per_sample_s": _mean_of_known(avoid, self.first),
-                "distance_m": per_step(distance),
-                "spacing_s": per_step(t[after] - t[before]),
-            }
+        return {
+            "avoid_per_sample_s": mean_by_run(avoid, self.first),
+            "distance_m": per_step(distance),
+            "spacing_s": per_step(t[after] - t[before]),
+        }
 
 
 def _consecutive(
@@ -216,20 +216,6 @@ def _mean_of_steps(
         return means
 
     return mean
-
-
-def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Average the values of each run that are not nan, shape (runs,); the mean is nan if all values of the run are nan.
-
-    Args:
-        values: (rows,), run by run. first: first row of each run, (runs,).
-    """
-    known = ~np.isnan(values)
-    if known.all():  # the usual case, which is faster without a mask
-        return np.asarray(np.add.reduceat(values, first) / np.diff(np.append(first, values.size)))
-    # A run without known values gives 0 / 0, which is nan; the caller suppresses NumPy's warning.
-    total = np.add.reduceat(np.where(known, values, 0.0), first)
-    return np.asarray(total / np.add.reduceat(known.astype(np.int64), first))
 
 
 def _effective(
@@ -375,8 +361,7 @@ def _values(result: Result, of: Of) -> NDArray[np.float64]:
     values = np.empty(tile.size)
     run, time_s = result.motion["run"].to_numpy(), result.motion["time_s"].to_numpy()
     for low, high in _bounds(result.motion):
-        floor = result.floor(int(run[low]))
-        values[low:high] = kinds_at(floor, tile[low:high], time_s[low:high]) == 1
+        values[low:high] = kinds_at(result.floor(int(run[low])), tile[low:high], time_s[low:high]) == 1
     return values
 
 

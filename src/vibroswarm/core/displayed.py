@@ -1,4 +1,7 @@
-"""Who lays results out, as documents and as HTML: the layer above says so, so that nothing here imports it."""
+"""What layers above do with objects of those below: lay results out, and work that methods of studies offer.
+
+The package's root adds the functions, so that nothing here imports upwards.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,13 @@ from typing import Any, TypeVar
 
 Kind = TypeVar("Kind", bound=type)
 
-writers: list[Callable[[object], str]] = []
-"""One function, which the package's root adds."""
+above: dict[str, Callable[..., Any]] = {}
+"""The functions, by name."""
 
 
 def html_view(value: object) -> str:
     """Return the HTML that a notebook shows for a public object; texts from scenarios and files are escaped."""
-    (write,) = writers
-    return write(value)
+    return str(above["html"](value))
 
 
 def viewed(kind: Kind) -> Kind:
@@ -23,11 +25,11 @@ def viewed(kind: Kind) -> Kind:
     return kind
 
 
-makers: list[Callable[[object], Any]] = []
-"""One function, which the package's root adds."""
-
-
 def document_of(value: object) -> Any:
     """Return the document of a result (``vibroswarm.show.document.Document``)."""
-    (make,) = makers
-    return make(value)
+    return above["document"](value)
+
+
+def study_verbs() -> Any:
+    """Return ``vibroswarm.study.study_outputs``, the functions behind methods of ``Study`` and ``StudyResult``."""
+    return above["study verbs"]()

@@ -29,12 +29,12 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from scipy.stats import betabinom, binom
 from scipy.stats import t as student
 
 from vibroswarm.analysis.intervals import columns_of, jackknife_error
 from vibroswarm.floors.source import source_of
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
@@ -62,7 +62,6 @@ SURE: Final[dict[str, Any]] = {"decision.credible_threshold": 0.95, "decision.mi
 """Fields that the settings ``AT_95`` change: p_c = 0.95, and O_c = 0 (no gate)."""
 COLUMNS: Final = ("name", "strategy", "settings", "prior", "confidence", "right", "decided")
 """Columns of the result of ``belief_calibration``, without the limits."""
-Array = NDArray[np.float64]
 
 
 def belief_calibration(
@@ -106,9 +105,7 @@ def belief_calibration(
         runs=runs,
         seed=league.seed + 1,  # motion that neither the league nor its fault curves (seed + 2) use
     )
-    spec = calibration_league.study
-    study = run(spec, folder, **how)
-    sums = _sums(study, (len(variants), len(COUNTS), runs))
+    sums = _sums(run(calibration_league.study, folder, **how), (len(variants), len(COUNTS), runs))
     rows: list[dict[str, Any]] = []
     for place, (label, settings, entry) in enumerate(variants):
         # Sums over the robots of each run on each floor, (floors, runs) each.
@@ -129,8 +126,7 @@ def belief_calibration(
             }
             for name, (top, bottom) in ratios.items():
                 # Weighted sums over the floors, one for each run: the units of the jackknife.
-                values = ratio_interval(weights @ top, weights @ bottom)
-                row |= columns_of(name, values)
+                row |= columns_of(name, ratio_interval(weights @ top, weights @ bottom))
             rows.append(row)
     return pl.DataFrame(rows).fill_nan(None)
 
@@ -161,9 +157,8 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
             alpha = beta = params.prior
         prior_of_all = betabinom.pmf(ALL, TILES, alpha, beta)
     nearest = np.abs(ALL[:, None] - np.array(COUNTS)).argmin(axis=1)
-    weights: Array = np.bincount(nearest, prior_of_all, minlength=len(COUNTS)).astype(np.float64)
-    normalised: Array = weights / weights.sum()
-    return normalised
+    weights = np.bincount(nearest, prior_of_all, minlength=len(COUNTS)).astype(np.float64)
+    return np.asarray(weights / weights.sum())
 
 
 def _sums(study: StudyResult, shape: tuple[int, int, int]) -> Array:

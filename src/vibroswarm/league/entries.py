@@ -189,36 +189,22 @@ def _nearest_entries(entries: Sequence[Entry], error: float) -> tuple[Entry, ...
 
 
 def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
-    """Replace entries by several, as ``varied`` does.
+    """Replace each entry by several, one for each value of a field, with the value in their labels.
 
     Args:
         text: ``FIELD=A,B`` varies all entries, ``STRATEGY:FIELD=A,B`` those of one strategy.
+    Returns: the entries in the given order, with its replacements in place of each entry that is replaced.
     Raises:
         InputError: the text is not of this form, its field is unknown, or no entry has its strategy.
     """
     name, values = parse_values(text, "[strategy:]section.field=value,value")
-    strategy, _, field = name.rpartition(":")
-    return varied(entries, strategy if ":" in name else None, field, values)
-
-
-def varied(
-    entries: Sequence[Entry], strategy_name: str | None, field: str, values: Sequence[Any]
-) -> tuple[Entry, ...]:
-    """Replace each entry by several, one for each value of a field, with the value in their labels.
-
-    Args:
-        strategy_name: only entries of this strategy are replaced; None: all entries. field: dotted name of a scenario
-            field. values: its values.
-    Returns: the entries in the given order, with its replacements in place of each entry that is replaced.
-    Raises:
-        InputError: the field is unknown, or no entry has the strategy.
-    """
+    strategy, only_one, field = name.rpartition(":")
     check_known_keys([field], "vary", field_names())
-    if strategy_name is not None:
-        check_choice(strategy_name, "vary", [entry.strategy for entry in entries])
+    if only_one:
+        check_choice(strategy, "vary", [entry.strategy for entry in entries])
     found: list[Entry] = []
     for entry in entries:
-        if strategy_name not in (None, entry.strategy):
+        if only_one and entry.strategy != strategy:
             found.append(entry)
             continue
         for value in values:

@@ -120,8 +120,7 @@ def fault_curves(
         runs=runs,
         seed=league.seed + 2,  # fresh motion; the seed + 1 is that of belief_calibration
     )
-    study = run(faulty_league.study, folder, **how)
-    found = _errors(faulty_league, study)
+    found = _errors(faulty_league, run(faulty_league.study, folder, **how))
     errors = {(entry.label, kind, count): one for (entry, kind, count), one in zip(cases, found, strict=True)}
     guess = guess_level(league.base)
     return pl.DataFrame([_row(case, errors, guess) for case in _rows_of(errors, kinds)], schema=CURVES)

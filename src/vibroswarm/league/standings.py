@@ -32,7 +32,6 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain, sign_flip, student_test
@@ -42,14 +41,14 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import numbers
+from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
 from vibroswarm.study.run import run
-from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
@@ -78,7 +77,6 @@ FLOOR_DIFFERENCES: Final[dict[str, Any]] = {
     **dict.fromkeys(("difference", "p_value", "p_holm"), pl.Float64),
 }
 """Columns of ``Standings.floor_differences`` and their types."""
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -103,6 +101,11 @@ class League(NotebookView):
         """The decision boundaries of the entries."""
         name = "decision.decision_boundary"
         return {float(entry.settings.get(name, self.base[name])) for entry in self.entries}
+
+    @property
+    def cells_of_entry(self) -> int:
+        """Number of cells of an entry in ``study``: one for each floor and swarm size."""
+        return len(self.floors) * len(self.robots)
 
     def _check_floors(self) -> None:
         """Refuse floors with the fill ratio of a decision boundary: neither decision is right there, and none wrong.
@@ -284,17 +287,16 @@ class Standings(NotebookView):
         Columns: name, strategy, bytes_on_air, told (the prior knowledge that robots need), ``FIGURES``, worst_floor and
         worst_floor_error; figures also with ``_low`` and ``_high``.
         """
-        rows = []
+        cells, of_entry, rows = self.league.study.cells, self.league.cells_of_entry, []
         for k, entry in enumerate(self.league.entries):
             row: dict[str, Any] = {
                 "name": entry.label,
                 "strategy": entry.strategy,
-                "bytes_on_air": strategy_used(_cells_of(self.league, k)[0].scenario).bytes_on_air,
+                "bytes_on_air": strategy_used(cells[k * of_entry].scenario).bytes_on_air,
                 "told": ", ".join(told(strategy(entry.strategy), self.boundary_of(entry))),
             }
             for figure in FIGURES:
-                found = self.interval(k, figure)
-                row |= columns_of(figure, found)
+                row |= columns_of(figure, self.interval(k, figure))
             floor, found = self.worst_floor(k)
             row |= {
                 "worst_floor": f"{floor.pattern} {stated(floor.fill_ratio)}",
@@ -316,13 +318,14 @@ class Standings(NotebookView):
 
         Figures are averaged over the floors that have them, then over units. There are no rows if no robots keep maps.
         """
-        of_entry = len(self.league.floors) * len(self.league.robots)
         unit = (
             pl.col("cell") % len(self.league.robots),
             "run",
         )  # cells are by entry, then floor, then swarm size
         labels, rows = {entry.label for entry in self.league.entries}, []
-        for (_,), own in self.study.maps().group_by(pl.col("cell") // of_entry, maintain_order=True):
+        for (_,), own in self.study.maps().group_by(
+            pl.col("cell") // self.league.cells_of_entry, maintain_order=True
+        ):
             label = self.study.study.cells[own["cell"][0]].point[LABEL]
             units = own.group_by(*unit, maintain_order=True).agg(pl.col(MAPPED).mean())
             if label in labels:
@@ -347,8 +350,7 @@ class Standings(NotebookView):
                     "fill_ratio": floor.fill_ratio,
                 }
                 for figure in FIGURES:
-                    found = self.interval(k, figure, [place])
-                    row |= columns_of(figure, found)
+                    row |= columns_of(figure, self.interval(k, figure, [place]))
                 rows.append(row)
         return pl.DataFrame(rows)
 
@@ -439,9 +441,3 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     found["bytes_sent"] = found["sent"] * np.array(bytes_on_air)[:, None]
     values = {name: found[name].reshape(shape) for name in FIGURES}
     return Standings(league, values, study)
-
-
-def _cells_of(league: League, entry: int) -> tuple[Cell, ...]:
-    """Return the cells of an entry of a league, by its place: by floor, then swarm size."""
-    count = len(league.floors) * len(league.robots)
-    return tuple(league.study.cells[entry * count : (entry + 1) * count])

@@ -34,7 +34,7 @@ from vibroswarm.league.fault_curves import KINDS
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import check_tests, further_tables, league_tables
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of
+from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of, several
 
 
 class Players(NamedTuple):
@@ -90,7 +90,7 @@ def players_of(
     strategies, robots = scenario.get("strategy"), scenario.get("robots")
     names = [
         chosen("strategy", name)
-        for name in _several(strategies) or default_strategies(*([kinds] if shares else []))
+        for name in several(strategies) or default_strategies(*([kinds] if shares else []))
     ]
     own: ScenarioWords = {**scenario, "strategy": None, "robots": None}
     if shares is not None:
@@ -103,12 +103,7 @@ def players_of(
             "add --set sensor.model=confusion and --set sensor.confusion.kinds=...",
             field="--shares",
         )
-    return Players(names, base, floors, tuple(_several(robots)) or (5, 10), note)
-
-
-def _several(value: Any) -> tuple[Any, ...]:
-    """Return the values of a word, of which there may be several, one or none."""
-    return () if value is None else tuple(value) if isinstance(value, tuple | list) else (value,)
+    return Players(names, base, floors, tuple(several(robots)) or (5, 10), note)
 
 
 def _with_kinds(scenario: ScenarioWords, kinds: int) -> tuple[ScenarioWords, str]:

@@ -73,10 +73,9 @@ class Archive(NotebookView):
         """Runs requested so far."""
         self.failed = 0
         """Runs that failed."""
-        self._scores: dict[tuple[int, int], tuple[int, float]] = {}
-        """Cache of ``score`` by (candidate, objective): the number of runs when it was computed, and the score."""
-        self._corrected: dict[int, tuple[int, float, float]] = {}
-        """Cache of ``estimate`` by candidate: the number of runs, the estimate and its standard error."""
+        # Caches of ``score`` by candidate, objective and number of runs, and of ``estimate`` by the first and the last.
+        self._scores: dict[tuple[int, int, int], float] = {}
+        self._estimates: dict[tuple[int, int], tuple[float, float]] = {}
 
     def __getitem__(self, key: int) -> Candidate:
         return self.candidates[key]
@@ -122,16 +121,13 @@ class Archive(NotebookView):
         The score is infinite if no run has succeeded, or if a run failed and the archive does not drop failed runs. It
         is computed again only if the candidate got further runs since the last call.
         """
-        candidate = self[key]
-        if self._has_no_score(candidate):
+        if self._has_no_score(self[key]):
             return math.inf
-        count, cached = self.count(key), self._scores.get((key, objective))
-        if cached is None or cached[0] != count:  # not cached, or the candidate got further runs since then
-            rows = candidate.all_rows()[:, :, self.columns[objective]]
-            cached = (count, self.objectives[objective].score(rows))
-            self._scores[key, objective] = cached
-        _, score = cached
-        return score
+        place = key, objective, self.count(key)
+        if place not in self._scores:
+            rows = self[key].all_rows()[:, :, self.columns[objective]]
+            self._scores[place] = self.objectives[objective].score(rows)
+        return self._scores[place]
 
     def _has_no_score(self, candidate: Candidate) -> bool:
         """Return whether no run of a candidate has succeeded, or a run failed and failed runs are not dropped."""
@@ -148,16 +144,13 @@ class Archive(NotebookView):
         run has succeeded, or if a run failed and the archive does not drop failed runs; after a single run, only the
         standard error is infinite. They are computed again only if the candidate got further runs since the last call.
         """
-        candidate, count = self[key], self.count(key)
-        if self._has_no_score(candidate):
+        if self._has_no_score(self[key]):
             return math.inf, math.inf
-        cached = self._corrected.get(key)
-        if cached is None or cached[0] != count:  # not cached, or the candidate got further runs since then
-            rows = candidate.all_rows()[:, :, self.columns[0]]
-            cached = (count, *self.objectives[0].estimate(rows))
-            self._corrected[key] = cached
-        _, estimate, error = cached
-        return estimate, error
+        place = key, self.count(key)
+        if place not in self._estimates:
+            rows = self[key].all_rows()[:, :, self.columns[0]]
+            self._estimates[place] = self.objectives[0].estimate(rows)
+        return self._estimates[place]
 
     def cautious(self, key: int, caution: float = 1.0) -> float:
         """Return an approximate upper bound of the score: the estimate plus ``caution`` standard errors.

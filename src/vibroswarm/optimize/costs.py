@@ -10,7 +10,7 @@
 | name of a figure | robots_wrong, robots_undecided, swarm_wrong, consensus_time_s (``analysis.figures``) | - |
 | estimate_error | mean over robots of abs(f - f*) | - |
 | consensus | two figures: min(consensus time, T_end), s; 1 if the consensus is right, else 0 | - |
-| at_error | four figures: mean over robots of min(t, T_end), s; counts of wrong, of decided and of all robots | - |
+| at_error | five figures: mean over robots of min(t, T_end), s; numbers wrong, decided and of all; T_end, s | - |
 
 f is the robot's estimate of the fill ratio, f* the true fill ratio, N_tiles the number of tiles, t the decision time
 and T_end the end of the run. A false alarm decides "above the boundary" when the fill ratio is below it; a miss is the
@@ -101,17 +101,18 @@ def consensus(outcomes: Outcomes) -> Array:
 
 
 def at_error(outcomes: Outcomes) -> Array:
-    """Return the four figures of each run from which ``objective`` computes the time at a given error, (runs, 4).
+    """Return the five figures of each run from which ``objective`` computes the time at a given error, (runs, 5).
 
     The columns are the mean of min(t, T_end) over all robots, s, where undecided robots count with T_end; the number of
-    robots that decided wrong; the number that decided; and the number of all robots. The sums of the last three over
-    runs give the shares of errors and of undecided robots.
+    robots that decided wrong; the number that decided; the number of all robots; and T_end, s, by which the penalty is
+    scaled. The sums of the three numbers over runs give the shares of errors and of undecided robots.
     """
     check_truth(outcomes)
     # A mistake that costs less than the dearest one counts as part of an error.
     decided = (~outcomes.undecided).sum(axis=1)
-    robots = np.full(decided.size, float(outcomes.robots))
-    return np.column_stack([outcomes.time_s.mean(axis=1), outcomes.mistakes.sum(axis=1), decided, robots])
+    robots, t_end_s = (np.full(decided.size, float(one)) for one in (outcomes.robots, outcomes.t_end_s))
+    time_s, wrong = outcomes.time_s.mean(axis=1), outcomes.mistakes.sum(axis=1)
+    return np.column_stack([time_s, wrong, decided, robots, t_end_s])
 
 
 def estimate_error(outcomes: Outcomes) -> Array:

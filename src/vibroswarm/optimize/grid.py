@@ -256,8 +256,8 @@ def truth_of_grid(
 def _outcomes(result: StudyResult, cell: Cell) -> tuple[pl.DataFrame, Outcomes]:
     """Return the table of robots of a cell (one row per run and robot), and the outcomes of its runs."""
     robots, runs = result.tables(cell.number)
-    floor_of_run_0 = cell.scenario.floor_for(result.study.seed, 0)
-    tiles = floor_of_run_0.tiles.size  # the floors of all runs have the same number of tiles
+    # The floors of all runs have the same number of tiles.
+    tiles = cell.scenario.floor_for(result.study.seed, 0).tiles.size
     return robots, from_tables(cell.scenario, robots, runs, tiles)
 
 

@@ -48,6 +48,7 @@ from vibroswarm.errors import InputError, shown
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.space import Point
 from vibroswarm.scenario import plugins
+from vibroswarm.study.factors import sobol_points
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.spec import Search
@@ -325,17 +326,11 @@ class Sobol(Sampler):
 
     def propose(self, count: int) -> Sequence[Point]:
         """Return the next ``count`` points of the sequence; the first call draws it."""
-        from scipy.stats import qmc
-
         if not hasattr(self, "sequence"):
-            # A Sobol sequence is evenly spread only if its length is a power of two, and SciPy warns of other lengths.
-            # The smallest power of two that is at least ``points`` is drawn; surplus points stay unused.
-            size = 1 << max(self.points - 1, 0).bit_length()
             # SciPy spawns a generator of its own from the one that it gets. A generator of ``chance`` cannot spawn, so
             # it only draws the seed of one that can.
-            sobol_seed = int(chance(self.seed, "sobol").integers(2**63))
-            sampler = qmc.Sobol(self.archive.space.size, scramble=True, rng=np.random.default_rng(sobol_seed))
-            self.sequence = iter(sampler.random(size))
+            rng = np.random.default_rng(int(chance(self.seed, "sobol").integers(2**63)))
+            self.sequence = iter(sobol_points(rng, self.points, self.archive.space.size))
         return [next(self.sequence) for _ in range(count)]
 
 

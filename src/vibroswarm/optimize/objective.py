@@ -28,15 +28,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import BY_NAME
-from vibroswarm.analysis.intervals import Interval, generator, mean_interval, quantile_interval
+from vibroswarm.analysis.intervals import (
+    Interval,
+    generator,
+    jackknife_error,
+    mean_interval,
+    quantile_interval,
+)
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.outcomes import Outcomes
 
-AIMS: Final = ("expected_time_to_right", "time_at_error")
-"""Composite objectives: their score is computed from several figures per run, without a statistic."""
+AIMS: Final = {"expected_time_to_right": (costs.consensus, 2), "time_at_error": (costs.at_error, 5)}
+"""Composite objectives: the figures of a run from which their score is computed, without a statistic; their number."""
 NAMES: Final = (*costs.COSTS, *AIMS)
 """Names of all built-in costs and composite objectives."""
 OVER: Final = ("worst", "mean")
@@ -140,7 +146,7 @@ class Objective(NotebookView):
     @property
     def width(self) -> int:
         """Number of figures of a run from which the score is computed, see ``figures``."""
-        return {"expected_time_to_right": 2, "time_at_error": 5}.get(self.name, 1)
+        return AIMS[self.name][1] if self.name in AIMS else 1
 
     @property
     def unit(self) -> str:
@@ -154,19 +160,16 @@ class Objective(NotebookView):
         """Compute the figures of each run of ``outcomes``, (runs, columns).
 
         Most costs have one column. ``expected_time_to_right`` has the two of ``costs.consensus``; ``time_at_error`` has
-        the four of ``costs.at_error``, and T_end.
+        the five of ``costs.at_error``.
 
         Raises:
             InputError: the cost gives no finite number for a run, or is not defined on these outcomes.
         """
         if self.function is not None:
             return costs.check_figures(self.function(outcomes), outcomes.run.size, f"cost '{self.name}'")
-        if self.name == "expected_time_to_right":
-            return costs.consensus(outcomes)
-        if self.name == "time_at_error":
-            rows = costs.at_error(outcomes)
-            # The penalty is scaled by T_end. As a score is computed from the figures alone, T_end is a fifth column.
-            return np.column_stack([rows, np.full(rows.shape[0], outcomes.t_end_s)])
+        if self.name in AIMS:
+            figures, _ = AIMS[self.name]
+            return figures(outcomes)
         # the only built-in cost with parameters, apart from ``time_at_error`` above
         parameters = dict(self.parameters) if self.name == "errors" else {}
         return costs.check_figures(
@@ -317,11 +320,10 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
         keep[bounds[g] : bounds[g + 1]] = True
     if not math.isfinite(estimate):  # differences of infinite scores would be nan
         return estimate, math.inf
-    # Jackknife with g groups, where ``mean`` is that of the g scores without one group: the variance is
-    # ``(g - 1) / g * sum((score_without - mean)**2)``, the corrected score ``g * score_of_all - (g - 1) * mean``.
+    # Jackknife with g groups: the corrected score is ``g * score_of_all - (g - 1) * mean``, where ``mean`` is that of
+    # the g scores without one group.
     mean = float(without_group.mean())
-    error = math.sqrt((count - 1) / count * float(((without_group - mean) ** 2).sum()))
-    return count * estimate - (count - 1) * mean, error
+    return count * estimate - (count - 1) * mean, jackknife_error(without_group)
 
 
 def objectives_from(block: Any) -> tuple[Objective, ...]:

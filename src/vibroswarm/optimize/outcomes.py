@@ -106,11 +106,9 @@ class Outcomes(NotebookView):
         """Cost of each robot's wrong decision, relative to the dearest mistake; 0 if it is right or undecided."""
         if self.costs is None:
             return self.wrong.astype(np.float64)
-        certain = np.ones(
-            self.decision.shape
-        )  # an undecided robot leans to the truth: it has made no mistake
-        found = forced_errors(self.decision, certain, self.truth[:, None], self.costs)
-        return np.nan_to_num(found)
+        # An undecided robot leans to the truth: it has made no mistake.
+        certain = np.ones(self.decision.shape)
+        return np.nan_to_num(forced_errors(self.decision, certain, self.truth[:, None], self.costs))
 
     @property
     def swarms(self) -> Swarms:

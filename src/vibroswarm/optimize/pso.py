@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 
 NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
 """Choices of the setting ``noise``; see the head of this module."""
-KEEPS_SCORES: Final = ("fixed", "as-ran")
-"""Kinds of ``noise`` in which a personal best keeps the score with which it became one."""
 FIRST_REEVALUATION: Final = 2
 """Number from which ``shared_run`` counts the evaluations of a candidate. It follows from the 265 distinct run numbers
 of the paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
@@ -125,7 +123,7 @@ class PsoSettings(NotebookView):
     @property
     def keeps_scores(self) -> bool:
         """Whether a personal best keeps the score with which it became one, as in the paper."""
-        return self.noise in KEEPS_SCORES
+        return self.noise in ("fixed", "as-ran")
 
     @property
     def best_of(self) -> int:
@@ -284,8 +282,9 @@ class Pso:
         elapsed = self.iteration - 1 if settings.noise == "as-ran" else self.iteration
         fraction = elapsed / (self.iterations - 1)  # not 0: a swarm with a single iteration never moves
         inertia = settings.inertia_first + fraction * (settings.inertia_last - settings.inertia_first)
-        random = chance(self.seed, f"pso {self.iteration + 1}")
-        r_1, r_2 = random.random((2, *self.position.shape))  # R_1, R_2
+        r_1, r_2 = chance(self.seed, f"pso {self.iteration + 1}").random(
+            (2, *self.position.shape)
+        )  # R_1, R_2
         to_personal = np.array([self.archive[key].point for key in self.personal]) - self.position
         to_global = self.archive[self.best()].point - self.position
         self.velocity = (  # Eq. 21a

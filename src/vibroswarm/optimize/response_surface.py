@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import chance
 from vibroswarm.optimize.space import Point
@@ -30,8 +30,6 @@ STARTS: Final = 2000
 """Random points from which the best is taken to start the search for the minimum."""
 RIDGE: Final = 1e-3
 """Ridge penalty relative to the total weight; bounds directions in which no candidate varies."""
-
-Array = NDArray[np.float64]
 
 
 def optima(archive: Archive, keys: Sequence[int], seed: int) -> list[Point]:

@@ -30,7 +30,6 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import write_files
@@ -38,6 +37,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.optional_library import needed
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError, whole_number_of
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import PIECE, RUN_LIMIT, Evaluator, derived_seed, do_asks
 from vibroswarm.optimize.loop import Found
@@ -49,7 +49,6 @@ from vibroswarm.study.executors import workers_for
 
 DRAWS: Final = 1000
 """Resamples of the bootstrap."""
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -242,8 +242,7 @@ class SearchFolder:
                 versions of the programs and ``mixed`` is false.
         """
         path = self.folder / MANIFEST
-        manifest = read_manifest(self.folder, "search")
-        saved_hash = entry(manifest, "hash", str, path)
+        saved_hash = entry(read_manifest(self.folder, "search"), "hash", str, path)
         made_by = versions_of(self.folder)
         if saved_hash != search.hash:
             saved = saved_search(self.folder)

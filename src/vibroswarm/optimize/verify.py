@@ -88,7 +88,7 @@ def verify(
     folder: str | Path,
     runs: int = RUNS_AGAIN,
     seed: int = 1,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Verified:
     """Simulate a sample of the runs of a folder again, and compare their tables with the saved ones.
 
@@ -123,8 +123,7 @@ def verify(
         within = "" if place == folder else place.relative_to(folder).as_posix()
         for cell, *row in parts[place].again([one for of, one in drawn if of == place]):
             rows.append((": ".join(filter(None, (within, cell))), *row))
-            if progress is not None:
-                progress(len(rows) / len(drawn))
+            progress(len(rows) / len(drawn))
     made_by = [versions for part in parts.values() for versions in part.made_by]
     table = pl.DataFrame(rows, schema=COMPARED, orient="row")
     return Verified(folder, table, len(saved), damaged, _other_versions(made_by))

@@ -19,8 +19,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-import polars as pl
-
 from vibroswarm.analysis.centralised_baseline import PooledCounting, pooled_counting
 from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval
 from vibroswarm.analysis.oracle_posterior import Known, could_be_known, on_both_sides
@@ -88,7 +86,7 @@ class References:
 
 
 def references_of(
-    result: StudyResult, runs: int = RUNS, progress: Callable[[float], None] | None = None
+    result: StudyResult, runs: int = RUNS, progress: Callable[[float], None] = lambda share: None
 ) -> list[References]:
     """Compute the references of the selected cells, in the order of their numbers.
 
@@ -106,8 +104,7 @@ def references_of(
     for done, (cell, simulated) in enumerate(_simulated_again(result, runs), start=1):
         if simulated is not None:
             references.append(_references(cell, simulated))
-        if progress is not None:
-            progress(done / len(result.selected))
+        progress(done / len(result.selected))
     return sorted(references, key=lambda reference: reference.cell.number)
 
 
@@ -207,8 +204,3 @@ def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
         "`known wrong` covers floors on this side of the boundary only."
     )
     return known, (note,)
-
-
-def reference_table(references: list[References]) -> pl.DataFrame:
-    """Tabulate references, one row per cell; without references the table has no columns."""
-    return pl.DataFrame([reference.as_row() for reference in references], infer_schema_length=None)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -54,13 +55,10 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
 from vibroswarm.study.batch_table import (
-    AGREED_ROWS,
     AGREED_TABLE,
-    FAILED_ROWS,
     FAILED_TABLE,
-    MAPPED_ROWS,
     MAPS_TABLE,
-    REPORTED_ROWS,
+    OF_SOME,
     REPORTED_TABLE,
     ROWS,
     WALK,
@@ -135,23 +133,21 @@ def simulate_batch(observed: Texts, request: BatchRequest) -> Iterator[BatchOutc
     Raises:
         Cancelled: the study was stopped; checked between two steps.
     """
-    for entry in observed:
-        for text, _ in entry:
-            check_scenario(scenario_of(text))
-    first_entry, *_ = observed
-    (text, cells), *_ = first_entry
-    first = scenario_of(text)
+    entries = [[(scenario_of(text), cells) for text, cells in entry] for entry in observed]
+    for scenario, _ in chain(*entries):
+        check_scenario(scenario)
+    first, cells = entries[0][0]
     if first.run.stop == "all_decided" or steers(first):
         # The motion depends on the decisions, so such a group has a single scenario (see ``plan.plan_of``).
         yield _closed_loop(first, cells, request)
         return
     request.check()
-    moves = any(needs_moves(scenario_of(text)) for entry in observed for text, _ in entry)
+    moves = any(needs_moves(scenario) for scenario, _ in chain(*entries))
     segments = False  # no figure needs the paths between samples
     full = source(request.motion).batch(first, request.seed, request.runs, segments, moves)
     motion, end_s = _SharedMotion(first, full, request), first.run.t_end_s
-    for entry in observed:
-        scenarios = [scenario_of(text) for text, _ in entry]
+    for entry in entries:
+        scenarios = [scenario for scenario, _ in entry]
         scenario = scenarios[0]  # all scenarios of an entry have the same floor, sensor and end
         if scenario.run.t_end_s != end_s:  # shorter runs: they use the beginning of the longest motion
             motion, end_s = _SharedMotion(scenario, beginning(full, scenario), request), scenario.run.t_end_s
@@ -324,8 +320,7 @@ def samples_of(
         for table, own in ((observations, OBSERVATIONS), (inference, INFERENCE))
     )
     rows = pl.concat([motion, *others], how="horizontal")
-    columns = [name for name in SAMPLES if name != "cell"]
-    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *columns) for cell in cells]
+    return of_cells(rows.select(name for name in SAMPLES if name != "cell"), cells)
 
 
 def beginning(motion: Motion, scenario: Scenario) -> Motion:
@@ -449,9 +444,8 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     check_threads()
     plugins.install_all(work.code)
     # Pairs of a scenario's TOML and the numbers of the cells with this scenario.
-    pairs = [pair for entry in work.observed for pair in entry]
-    first_text, _ = pairs[0]
-    first = scenario_of(first_text)  # has the longest runs
+    pairs = [*chain(*work.observed)]
+    first = scenario_of(pairs[0][0])  # has the longest runs
     sample_ms = first.sample.sample_interval_ms + STANDING_MS
     # At least 1, so that the division below stays finite for runs that are shorter than one sample.
     samples_per_run = max(first.swarm.robots * first.run.t_end_s * 1000.0 / sample_ms, 1.0)
@@ -489,14 +483,9 @@ ROBOTS: Final = Schema(ROWS, _NULLABLE, ("cell", "run", "robot"))
 """Schema of the table ``robots`` of a shard."""
 _OF_SAMPLES: Final = frozenset({"energy", "message", "alpha", "beta", "belief_below"})
 """Columns of the table ``samples`` that may be null."""
-SAMPLE_ROWS: Final = Schema(SAMPLES, _OF_SAMPLES, ("cell", "run", "robot", "sample"))
-"""Schema of the table ``samples`` of a shard."""
 FURTHER: Final = {
-    SAMPLES_TABLE: SAMPLE_ROWS,
-    FAILED_TABLE: FAILED_ROWS,
-    AGREED_TABLE: AGREED_ROWS,
-    MAPS_TABLE: MAPPED_ROWS,
-    REPORTED_TABLE: REPORTED_ROWS,
+    SAMPLES_TABLE: Schema(SAMPLES, _OF_SAMPLES, ("cell", "run", "robot", "sample")),
+    **OF_SOME,
 }
 """Schemas of the tables of a shard besides ``robots``: samples on request, the others if cells have rows of them."""
 
@@ -513,7 +502,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
     """
     required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
     # The others exist only if a run failed, if opinions may change, or if robots have maps or reports.
-    if set(files) - (set(FURTHER) - {SAMPLES_TABLE}) != required:
+    if set(files) - set(OF_SOME) != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -529,11 +518,9 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         if table == "robots" and frame.height != expected:
             raise InputError(f"has {frame.height} rows, not {expected}", field=path.name)
         for column, allowed in (("cell", set(cells)), ("run", set(runs)), ("robot", set(range(robots)))):
-            if (
-                column not in frame.columns
-            ):  # the tables of failures and of agreements have no column ``robot``
-                continue
-            foreign = set(frame[column].unique().to_list()) - allowed
+            # The tables of failures and of agreements have no column ``robot``.
+            named = frame[column].unique().to_list() if column in frame.columns else []
+            foreign = set(named) - allowed
             if foreign:
                 raise InputError(
                     f"column '{column}' names {min(foreign)}, which is not of this batch", field=path.name
@@ -551,8 +538,7 @@ def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
     Raises:
         InputError: a column is wrong; it names the file and the column.
     """
-    has_time = frame["decision_time_s"].is_not_null()
-    if ((frame["decision"] >= 0) != has_time).any():
+    if ((frame["decision"] >= 0) != frame["decision_time_s"].is_not_null()).any():
         raise InputError(
             "column 'decision_time_s' must be given for robots that decided, and for no others", field=name
         )

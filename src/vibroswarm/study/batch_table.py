@@ -11,7 +11,8 @@ of a batch (its shard) contain the table of failures only if a run failed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -180,35 +181,32 @@ def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
 
 
 AGREED_TABLE: Final = "agreements"
-"""Name of the table of agreements in a shard; only groups with cells whose opinions may change have it."""
-AGREED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **AGREEMENTS, **dict.fromkeys(JUDGED, pl.Float64)}
-"""Columns of the table of agreements, and of answers over time where the floor changes."""
-AGREED_ROWS: Final = Schema(AGREED_RUNS, frozenset({"holds", *JUDGED}), ("cell", "run"))
-"""Schema of that table of a shard."""
+"""Of swarms whose opinions may change, and of answers over time where the floor changes."""
 MAPS_TABLE: Final = "maps"
-"""Name of the table of the scores of maps in a shard; only groups with cells whose robots keep maps have it."""
-MAPPED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **MAP_FIGURES}
-"""Columns of that table."""
-MAPPED_ROWS: Final = Schema(MAPPED_RUNS, frozenset(MAPPED), ("cell", "run"))
-"""Schema of that table of a shard."""
+"""Scores of the maps of robots that keep some."""
 REPORTED_TABLE: Final = "reported"
-"""Name of the table of what robots reported last in a shard; only groups with cells whose robots report have it."""
-REPORTED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **REPORTED}
-"""Columns of that table."""
-REPORTED_ROWS: Final = Schema(REPORTED_RUNS, frozenset({"value", "error"}), ("cell", "run", "name", "index"))
-"""Schema of that table of a shard."""
+"""What robots reported last."""
 FAILED_TABLE: Final = "failures"
-"""Name of the table in a shard."""
-FAILED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **FAILURES}
-"""Columns of the table of failures, one row per cell and failed run: since when the robots stand, and why."""
-FAILED_ROWS: Final = Schema(FAILED_RUNS, frozenset(), ("cell", "run"))
-"""Schema of the table of failures of a shard; no column may be null."""
+"""One row per cell and failed run: since when the robots stand, and why."""
+
+
+def _of_cells(columns: Mapping[str, Any], nullable: Iterable[str], *key: str) -> Schema:
+    return Schema({"cell": pl.UInt32, **columns}, frozenset(nullable), ("cell", "run", *key))
+
+
+OF_SOME: Final = {
+    FAILED_TABLE: _of_cells(FAILURES, ()),
+    AGREED_TABLE: _of_cells(AGREEMENTS | dict.fromkeys(JUDGED, pl.Float64), ("holds", *JUDGED)),
+    MAPS_TABLE: _of_cells(MAP_FIGURES, MAPPED),
+    REPORTED_TABLE: _of_cells(REPORTED, ("value", "error"), "name", "index"),
+}
+"""Schemas of the tables of a shard that only groups with cells that need them have."""
 
 
 def agreed_rows(
     agreements: pl.DataFrame, answers: pl.DataFrame | None, cells: Sequence[int]
 ) -> list[pl.DataFrame]:
-    """Return the table ``AGREED_RUNS`` for each of several cells with equal scenarios.
+    """Return the table of agreements for each of several cells with equal scenarios.
 
     Args:
         agreements: of one scenario, ``analysis.agreement.AGREEMENTS``. answers: ``answers_over_time.ANSWERS``; None:
@@ -218,7 +216,7 @@ def agreed_rows(
         rows = agreements.with_columns(pl.lit(None, dtype=pl.Float64).alias(name) for name in JUDGED)
     else:
         rows = answers.join(agreements, on="run", how="left", maintain_order="left")
-    return of_cells(rows.select(name for name in AGREED_RUNS if name != "cell"), cells)
+    return of_cells(rows.select(*AGREEMENTS, *JUDGED), cells)
 
 
 def of_cells(rows: pl.DataFrame, cells: Sequence[int]) -> list[pl.DataFrame]:
@@ -241,20 +239,15 @@ def failed_rows(
     """
     if failures is None:
         return []
-    failed = failures.filter(pl.col("time_s") < end_s)
-    return [
-        failed.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *FAILURES)
-        for equal_cells in cells
-        for cell in equal_cells
-        if failed.height > 0
-    ]
+    failed = failures.filter(pl.col("time_s") < end_s).select(*FAILURES)
+    return of_cells(failed, list(chain(*cells))) if failed.height > 0 else []
 
 
 def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
     """Write how many runs of a cell failed, with time and cause of the first failed run.
 
     Args:
-        failed: the cell's rows of ``FAILED_RUNS``, at least one. runs: number of all runs of the cell.
+        failed: the cell's rows of the table of failures, at least one. runs: number of all runs of the cell.
     """
     first = failed.sort("run").row(0, named=True)
     return (

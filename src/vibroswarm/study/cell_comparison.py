@@ -16,14 +16,15 @@ Strategies can also be compared at equal error, on request: their cells are repl
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import polars as pl
 
+from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.study.factors import LABEL, flat
@@ -86,25 +87,19 @@ class Compared:
         and ``again_difference_high``; ``again_pairs``, the number of runs; ``confirmed``, whether it confirms the first
         difference; and ``says``, a sentence about that.
         """
-        row: dict[str, Any] = {
-            "name": self.name,
-            "cell": self.cell.number,
-            "reference": self.reference.number,
-        }
-        row |= self.first.as_row()
+        cells = {"name": self.name, "cell": self.cell.number, "reference": self.reference.number}
+        row: dict[str, Any] = cells | self.first.as_row()
         if self.replicate is not None:
-            # The difference and its two limits, whose names all begin with "difference".
-            replicate = {
-                f"again_{k}": v
-                for k, v in self.replicate.second.as_row().items()
-                if k.startswith("difference")
-            }
+            again = self.replicate.second
             row |= {
-                **replicate,
-                "again_pairs": self.replicate.second.pairs,
+                **{
+                    f"again_{name}": value
+                    for name, value in columns_of("difference", again.difference).items()
+                },
+                "again_pairs": again.pairs,
                 "confirmed": self.replicate.confirmed,
+                "says": self.replicate.says,
             }
-            row["says"] = self.replicate.says
         return row
 
 
@@ -227,14 +222,12 @@ def second_block(
         result: the study. executor, workers, mixed, progress, allow_failures: see ``runner.run_study``.
     Returns: the result of the second block, for the cells that ``result`` selects.
     """
-    fewest_runs = min(result.runs_of(cell) for cell in result.selected)
-    runs = min(fewest_runs, MOST_AGAIN)
+    runs = min(MOST_AGAIN, *map(result.runs_of, result.selected))
     # ``until=None``: the number of runs is given, so a precision that the study may have does not apply.
     study = replace(result.study, seed=second_seed(result.study.seed), runs=runs, until=None, keep=())
-    folder: Path = result.store.folder / SECOND
     replicate = run(
         study,
-        folder,
+        result.store.folder / SECOND,
         executor=executor,
         workers=workers,
         mixed=mixed,
@@ -265,15 +258,9 @@ def comparisons(
     Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``, or of its
         ``ESTIMATED`` where the task asks for a number.
     """
-    selected = set(result.selected)
-    pairs = [
-        (cell, other, name)
-        for cell, other, name in pairs_of(result.study, reference)
-        if {cell.number, other.number} <= selected
-    ]
-    if not pairs:
-        return []
-    figures, figures_again = _Figures(result, known), None if replicate is None else _Figures(replicate)
+    pairs = pairs_of(result.study, reference)
+    figures = _Figures.of(result, known or {})
+    figures_again = None if replicate is None else _Figures.of(replicate, {})
     entries = []  # cell, reference, compared field, comparison in the own runs, comparison in the second block
     for cell, other, name in pairs:
         own = _pair(figures, cell, other)
@@ -284,10 +271,12 @@ def comparisons(
         for paired, paired_again in zip(own, again, strict=True):
             entries.append((cell, other, name, paired, paired_again))
     corrected = holm([paired.p_value for *_, paired, _ in entries])
-    return [
-        _compared(cell, other, name, paired, paired_again, p)
-        for (cell, other, name, paired, paired_again), p in zip(entries, corrected, strict=True)
-    ]
+    found = []
+    for (cell, other, name, paired, paired_again), p in zip(entries, corrected, strict=True):
+        first = replace(paired, p_holm=p)
+        confirmation = None if paired_again is None else confirmed(first, paired_again)
+        found.append(Compared(cell, other, name, first, confirmation))
+    return found
 
 
 def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
@@ -298,9 +287,9 @@ def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Pai
     Returns: a comparison per figure; None if ``figures`` is None, if one of the cells is not selected in its result, or
         if the cells have no run in common.
     """
-    if figures is None or not {cell.number, reference.number} <= set(figures.result.selected):
+    if figures is None or not {cell.number, reference.number} <= figures.selected:
         return None
-    figures_of_cell, figures_of_reference = figures(cell), figures(reference)
+    figures_of_cell, figures_of_reference = figures.of_cell(cell.number), figures.of_cell(reference.number)
     if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
         return None
     asks_number = cell.scenario.task.asks_number and reference.scenario.task.asks_number
@@ -312,31 +301,24 @@ def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
     return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
 
 
-def _compared(
-    cell: Cell, reference: Cell, name: str, paired: Paired, replicate: Paired | None, p: float
-) -> Compared:
-    first = replace(paired, p_holm=p)
-    confirmation = None if replicate is None else confirmed(first, replicate)
-    return Compared(cell=cell, reference=reference, field=name, first=first, replicate=confirmation)
+class _Figures(NamedTuple):
+    """Figures of cells of a result."""
 
+    selected: frozenset[int]
+    """Numbers of the cells that the result is about."""
+    of_cell: Callable[[int], pl.DataFrame]
+    """Returns the compared columns of ``figures.run_figures`` of a cell, one row per run."""
 
-class _Figures:
-    """Computes the figures of a cell's runs; caches those of the last ``KEPT`` cells, since pairs share a reference."""
+    @classmethod
+    def of(cls, result: StudyResult, known: Mapping[int, pl.DataFrame]) -> _Figures:
+        """Return the figures of a result, of which some are ``known``; a few are cached, as pairs share a reference."""
 
-    def __init__(self, result: StudyResult, known: Mapping[int, pl.DataFrame] | None = None) -> None:
-        # The cache is by number of the cell; the most recently used cell is the last one.
-        self.result, self._cache = result, dict(known or {})
+        @lru_cache(maxsize=KEPT)
+        def of_cell(number: int) -> pl.DataFrame:
+            found = known.get(number)
+            return compared_columns(result.figures(number)) if found is None else found
 
-    def __call__(self, cell: Cell) -> pl.DataFrame:
-        """Return the compared columns of ``figures.run_figures`` of a cell, one row per run."""
-        figures = self._cache.pop(cell.number, None)
-        if figures is None:
-            figures = compared_columns(self.result.figures(cell.number))
-        self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
-        if len(self._cache) > KEPT:
-            least_recently_used = next(iter(self._cache))
-            del self._cache[least_recently_used]
-        return figures
+        return cls(frozenset(result.selected), of_cell)
 
 
 def _key(point: dict[str, Any]) -> str:

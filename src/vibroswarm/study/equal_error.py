@@ -17,7 +17,6 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import steers
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.run import run
-from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_result import StudyResult
 
@@ -62,7 +61,7 @@ def pairs_at_equal_error(
 
 
 def at_equal_error(
-    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
+    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] = lambda share: None
 ) -> dict[tuple[int, int], MatchedError]:
     """Compare pairs of cells with different strategies at equal error, by runs with other settings.
 
@@ -87,20 +86,16 @@ def at_equal_error(
 
 
 def _reached(
-    cells: Sequence[Cell], seed: int, runs: int, progress: Callable[[float], None] | None = None
+    cells: Sequence[Cell], seed: int, runs: int, progress: Callable[[float], None] = lambda share: None
 ) -> dict[int, Reached]:
     """Return what cells reach, by number; cells that cannot be run with other settings are left out.
 
     Args:
         seed, runs: of the study of the points. progress: called with the share of the runs done.
     """
-
-    def report(now: StudyProgress) -> None:
-        if progress is not None:
-            progress(now.share)
-
     try:
-        found = reached([cell.scenario for cell in cells], seed, runs, progress=report)
+        scenarios = [cell.scenario for cell in cells]
+        found = reached(scenarios, seed, runs, progress=lambda now: progress(now.share))
     except (InputError, RunError):
         if len(cells) == 1:  # the scenario cannot be run, or neither decision is right in a run
             return {}

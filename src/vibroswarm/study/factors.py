@@ -23,7 +23,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, Final, TypeGuard
 
@@ -34,7 +34,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, nearest, number_of, whole_number_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.plugins import is_code, name_in
-from vibroswarm.scenario.scenario import field_names
+from vibroswarm.scenario.scenario import field_names, kind_of
 
 Point = dict[str, Any]
 """The values of the varied fields in one cell, by the dotted names of the fields."""
@@ -113,43 +113,24 @@ def _list(block: Any, name: str) -> list[Point]:
     return [fields_in(entry, f"{name}[{k}]", may_have=(LABEL,)) for k, entry in enumerate(block)]
 
 
-def _random(block: Any, name: str) -> list[Point]:
-    """Return points with uniform random values between the bounds; the block has its own ``points`` and ``seed``."""
+def sobol_points(rng: np.random.Generator, count: int, dimensions: int) -> np.ndarray[Any, Any]:
+    """Return the first ``count`` points of a scrambled Sobol sequence in the unit cube, (count, dimensions)."""
+    from scipy.stats import qmc
 
-    def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
-        """Return uniform random points in the unit cube, (count, dimensions)."""
-        return np.random.Generator(np.random.Philox(seed)).random((count, dimensions))
-
-    return _between_bounds(block, name, draw)
-
-
-def _sobol(block: Any, name: str) -> list[Point]:
-    """Return points of a scrambled Sobol sequence between the bounds; the block has its own ``points`` and ``seed``."""
-
-    def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
-        """Return the first points of a scrambled Sobol sequence in the unit cube, (count, dimensions)."""
-        from scipy.stats import qmc
-
-        # SciPy warns unless the number of drawn points is a power of two, since the points are balanced only then. To
-        # avoid the warning, the next power of two is drawn. Its first ``count`` points are those that SciPy would draw
-        # for ``count`` itself.
-        power_of_two = 1 << (count - 1).bit_length()  # smallest power of two that is at least ``count``
-        sampler = qmc.Sobol(dimensions, scramble=True, rng=np.random.Generator(np.random.Philox(seed)))
-        points: np.ndarray[Any, Any] = sampler.random(power_of_two)[:count]
-        return points
-
-    return _between_bounds(block, name, draw)
+    # SciPy warns unless the number of drawn points is a power of two, since the points are balanced only then. To avoid
+    # the warning, the next power of two is drawn. Its first ``count`` points are those that SciPy would draw for
+    # ``count`` itself.
+    power_of_two = 1 << (count - 1).bit_length()  # smallest power of two that is at least ``count``
+    points: np.ndarray[Any, Any] = qmc.Sobol(dimensions, scramble=True, rng=rng).random(power_of_two)[:count]
+    return points
 
 
-def _between_bounds(
-    block: Any, name: str, draw: Callable[[int, int, int], np.ndarray[Any, Any]]
-) -> list[Point]:
-    """Draw points in the unit cube and scale them to the bounds of the fields.
+def _between_bounds(block: Any, name: str) -> list[Point]:
+    """Return points between the bounds of the fields: uniform random ones, or those of a scrambled Sobol sequence.
 
     Args:
         block: ``points`` (how many), ``seed`` (0 if missing), and the range or list of choices of each field.
-        name: of the block, for messages.
-        draw: called with seed, number of fields and number of points; returns numbers in [0, 1), (points, fields).
+        name: of the block, "random" or "sobol".
     """
     if not isinstance(block, Mapping):
         raise InputError("must be a table of fields with their bounds", field=name)
@@ -165,7 +146,8 @@ def _between_bounds(
                 field=f"{name}.{field}.steps",
             )
     # A row for each point, with a number in [0, 1) for each field.
-    in_unit_cube = draw(seed, len(fields), count)
+    rng, size = np.random.Generator(np.random.Philox(seed)), (count, len(fields))
+    in_unit_cube = rng.random(size) if name == "random" else sobol_points(rng, *size)
     return [
         {
             field: _at(choices, float(u), f"{name}.{field}")
@@ -175,7 +157,13 @@ def _between_bounds(
     ]
 
 
-_READERS: Final = {"grid": _grid, "zip": _zip, "list": _list, "random": _random, "sobol": _sobol}
+_READERS: Final = {
+    "grid": _grid,
+    "zip": _zip,
+    "list": _list,
+    "random": _between_bounds,
+    "sobol": _between_bounds,
+}
 """For each block, the function that returns its points."""
 
 _NOT_FIELDS: Final = ("points", "seed")
@@ -336,8 +324,6 @@ def _is_whole(value: Any) -> TypeGuard[int]:
 
 def _is_whole_field(name: str) -> bool:
     """Return whether the field at the end of ``name`` (``grid.swarm.robots``) holds whole numbers."""
-    from vibroswarm.scenario.scenario import kind_of
-
     # What precedes the field's dotted name (the block's name, or nothing) is not known, so every ending is tried.
     parts = name.split(".")
     return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))

@@ -135,8 +135,8 @@ def _until_settled(runner: _Runner, plan: Plan, precision: Precision) -> None:
     """
     left = list(plan.groups)
     for runs in precision.looks():
-        wanted = [(group, runs) for group in left]
-        runner.do(wanted, job=None)  # all batches, since a study with a precision is not divided into jobs
+        # All batches, since a study with a precision is not divided into jobs.
+        runner.do([(group, runs) for group in left], job=None)
         if runner.failed:
             return
         left = [group for group in left if settled(runner.store, group, precision) is None]
@@ -230,29 +230,22 @@ class _Runner:
         self.done += work.runs
 
     def _failed(self, work: Batch, error: BaseException) -> list[Batch]:
-        """Return the halves of a batch in which user code failed; otherwise record that it failed for good."""
-        if isinstance(error, CodeError):
-            return self._halves(work, str(error))
-        self._fail(work, f"{type(error).__name__}: {error}")
+        """Return the halves of a batch in which user code failed; otherwise record that it failed for good.
+
+        A batch of one run, or one too many, is not halved.
+        """
+        is_code = isinstance(error, CodeError)
+        if is_code and work.runs > 1 and self.halvings < MOST_HALVINGS:
+            self.halvings += 1
+            return parts_of(work, 2)
+        self.store.add_failure(work, str(error) if is_code else f"{type(error).__name__}: {error}")
+        self.failed += 1
         return []
 
     def _save(self, done: BatchResult) -> None:
         """Save a finished batch; raises InputError if its worker has other versions and they may not be mixed."""
         check_worker(done.versions, self.mixed)
         self.store.add(done)
-
-    def _fail(self, work: Batch, why: str) -> None:
-        """Record in the store that a batch failed for good, and count it."""
-        self.store.add_failure(work, why)
-        self.failed += 1
-
-    def _halves(self, work: Batch, why: str) -> list[Batch]:
-        """Return the halves of a batch in which user code failed; a batch of one run is a failure."""
-        if work.runs > 1 and self.halvings < MOST_HALVINGS:
-            self.halvings += 1
-            return parts_of(work, 2)
-        self._fail(work, why)
-        return []
 
 
 def failures_in_words(store: Store, kept: bool = True, *, is_repetition: bool = False) -> str:

@@ -152,17 +152,23 @@ def values_of(base: Scenario, **words: Unpack[ScenarioWords]) -> dict[str, Any]:
     return values
 
 
+def several(value: Any) -> tuple[Any, ...]:
+    """Return the values of a word, of which there may be several, one or none."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return tuple(value)
+    return () if value is None else (value,)
+
+
 def _the_one(value: Any, option: str) -> Any:
-    """Return the value of an option that may hold several, but only one here.
+    """Return the value of an option that may hold several, but only one here; None if it holds none.
 
     Raises:
         InputError: it holds several.
     """
-    if not isinstance(value, tuple | list):
-        return value
-    if len(value) > 1:
-        raise InputError(f"{','.join(map(str, value))}: give one value here", field=option)
-    return value[0]
+    values = several(value)
+    if len(values) > 1:
+        raise InputError(f"{','.join(map(str, values))}: give one value here", field=option)
+    return values[0] if values else None
 
 
 def chosen(kind: str, text: str) -> str:

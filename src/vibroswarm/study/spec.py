@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
+from vibroswarm.core.displayed import study_verbs
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
@@ -66,7 +67,6 @@ from vibroswarm.study.factors import (
 )
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.study_text import _checked_floors, as_toml, copy_of, plain_value
-from vibroswarm.study.verbs import verbs
 
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Progress
@@ -436,7 +436,7 @@ class Study(NotebookView):
         Raises:
             InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
         """
-        result: StudyResult = verbs().run_with_bar(self, folder, progress, how)
+        result: StudyResult = study_verbs().run_with_bar(self, folder, progress, how)
         return result
 
     @property

@@ -1,6 +1,6 @@
 """What ``Study`` and ``StudyResult`` offer an interactive session: running, summary, comparison, picture, report.
 
-The functions here do the work of their methods (``verbs``).
+The functions here do the work of their methods (``core.displayed.study_verbs``).
 """
 
 from __future__ import annotations
@@ -60,11 +60,6 @@ def run_with_bar(
 def _failed(now: StudyProgress) -> str:
     """Write how many batches failed; empty if none did."""
     return f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
-
-
-def summarised(result: StudyResult) -> pl.DataFrame:
-    """Return the figures of the selected cells (``Outcome.table``)."""
-    return outcome_of(result, compare=False).table
 
 
 @dataclass(frozen=True, eq=False)

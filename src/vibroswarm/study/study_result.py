@@ -23,6 +23,7 @@ from vibroswarm.analysis.agreement import is_followed
 from vibroswarm.analysis.figures import BY_NAME, READ, Swarms, run_figures
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
+from vibroswarm.core.displayed import study_verbs
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, whole
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
@@ -30,14 +31,11 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
-from vibroswarm.study.batch import SAMPLES
+from vibroswarm.study.batch import FURTHER, SAMPLES
 from vibroswarm.study.batch_table import (
     AGREED_TABLE,
-    FAILED_RUNS,
     FAILED_TABLE,
-    MAPPED_RUNS,
     MAPS_TABLE,
-    REPORTED_RUNS,
     REPORTED_TABLE,
     arrays_of,
     tables_of,
@@ -47,7 +45,6 @@ from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.settled import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import Store
-from vibroswarm.study.verbs import verbs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -253,8 +250,8 @@ class StudyResult(NotebookView):
             numbers = [cell.number for cell in group.cells if cell.number in chosen]
             if not numbers:
                 continue
-            runs = self.runs_of(numbers[0])  # all cells of a group have the same number of runs
-            frame = self.store.scan(group.number, min(runs, end), table, start)
+            # All cells of a group have the same number of runs.
+            frame = self.store.scan(group.number, min(self.runs_of(numbers[0]), end), table, start)
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(numbers)))
         return frames
@@ -366,8 +363,7 @@ class StudyResult(NotebookView):
 
         The table of runs also has the figures of how the robots of a run sampled.
         """
-        rows = self.rows(cell).collect()  # a row for each run and robot, with the columns of both tables
-        return tables_of(rows)
+        return tables_of(self.rows(cell).collect())
 
     def samples(self, *cells: int) -> pl.DataFrame:
         """Return the table of samples of ``cells`` (by default all selected), with the varied fields.
@@ -386,46 +382,47 @@ class StudyResult(NotebookView):
     def maps(self, *cells: int) -> pl.DataFrame:
         """Return how good the robots' maps are in the runs of ``cells`` (by default all selected) that keep them.
 
-        The columns are ``batch_table.MAPPED_RUNS``; there are no rows if no robots keep maps.
+        There are no rows if no robots keep maps.
         """
-        scans = self._scans(MAPS_TABLE, cells)
-        return pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=MAPPED_RUNS)
+        return self._stored(MAPS_TABLE, cells)
 
     def reported(self, *cells: int) -> pl.DataFrame:
         """Return what robots reported last in the runs of ``cells`` (by default all selected), means over robots.
 
-        The columns are ``batch_table.REPORTED_RUNS``; there are no rows if no robots report anything.
+        There are no rows if no robots report anything.
         """
-        scans = self._scans(REPORTED_TABLE, cells)
-        if not scans:
-            return pl.DataFrame(schema=REPORTED_RUNS)
-        return pl.concat(scans).sort("cell", "run", "name", "index").collect()
+        return self._stored(REPORTED_TABLE, cells)
 
     def failed_runs(self, *cells: int) -> pl.DataFrame:
         """Return the failed runs of ``cells`` (by default all selected), which the source of motion gave up.
 
-        The columns are ``batch_table.FAILED_RUNS`` and the varied fields; there are no rows if no run failed.
+        The table has the varied fields too; there are no rows if no run failed.
         """
-        scans = self._scans(FAILED_TABLE, cells)
-        return self._with_varied(
-            pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=FAILED_RUNS)
-        )
+        return self._with_varied(self._stored(FAILED_TABLE, cells))
 
     def agreements(self, cell: int) -> pl.DataFrame | None:
         """Return agreements and the scores of maps of one cell, sorted by run.
 
-        The columns are those of ``batch_table.AGREED_RUNS``, if decisions of this cell's robots or its floor may
-        change, and of ``batch_table.MAPPED_RUNS``, if its robots keep maps. It is None if neither is so, or if the runs
-        were made before the tables existed.
+        The table has the columns of agreements if decisions of this cell's robots or its floor may change, and those of
+        maps if its robots keep maps. It is None if neither is so, or if the runs were made before the tables existed.
         """
-        scenario, found = self.cell(cell).scenario, []
-        for table, has in ((AGREED_TABLE, is_followed), (MAPS_TABLE, keeps_map)):
-            if scans := self._scans(table, (cell,)) if has(scenario) else []:
-                found.append(pl.concat(scans).drop("cell").sort("run").collect())
+        scenario = self.cell(cell).scenario
+        tables = [
+            name for name, has in ((AGREED_TABLE, is_followed), (MAPS_TABLE, keeps_map)) if has(scenario)
+        ]
+        stored = [self._stored(name, (cell,)).drop("cell") for name in tables]
+        found = [table for table in stored if table.height]
         if not found:
             return None
         both = found[0] if len(found) == 1 else found[0].join(found[1], on="run", how="full", coalesce=True)
         return both.sort("run")
+
+    def _stored(self, table: str, cells: Sequence[int]) -> pl.DataFrame:
+        """Return one of the tables ``batch_table.OF_SOME`` for some cells; without rows if they have none."""
+        scans, schema = self._scans(table, cells), FURTHER[table]
+        if not scans:
+            return pl.DataFrame(schema=dict(schema.columns))
+        return pl.concat(scans).sort(schema.key).collect()
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.
@@ -494,8 +491,8 @@ class StudyResult(NotebookView):
                 dimensions; xarray is not installed; or ``to_pandas`` raises it.
         """
         of_table = {"runs": ["run"], "robots": ["run", "robot"], "samples": ["run", "robot", "sample"]}
-        rows = self._table(table).drop("cell")  # a cell is given by its varied values
-        return dataset_of(rows, [*self.study.varied, *of_table.get(table, [])])
+        # A cell is given by its varied values.
+        return dataset_of(self._table(table).drop("cell"), [*self.study.varied, *of_table.get(table, [])])
 
     def summary(self) -> pl.DataFrame:
         """Return one row per selected cell that has runs (``Outcome.table``): varied values, figures and their limits.
@@ -503,7 +500,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no selected cell has runs.
         """
-        table: pl.DataFrame = verbs().summarised(self)
+        table: pl.DataFrame = study_verbs().outcome_of(self, compare=False).table
         return table
 
     def compare(
@@ -520,7 +517,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
-        comparison: Comparison = verbs().compared(self, reference, confirm, equal_error)
+        comparison: Comparison = study_verbs().compared(self, reference, confirm, equal_error)
         return comparison
 
     def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:
@@ -531,7 +528,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: there is no such style, or the study has no such picture; the message lists those it has.
         """
-        picture: Picture = verbs().plotted(self, name, style)
+        picture: Picture = study_verbs().plotted(self, name, style)
         return picture
 
     def report(self, folder: str | Path | None = None, *, replace: bool = False) -> ReportFile:
@@ -545,7 +542,7 @@ class StudyResult(NotebookView):
             RunError: the disk is full or failed.
         """
         own = None if folder is None else path_of(folder, "folder")
-        written: ReportFile = verbs().reported(self, own, replace)
+        written: ReportFile = study_verbs().reported(self, own, replace)
         return written
 
     def _table(self, table: str) -> pl.DataFrame:

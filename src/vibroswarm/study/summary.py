@@ -26,7 +26,7 @@ from vibroswarm.errors import RunError
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
-from vibroswarm.study.baselines import References, reference_table
+from vibroswarm.study.baselines import References
 from vibroswarm.study.cell_comparison import KEPT, Compared, compared_columns, comparison_table, comparisons
 from vibroswarm.study.equal_error import at_equal_error
 from vibroswarm.study.settled import Settled, figure_of
@@ -50,7 +50,7 @@ class CellOutcome(NotebookView):
     decidable: Decidability
     """Whether the cell can be decided at all."""
     failed: pl.DataFrame
-    """Runs that the source of motion gave up, ``batch_table.FAILED_RUNS``; their robots count as undecided."""
+    """Runs that the source of motion gave up (``StudyResult.failed_runs``); their robots count as undecided."""
     settled: Settled | None = None
     """After how many runs the cell's group needed no more, and at which level the figure with the wanted precision is
     reported; None if the study has no precision, or the group needs more runs."""
@@ -111,7 +111,7 @@ class Outcome(NotebookView):
             "reported": self.reported,
             "comparisons": comparison_table(self.comparisons),
             "equal_error": pl.DataFrame(matched, infer_schema_length=None),
-            "references": reference_table(list(self.references)),
+            "references": pl.DataFrame([one.as_row() for one in self.references], infer_schema_length=None),
         }
         return {name: table for name, table in tables.items() if table.height}
 
@@ -148,7 +148,7 @@ def outcome_of(
     result: StudyResult,
     replicate: StudyResult | None = None,
     reference: str | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
     *,
     compare: bool = True,
     equal_error: bool = False,
@@ -186,8 +186,7 @@ def outcome_of(
         table, times, walked = (pl.concat(part) for part in zip(*parts, strict=True))
         if len(result.selected) <= KEPT:
             known[number] = compared_columns(table)
-        plain_figures = summary_of(table, times, t_end_s)
-        figures = _with_corrected_interval(plain_figures, result, number, settled)
+        figures = _with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled)
         failed, decidable = result.failed_runs(number), decidability(cell.scenario)
         cells.append(
             CellOutcome(

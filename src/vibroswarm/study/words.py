@@ -14,7 +14,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_settings, parse_values, preset
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of, values_of
+from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of, several, values_of
 from vibroswarm.study.spec import Study
 
 RUNS = 100
@@ -92,8 +92,8 @@ def _refuse_beside_file(words: dict[str, Any]) -> None:
 
 def _several(scenario: ScenarioWords, word: str) -> list[Any]:
     """Take the values of a word that has several out of a scenario's words; an empty list if it has one or none."""
-    values = scenario.get(word)
-    if isinstance(values, str) or not isinstance(values, Sequence) or len(values) < 2:
+    values = several(scenario.get(word))
+    if len(values) < 2:
         return []
     if word == "robots":
         del scenario["robots"]
