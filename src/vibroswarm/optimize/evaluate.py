@@ -81,7 +81,7 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
-        outcomes = outcomes_of(scenarios, piece.seed, range(piece.first, piece.last), piece.motion)
+        outcomes = outcomes_of(scenarios, piece.seed, piece.numbers, piece.motion)
     except InputError as error:
         return str(error)
     return rows_of(outcomes, objectives)
@@ -292,7 +292,7 @@ def figures_of(
         raise RunError(f"all {runs} runs failed: {bad[0][1]}")
     return RunFigures(
         rows=np.concatenate([rows for _, rows in good]),
-        runs=np.concatenate([np.arange(piece.first, piece.last) for piece, _ in good]),
+        runs=np.concatenate([np.array(piece.numbers) for piece, _ in good]),
         failed=sum(piece.runs for piece, _ in bad),
         why=bad[0][1] if bad else "",
     )

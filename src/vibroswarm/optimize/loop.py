@@ -333,11 +333,7 @@ class _Replay(_Loop):
 
     def _collect(self, asks: Sequence[tuple[Ask, Sequence[Piece]]], table: pl.DataFrame) -> None:
         for ask, pieces in asks:
-            runs = [
-                replace(piece, first=n, last=n + 1)
-                for piece in pieces
-                for n in range(piece.first, piece.last)
-            ]
+            runs = [replace(piece, first=n, last=n + 1) for piece in pieces for n in piece.numbers]
             rows = table.filter(pl.col("candidate") == ask.key)
             figures = rows.select(r"^figure_\d+$").to_numpy().reshape(len(runs), len(self.search.cases), -1)
             good = rows.filter(pl.col("case") == 0)["failed"].is_null()

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -104,72 +104,59 @@ class BatchOutcomes(NamedTuple):
     """The tables of ``FURTHER`` that cells have, by name, a frame for each cell that has some."""
 
 
-class BatchRequest(NamedTuple):
-    """Which runs to simulate, from which seed, with which source of motion, and whether to return samples."""
-
-    runs: range
-    """Numbers of the runs."""
-    seed: int
-    motion: str
-    """Name of the source of motion."""
-    samples: bool
-    """Whether the table of samples is returned too."""
-    cancelled: Callable[[], bool] = lambda: False
-    """Returns whether the study was stopped."""
-
-    def check(self) -> None:
-        """Raise Cancelled if the study was stopped."""
-        if self.cancelled():
-            raise Cancelled
-
-
-def simulate_batch(observed: Texts, request: BatchRequest) -> Iterator[BatchOutcomes]:
-    """Simulate runs of the cells of a group, and yield outcomes for each floor, sensor and end of the runs.
+def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Iterator[BatchOutcomes]:
+    """Simulate the runs of a batch, and yield outcomes for each floor, sensor and end of the runs.
 
     Args:
-        observed: the cells and their scenarios. It has an entry for each floor, sensor and end of the runs, the longest
-            runs first. An entry has pairs: a scenario as TOML, and the numbers of the cells with this scenario.
-        request: which runs to simulate, and how.
+        cancelled: returns whether the study was stopped.
     Raises:
         Cancelled: the study was stopped; checked between two steps.
     """
-    entries = [[(scenario_of(text), cells) for text, cells in entry] for entry in observed]
+    entries = [[(scenario_of(text), cells) for text, cells in entry] for entry in work.observed]
     for scenario, _ in chain(*entries):
         check_scenario(scenario)
     first, cells = entries[0][0]
     if first.run.stop == "all_decided" or steers(first):
         # The motion depends on the decisions, so such a group has a single scenario (see ``plan.plan_of``).
-        yield _closed_loop(first, cells, request)
+        yield _closed_loop(first, cells, work)
         return
-    request.check()
+    _check(cancelled)
     moves = any(needs_moves(scenario) for scenario, _ in chain(*entries))
     segments = False  # no figure needs the paths between samples
-    full = source(request.motion).batch(first, request.seed, request.runs, segments, moves)
-    motion, end_s = _SharedMotion(first, full, request), first.run.t_end_s
+    full = source(work.motion).batch(first, work.seed, work.numbers, segments, moves)
+    motion, end_s = _SharedMotion(first, full, work, cancelled), first.run.t_end_s
     for entry in entries:
         scenarios = [scenario for scenario, _ in entry]
         scenario = scenarios[0]  # all scenarios of an entry have the same floor, sensor and end
         if scenario.run.t_end_s != end_s:  # shorter runs: they use the beginning of the longest motion
-            motion, end_s = _SharedMotion(scenario, beginning(full, scenario), request), scenario.run.t_end_s
-        request.check()
+            motion = _SharedMotion(scenario, beginning(full, scenario), work, cancelled)
+            end_s = scenario.run.t_end_s
+        _check(cancelled)
         yield motion.outcomes(scenarios, [cells for _, cells in entry])
 
 
-def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest) -> BatchOutcomes:
+def _check(cancelled: Callable[[], bool]) -> None:
+    """Raise Cancelled if the study was stopped."""
+    if cancelled():
+        raise Cancelled
+
+
+def _closed_loop(scenario: Scenario, cells: Sequence[int], work: Batch) -> BatchOutcomes:
     """Simulate runs whose motion depends on decisions: runs end when all robots have decided, or the strategy steers.
 
     Args:
         scenario: of one cell, or of several cells with equal scenarios. cells: the numbers of these cells.
     """
     # Only the table of samples needs energies here: for a strategy that reads them, ``simulate`` computes them anyway.
-    result = simulate(scenario, request.seed, request.runs, motion=request.motion, energies=request.samples)
+    with_samples = SAMPLES_TABLE in work.keep
+    result = simulate(scenario, work.seed, work.numbers, motion=work.motion, energies=with_samples)
     tile, observation = (result.observations[name].to_numpy() for name in ("tile", "observation"))
-    tiles = result.floor(request.runs[0]).tiles.size  # the same in all runs
+    tiles = result.floor(work.first).tiles.size  # the same in all runs
     walk = Walk(result.motion).figures(tile, observation, tiles)
     robots, of_runs = columns_of(result)
     tables = (result.motion, result.observations, result.inference)
     further = {FAILED_TABLE: failed_rows(result.failures, [cells], scenario.run.t_end_s)}
-    if request.samples:
+    if with_samples:
         further[SAMPLES_TABLE] = samples_of(*tables, cells)
     if is_followed(scenario):
         answers = answers_in(result) if scenario.change.is_given else None
@@ -178,20 +165,22 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
         further[MAPS_TABLE] = of_cells(map_figures_of(result), cells)
     if result.reports is not None:
         further[REPORTED_TABLE] = of_cells(reported_last(scenario, result.reports, result.runs), cells)
-    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, request.runs)}, further)
+    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, work.numbers)}, further)
 
 
 class _SharedMotion:
     """The motion of some runs, and what is computed once for all floors, sensors and strategies.
 
     Args:
-        scenario: one of the scenarios that have this motion. motion: of the runs that ``request`` names.
+        scenario: one of the scenarios that have this motion. motion: of the runs of ``work``.
     """
 
-    def __init__(self, scenario: Scenario, motion: Motion, request: BatchRequest) -> None:
-        self.motion, self.request = motion, request
+    def __init__(
+        self, scenario: Scenario, motion: Motion, work: Batch, cancelled: Callable[[], bool]
+    ) -> None:
+        self.motion, self.work, self.cancelled = motion, work, cancelled
         self.timeline = timeline_of(scenario, motion)
-        self.places, self.walk = Places(request.seed, motion.samples), Walk(motion.samples)
+        self.places, self.walk = Places(work.seed, motion.samples), Walk(motion.samples)
         # Time at which each run ends, (runs,): a run ends with its last robot. ``ends`` has one row per run and robot,
         # sorted by both.
         self.end_s = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots).max(axis=1)
@@ -203,17 +192,18 @@ class _SharedMotion:
         Args:
             cells: for each scenario, the numbers of its cells.
         """
-        common, runs, seed = scenarios[0], self.request.runs, self.request.seed
+        common, runs, seed = scenarios[0], self.work.numbers, self.work.seed
         floors = self._floors_of(common)
         # Values (besides classes) are computed only if the table of samples shows them or a strategy reads them.
-        with_energies = self.request.samples or any(map(reads_energies, scenarios))
+        with_samples = SAMPLES_TABLE in self.work.keep
+        with_energies = with_samples or any(map(reads_energies, scenarios))
         readings = self.places.read(common, floors, with_energies)
         energy = energies_read(common, readings) if with_energies else None
         finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
         further = defaultdict[str, list[pl.DataFrame]](list)
         fills, truth = _asked_of(scenarios, floors, list(runs), self.end_s)
         for scenario, equal_cells, asked in zip(scenarios, cells, fills, strict=True):
-            self.request.check()
+            _check(self.cancelled)
             replayed = (scenario, seed, self.timeline, readings.observation, energy)
             answers = None
             if scenario.change.is_given or keeps_map(scenario):
@@ -246,7 +236,7 @@ class _SharedMotion:
             **run_columns(decisions, times_s, fills, truth, self.end_s, common.run.t_end_s),
             **walked(walk, runs),
         }
-        if self.request.samples:
+        if with_samples:
             further[SAMPLES_TABLE] = self._samples(scenarios, cells, readings)
         further[FAILED_TABLE] = failed_rows(self.motion.failures, cells, common.run.t_end_s)
         return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, further)
@@ -257,13 +247,13 @@ class _SharedMotion:
         samples["decision"] = log.decision
         if "changed_s" in strategy_used(scenario).reported:
             samples["changed_s"] = log.states["changed_s"]
-        return answers_table(scenario, self.request.seed, floors, samples, self.end_s)
+        return answers_table(scenario, self.work.seed, floors, samples, self.end_s)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
         """Return the floors by number of the run; cached by floor and changes, which several sensors may share."""
         key = scenario.floor, scenario.change, scenario.run.t_end_s
         if key not in self._floors:
-            self._floors[key] = floors_of(scenario, self.request.seed, self.request.runs)
+            self._floors[key] = floors_of(scenario, self.work.seed, self.work.numbers)
         return self._floors[key]
 
     def _samples(
@@ -280,7 +270,7 @@ class _SharedMotion:
         observations = observation_frame(scenarios[0], motion, readings, energies=True)
         tables = []
         for scenario, equal_cells in zip(scenarios, cells, strict=True):
-            inference, _ = infer(scenario, self.request.seed, self.timeline, observations)
+            inference, _ = infer(scenario, self.work.seed, self.timeline, observations)
             tables += samples_of(motion, observations, inference, equal_cells)
         return tables
 
@@ -451,17 +441,11 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     samples_per_run = max(first.swarm.robots * first.run.t_end_s * 1000.0 / sample_ms, 1.0)
     runs_at_a_time = max(int(ROWS_AT_A_TIME / samples_per_run), 1)
     cells = [cell for _, equal_cells in pairs for cell in equal_cells]
-    rows = BatchRows(cells, range(work.first, work.last), first.swarm.robots)
+    rows = BatchRows(cells, work.numbers, first.swarm.robots)
     further = defaultdict[str, list[pl.DataFrame]](list)
     for low in range(work.first, work.last, runs_at_a_time):
-        request = BatchRequest(
-            runs=range(low, min(low + runs_at_a_time, work.last)),
-            seed=work.seed,
-            motion=work.motion,
-            samples=SAMPLES_TABLE in work.keep,
-            cancelled=cancelled,
-        )
-        for outcomes in simulate_batch(work.observed, request):
+        part = replace(work, first=low, last=min(low + runs_at_a_time, work.last))
+        for outcomes in simulate_batch(part, cancelled):
             rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
             for name, frames in outcomes.further.items():
                 further[name] += frames
@@ -481,10 +465,12 @@ _NULLABLE: Final = (NULLABLE["robots"] | NULLABLE["runs"] | frozenset(WALK)) - N
 """Columns of the table ``robots`` that may be null."""
 ROBOTS: Final = Schema(ROWS, _NULLABLE, ("cell", "run", "robot"))
 """Schema of the table ``robots`` of a shard."""
-_OF_SAMPLES: Final = frozenset({"energy", "message", "alpha", "beta", "belief_below"})
-"""Columns of the table ``samples`` that may be null."""
 FURTHER: Final = {
-    SAMPLES_TABLE: Schema(SAMPLES, _OF_SAMPLES, ("cell", "run", "robot", "sample")),
+    SAMPLES_TABLE: Schema(
+        SAMPLES,
+        frozenset({"energy", "message", "alpha", "beta", "belief_below"}),
+        ("cell", "run", "robot", "sample"),
+    ),
     **OF_SOME,
 }
 """Schemas of the tables of a shard besides ``robots``: samples on request, the others if cells have rows of them."""

@@ -238,12 +238,8 @@ class _OneProcess:
         begun = _ProcessFlag()
         with safe_start():
             pool = ProcessPoolExecutor(1, context, _begin_process, (cancel, begun))
-            pool.submit(_nothing)  # a pool starts its process at its first call
+            pool.submit(int)  # a pool starts its process at its first call
         return cls(pool, begun)
-
-
-def _nothing() -> None:
-    """Do nothing: the first call of a process."""
 
 
 def _hold_off_ctrl_c() -> None:

@@ -44,6 +44,11 @@ class Work:
         """Number of runs."""
         return self.last - self.first
 
+    @property
+    def numbers(self) -> range:
+        """Numbers of the runs."""
+        return range(self.first, self.last)
+
 
 def parts_of(work: W, count: int) -> list[W]:
     """Divide work into ``count`` parts of nearly equal size; into one per run if it has fewer runs than that."""
