@@ -27,7 +27,7 @@ import polars as pl
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.outcomes import as_series, numbers, run_columns
+from vibroswarm.inference.outcomes import as_series, numbers, right_of, run_columns, wrong_of
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.fault_fields import FAULTS, robots_of_share
 from vibroswarm.scenario.scenario import Scenario
@@ -73,38 +73,26 @@ def judged_tables(
         raise InputError(
             "the tables of robots and of runs must have the same runs, with all robots", field="runs"
         )
-    decision = robots["decision"].to_numpy().reshape(shape)
-    time_s, truth = numbers(robots["decision_time_s"]).reshape(shape), numbers(runs["truth"])
-    end_s, fills = runs["end_s"].to_numpy(), runs["fill_ratio"].to_numpy()
-    columns: dict[str, list[Any]] = {
-        name: [] for name in ("consensus", "consensus_time_s", "right", "wrong", "undecided")
+    # A working robot of the run stands for each robot that does not work, which changes no consensus.
+    stands_for = np.where(has_no_fault, np.arange(shape[1]), has_no_fault.argmax(axis=1)[:, None])
+    decision, time_s = (
+        np.take_along_axis(numbers(robots[name]).reshape(shape), stands_for, axis=1)
+        for name in ("decision", "decision_time_s")
+    )
+    truth, end_s = numbers(runs["truth"]), runs["end_s"].to_numpy()
+    found = run_columns(decision, time_s, runs["fill_ratio"].to_numpy(), truth, end_s, scenario.run.t_end_s)
+    counted = {
+        "right": right_of(decision, truth),
+        "wrong": wrong_of(decision, truth),
+        "undecided": decision == -1,
     }
-    with_working = np.flatnonzero(has_no_fault.any(axis=1))
-    # Runs are computed one by one, since the number of working robots differs between runs. A slice of one run keeps
-    # the axis of runs, which ``run_columns`` expects.
-    for r in with_working:
-        working_robots, one_run = has_no_fault[r], slice(r, r + 1)
-        found = run_columns(
-            decision[one_run, working_robots],
-            time_s[one_run, working_robots],
-            fills[one_run],
-            truth[one_run],
-            end_s[one_run],
-            scenario.run.t_end_s,
-        )
-        for name, values in columns.items():
-            values.append(found[name][0])
-    judged_runs = runs[with_working.tolist()]
+    found |= {name: (robots_so & has_no_fault).sum(axis=1) for name, robots_so in counted.items()}
     new = [
-        as_series(
-            name,
-            # A time is nan without a consensus; the other columns have whole numbers.
-            np.array(values, dtype=np.float64 if name == "consensus_time_s" else np.int64),
-            judged_runs.schema[name],
-        )
-        for name, values in columns.items()
+        as_series(name, found[name], runs.schema[name])
+        for name in ("consensus", "consensus_time_s", *counted)
     ]
-    return robots.filter(pl.Series(has_no_fault.ravel())), judged_runs.with_columns(new)
+    has_working = pl.Series(has_no_fault.any(axis=1))
+    return robots.filter(pl.Series(has_no_fault.ravel())), runs.with_columns(new).filter(has_working)
 
 
 def fault_curve(
