@@ -70,8 +70,6 @@ def _margins(difference: Array, drawn: Array) -> Array:
         difference: d_ij. drawn: m_i*, (contestants, draws).
     """
     first, second = np.triu_indices(len(drawn), k=1)
-    if first.size == 0:
-        return np.zeros(difference.shape)
     drawn_difference = drawn[first] - drawn[second]  # (pairs, draws)
     error = np.nanstd(drawn_difference, axis=1, ddof=1)
     varies = error > 0.0  # contestants that are alike in every run do not

@@ -110,11 +110,10 @@ def summary_of(
     # Right and wrong are defined only in runs with a truth.
     with_truth = table.filter(pl.col("truth").is_not_null())
     right, counts_with_truth = (with_truth[name].to_numpy() for name in ("right", "robots"))
-    undecided = table["undecided"].to_numpy()
     iccs = {
         "decision_time": icc(*(times[name].to_numpy() for name in times.columns)),
         "right": icc_of_counts(right, counts_with_truth),
-        "undecided": icc_of_counts(undecided, robot_counts),
+        "undecided": icc_of_counts(table["undecided"].to_numpy(), robot_counts),
     }
     # The mean size m is that of the runs of the correlation: for "right", only runs with a truth.
     sizes = {name: counts_with_truth if name == "right" else robot_counts for name in iccs}

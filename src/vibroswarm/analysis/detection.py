@@ -106,22 +106,15 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
     sizes = run_figures(robots, runs, t_end_s)["robots"].unique()
     if sizes.len() != 1:
         raise InputError("all runs of a cell must have the same number of robots", field="cells")
+    fills, truths = runs["fill_ratio"], runs["truth"]
+    has_one_truth = truths.n_unique() == 1 and truths.null_count() == 0
     return {
-        "fill_ratio": _fill_ratio(runs["fill_ratio"]),
-        "truth": _truth(runs["truth"]),
+        # Exactly the value if all are equal, since cells are grouped by it.
+        "fill_ratio": float(fills[0] if fills.n_unique() == 1 else fills.mean()),  # type: ignore[arg-type]
+        "truth": int(truths[0]) if has_one_truth else None,
         "robots": int(sizes[0]),
         "runs": runs.height,
     }
-
-
-def _fill_ratio(fills: pl.Series) -> float:
-    """Return the mean; exactly the value if all are equal, since cells are grouped by it."""
-    return float(fills[0] if fills.n_unique() == 1 else fills.mean())  # type: ignore[arg-type]
-
-
-def _truth(truths: pl.Series) -> int | None:
-    """Return the truth of all runs; None if it differs between runs, or if in some run no decision is right."""
-    return int(truths[0]) if truths.n_unique() == 1 and truths.null_count() == 0 else None
 
 
 def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:

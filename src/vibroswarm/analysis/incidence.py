@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.intervals import check_level, cluster_share_of_distinct, wilson_limits
+from vibroswarm.analysis.intervals import cluster_share_of_distinct, wilson_limits
 
 POINTS = 121
 """Number of times in the default grid from 0 to t_end."""
@@ -118,7 +118,6 @@ def swarm_incidence(
         ``_high``. ``open`` is the share of runs without consensus yet, or with split decisions. Right and wrong are
         shares of the runs with a truth; null if there are no such runs.
     """
-    check_level(level)
     table = run_figures(robots, runs, t_end_s)
     times = time_grid(t_end_s, times_s)
     with_truth = table["truth"].count()

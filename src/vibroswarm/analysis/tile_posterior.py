@@ -39,8 +39,7 @@ from vibroswarm.observation.energy_model import (
 )
 from vibroswarm.result import Result
 
-PriorName = Literal["tiles", "counts", "mirror"]
-Prior = PriorName | ArrayLike
+Prior = Literal["tiles", "counts", "mirror"] | ArrayLike
 Values = NDArray[np.float64]
 
 _BLOCK: Final = 4_000_000

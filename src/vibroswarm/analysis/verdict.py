@@ -397,9 +397,6 @@ def _range(shares: list[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-_ALWAYS: Final = frozenset({"positive", "soft"})
-"""Strategies with feedback, whatever their parameters."""
-
 OPINION_NOTE: Final = (
     "Under feedback a robot's posterior is its opinion, not an estimate of the fill ratio: it counts what other robots "
     "concluded as if they had read it."
@@ -411,5 +408,7 @@ def holds_opinions(scenario: Scenario) -> bool:
 
     This is not known of strategies that are not built in; the result is False for them.
     """
-    name = scenario.strategy.name
-    return name in _ALWAYS or (name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback))
+    name = scenario.strategy.name  # the first two have feedback whatever their parameters
+    return name in ("positive", "soft") or (
+        name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback)
+    )

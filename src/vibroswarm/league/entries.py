@@ -268,10 +268,11 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
             if not is_random(source):  # each run draws its own random floor, so there is none to invert
                 inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
                 above = f"inverse-{above.replace(':', '-')}"
-            # ``round``: in floating point 1 - f may differ a little from the decimal number.
-            fill_above = round(1.0 - fill, 6)
-            found.append(LeagueFloor(pattern=name, fill_ratio=fill, source=source))
-            found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above, tiles=inverse))
+            found += [
+                LeagueFloor(pattern=name, fill_ratio=fill, source=source),
+                # ``round``: in floating point 1 - f may differ a little from the decimal number.
+                LeagueFloor(pattern=name, fill_ratio=round(1.0 - fill, 6), source=above, tiles=inverse),
+            ]
     return tuple(found)
 
 

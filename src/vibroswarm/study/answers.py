@@ -86,22 +86,23 @@ class Answer:
         return self.first_name if first_is_faster else self.reference_name
 
     def as_row(self) -> dict[str, float | int | str | None]:
-        """Return the comparison at equal error as a flat row for a table; without it, only name and cell numbers.
+        """Return the comparison at equal error, which must be there, as a flat row for a table.
 
         A difference has three columns: the estimate, and its limits in ``..._low`` and ``..._high``. A value that is
         not finite is None.
         """
         found = self.matched
-        row: dict[str, float | int | str | None] = {
+        assert found is not None
+        return {
             "name": self.name,
             "cell": self.cell.number,
             "reference": self.reference.number,
+            "error": found.error,
+            "time_s": found.time_s,
+            "runs": found.time_difference_s.n,
+            **columns_of("time_difference_s", found.time_difference_s),
+            **columns_of("error_difference", found.error_difference),
         }
-        if found is None:
-            return row
-        row |= {"error": found.error, "time_s": found.time_s, "runs": found.time_difference_s.n}
-        row |= columns_of("time_difference_s", found.time_difference_s)
-        return row | columns_of("error_difference", found.error_difference)
 
 
 def answers_of(

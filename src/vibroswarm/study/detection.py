@@ -74,11 +74,6 @@ class Detection(NotebookView):
         return self.runs >= self.runs_needed and found.len() > 0 and found.is_null().all()
 
 
-def more_than(scenario: Scenario, share: float) -> Scenario:
-    """Return a scenario whose robots decide whether more than a share of the tiles vibrates."""
-    return scenario.with_values({"decision.decision_boundary": share, "decision.boundary_of": "tiles"})
-
-
 def detection_study(
     scenario: Scenario, robots: Sequence[int], fills: Sequence[float], runs: int = 300, seed: int = 1
 ) -> Study:
@@ -145,7 +140,8 @@ def detect(
     Runs end later if no floor is found by the scenario's end (``LONGER``).
 
     Args:
-        scenario: such as one of ``more_than``; its floor is not used. error, false_alarms: tolerated probabilities.
+        scenario: such as one of ``words.detection_scenario``; its floor is not used.
+        error, false_alarms: tolerated probabilities.
         robots: by default ``TIMES_ROBOTS`` times the scenario's number. fills: fill ratios of random floors; by default
             those of ``fills_around``. runs: per cell. folder: where runs are saved.
         how: further arguments of ``study.run.run``, such as workers.

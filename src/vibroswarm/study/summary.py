@@ -36,8 +36,6 @@ from vibroswarm.study.study_result import StudyResult
 WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
 """Columns of the store about how the robots of a run sampled, see ``analysis.sampling``."""
 
-_REPORTED_NUMBERS: Final = ("value", "value_low", "value_high", "error", "error_low", "error_high")
-
 
 @dataclass(frozen=True)
 class CellOutcome(NotebookView):
@@ -135,7 +133,8 @@ class Outcome(NotebookView):
             for figure in ("value", "error"):
                 row |= columns_of(figure, mean_interval(own[figure].drop_nulls().to_numpy())[:3])
             rows.append(row)
-        kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(_REPORTED_NUMBERS, pl.Float64)}
+        numbers = ("value", "value_low", "value_high", "error", "error_low", "error_high")
+        kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(numbers, pl.Float64)}
         return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
 
     @property
@@ -265,13 +264,12 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
     """
     for name, table in outcome.tables.items():
         write_table(table, folder / name)
-    for name in {"comparisons", "equal_error"} - set(outcome.tables):
-        for suffix in ("csv", "parquet"):
-            path = folder / f"{name}.{suffix}"
-            try:
-                path.unlink(missing_ok=True)
-            except OSError as error:
-                raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
+    others = {"comparisons", "equal_error"} - set(outcome.tables)
+    for path in (folder / f"{name}.{suffix}" for name in others for suffix in ("csv", "parquet")):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
 def write_table(table: pl.DataFrame, path: Path) -> dict[str, Any]:
