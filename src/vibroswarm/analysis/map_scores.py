@@ -17,19 +17,16 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import wilson_limits
+from vibroswarm.analysis.intervals import Values, wilson_limits
 from vibroswarm.floors.floor import Floor
-
-Floats = NDArray[np.float64]
 
 BINS: Final = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Edges of the bins of calibration."""
 SURE: Final = 0.95
 
 
-def map_scores(p: Floats, floor: Floor) -> dict[str, float]:
+def map_scores(p: Values, floor: Floor) -> dict[str, float]:
     """Return the scores of one map by name.
 
     Args:
@@ -47,7 +44,7 @@ def map_scores(p: Floats, floor: Floor) -> dict[str, float]:
     }
 
 
-def _auc(p: Floats, x: Floats) -> float:
+def _auc(p: Values, x: Values) -> float:
     """Return the area under the curve of hits against false calls; nan if all tiles are alike."""
     vibrating, still = int((x == 1).sum()), int((x == 0).sum())
     if not vibrating or not still:
@@ -59,7 +56,7 @@ def _auc(p: Floats, x: Floats) -> float:
     return float((ranks[x == 1].sum() - 0.5 * vibrating * (vibrating + 1)) / (vibrating * still))
 
 
-def _location_error_m(p: Floats, x: Floats, floor: Floor) -> float:
+def _location_error_m(p: Values, x: Values, floor: Floor) -> float:
     """Return the distance between the centres of gravity of map and truth; nan if nothing vibrates."""
     rows, columns, width_m, height_m, _, _ = floor.geometry
     row, column = (index.ravel() for index in np.indices((int(rows), int(columns))))
@@ -69,7 +66,7 @@ def _location_error_m(p: Floats, x: Floats, floor: Floor) -> float:
     return float(np.hypot((x0 - x1) * width_m, (y0 - y1) * height_m))
 
 
-def calibration(p: Floats, x: Floats) -> pl.DataFrame:
+def calibration(p: Values, x: Values) -> pl.DataFrame:
     """Return a row for each bin of probability: tiles, mean probability, share that vibrates with Wilson's limits.
 
     Args:

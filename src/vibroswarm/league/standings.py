@@ -220,8 +220,7 @@ class Standings(NotebookView):
         The average of a unit is nan if the figure is nan on any of these floors.
         """
         of_floors = self.values[figure][entry]
-        mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
-        return mean
+        return np.asarray((of_floors if floors is None else of_floors[list(floors)]).mean(axis=0))
 
     def _compared(
         self, reference: str | None, parts: Sequence[Sequence[int] | None], test: Test
@@ -253,8 +252,7 @@ class Standings(NotebookView):
 
     def boundary_of(self, entry: Entry) -> str:
         """Return the value of the scenario field ``decision.boundary_of`` that an entry runs with."""
-        found: str = entry.settings.get("decision.boundary_of", self.league.base.decision.boundary_of)
-        return found
+        return str(entry.settings.get("decision.boundary_of", self.league.base.decision.boundary_of))
 
     def worst_floor(self, entry: int) -> tuple[LeagueFloor, Interval]:
         """Return the floor on which an entry errs most, among those with a fill ratio nearest to 1/2, and the error.

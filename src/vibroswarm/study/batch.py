@@ -362,8 +362,7 @@ def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDAr
     """Return for each sample the row of its run and robot in the table of ends, (samples,)."""
     runs = ends["run"].to_numpy()[::robots]  # the table has a row for each run and robot, in this order
     run = np.searchsorted(runs, samples["run"].to_numpy())  # position of each sample's run in ``runs``
-    row: NDArray[np.int64] = run * robots + samples["robot"].to_numpy()
-    return row
+    return np.asarray(run * robots + samples["robot"].to_numpy(), dtype=np.int64)
 
 
 ROWS_AT_A_TIME: Final = 200_000

@@ -121,8 +121,7 @@ def sobol_points(rng: np.random.Generator, count: int, dimensions: int) -> np.nd
     # the warning, the next power of two is drawn. Its first ``count`` points are those that SciPy would draw for
     # ``count`` itself.
     power_of_two = 1 << (count - 1).bit_length()  # smallest power of two that is at least ``count``
-    points: np.ndarray[Any, Any] = qmc.Sobol(dimensions, scramble=True, rng=rng).random(power_of_two)[:count]
-    return points
+    return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=rng).random(power_of_two)[:count])
 
 
 def _between_bounds(block: Any, name: str) -> list[Point]:
