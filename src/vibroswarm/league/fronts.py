@@ -38,10 +38,7 @@ from vibroswarm.league.standings import Standings
 
 LEVELS: Final = (0.01, 0.02, 0.05, 0.10, 0.15, 0.20)
 """Forced errors at which strategies are compared."""
-REACHES: Final = "yes"
-OPEN: Final = "open"
-NOT: Final = "no"
-LESS: Final = "errs less"
+REACHES, OPEN, NOT, LESS = "yes", "open", "no", "errs less"
 """Whether a strategy reaches a level."""
 FRONTS: Final[dict[str, Any]] = {
     "level": pl.Float64,
