@@ -24,16 +24,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, share_interval
 from vibroswarm.calibrate.features import lag_one, wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 
-Floats = NDArray[np.float64]
 Stretches = dict[int, Floats]
 """Features of one session's stretches by robot: ``columns_of`` each, (stretches, columns)."""
 Classes = tuple[Sequence[Stretches], Sequence[Stretches]]
@@ -187,9 +186,9 @@ class _Rows(NamedTuple):
 
     features: Floats
     """(rows, columns)."""
-    label: NDArray[np.int64]
+    label: Ints
     """0 for the first class, 1 for the second, (rows,)."""
-    robot: NDArray[np.int64]
+    robot: Ints
     """(rows,)."""
 
 

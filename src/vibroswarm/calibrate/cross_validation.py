@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.calibrate.classifier import classifier_accuracy
@@ -26,6 +25,7 @@ from vibroswarm.calibrate.features import FEATURES, lag_one, values_of
 from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
@@ -33,7 +33,6 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
-Floats = NDArray[np.float64]
 SIMULATED: Final = 40
 """Sessions simulated for each held-out one."""
 CLASSIFIED: Final = 6
@@ -272,7 +271,7 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     bits = ordered["energy"].to_numpy() > threshold
     wrong = bits != on
 
-    def share(where: NDArray[np.bool_]) -> float:
+    def share(where: Bools) -> float:
         """Return the share of wrong bits among these samples."""
         return float(wrong[where].mean()) if where.any() else np.nan
 

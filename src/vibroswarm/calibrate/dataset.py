@@ -10,20 +10,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.drive import drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
 from vibroswarm.calibrate.wall_approach import approach_tables
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes
 from vibroswarm.recordings.threshold import edge_distance
 from vibroswarm.result import Result
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -158,9 +156,7 @@ def _with_edges(samples: pl.DataFrame, floor: Floor) -> pl.DataFrame:
     return samples.with_columns(map(pl.Series, ("edge_m", "tile", "other"), columns))
 
 
-def signed_edge_distance(
-    floor: Floor, x_m: Floats, y_m: Floats
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def signed_edge_distance(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[Floats, Ints, Ints]:
     """Find the nearest tile of the other kind for each place: its signed distance, the tile below, and that tile.
 
     The other kind is still tiles for a place on a vibrating tile, and vibrating tiles for a place on a still one. The

@@ -39,14 +39,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.calibrate.features import sample_table
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-
-Floats = NDArray[np.float64]
 
 CALM_S: Final = 0.3
 """An undisturbed interval lasts the median of the intervals without avoidance, within this tolerance."""
@@ -341,7 +339,7 @@ def quartile_spread(values: Floats) -> float:
     return float(high - low) / IQR
 
 
-def _slow_share(index: NDArray[np.int64], deviation: Floats, spread: float) -> float:
+def _slow_share(index: Ints, deviation: Floats, spread: float) -> float:
     """Return the autocorrelation of turns over all pairs that are one of ``SLOW_LAGS`` apart, clipped to [0, 1].
 
     The result is NaN if no two intervals are one of these lags apart, or if all deviations are equal.

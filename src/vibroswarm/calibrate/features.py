@@ -21,8 +21,8 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_kinds
@@ -41,7 +41,6 @@ WORDS: Final = {
 }
 """The features in words, for titles."""
 
-Floats = NDArray[np.float64]
 
 VIBRATING_BELOW: Final = 5.0
 """Upper limit of the energies on vibrating tiles that the authors used; larger ones are dropped."""
@@ -140,7 +139,7 @@ def wall_distance(x_m: Floats, y_m: Floats, arena_m: tuple[float, float]) -> Flo
     return np.minimum(np.minimum(x_m, arena_m[0] - x_m), np.minimum(y_m, arena_m[1] - y_m))
 
 
-def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[Ints, Ints]:
     """Return the rows and the columns of the tiles below some places, in the shape of ``x_m`` and ``y_m``.
 
     A place beyond the floor's rim counts as on the nearest tile, as in the authors' analysis. Row 0 is the top row.
@@ -204,11 +203,11 @@ def histogram(values: Floats, feature: str) -> Floats:
     return np.bincount(bin_of_row[inside], minlength=bins).astype(np.float64)
 
 
-def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
+def _bin_of(values: Floats, edges: Floats) -> Ints:
     """Return the bin of each value between evenly spaced edges; values outside go to the first or last bin."""
     last = edges.size - 2
     position = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))  # in bins from the first edge
-    index: NDArray[np.int64] = np.clip(position, 0, last).astype(np.int64)
+    index: Ints = np.clip(position, 0, last).astype(np.int64)
     # Rounding of ``position`` may put a value into a neighbouring bin, so compare it with the edges of its bin.
     index -= (values < edges[index]) & (index > 0)
     index += (values >= edges[index + 1]) & (index < last)

@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
@@ -25,11 +24,10 @@ from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
 from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
 from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-
-Floats = NDArray[np.float64]
 
 LACKS: Final = (
     "Speed that changes slowly within a robot: its wandering is new at every sample.",

@@ -31,13 +31,13 @@ from numpy.typing import NDArray
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.features import wall_distance
 from vibroswarm.calibrate.fit_rays import scaled_angles
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.kernel_run import likely_samples
 from vibroswarm.motion.recorder import SampleColumns
 from vibroswarm.scenario.scenario import Scenario
 
-Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 PRIOR: Final[dict[str, tuple[float, float]]] = {

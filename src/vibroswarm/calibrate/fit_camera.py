@@ -20,17 +20,15 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
-
-Floats = NDArray[np.float64]
 
 LEAST_GAIN: Final = 16.3
 """Least gain: chi squared with three degrees of freedom (magnification, two shifts) exceeds it in 0.1 % of cases."""

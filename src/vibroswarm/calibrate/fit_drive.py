@@ -36,17 +36,16 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import calm_intervals, course_of, undisturbed
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.scenario.scenario import Scenario
 
-Floats = NDArray[np.float64]
 SHAPE: Final = 100.0
 """Shape of the Gamma law of speed factors: large, so that it is nearly normal."""
 DRAWS: Final = 200
@@ -253,7 +252,7 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
     return ratio if 0.8 < ratio < 1.25 else 1.0
 
 
-def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
+def _matched(table: Floats, runs: Ints) -> Floats | None:
     """Match the robots of all sessions; return a row for each robot in each session, (sessions, robots, 3).
 
     A row is the speed at the start, the bend, and the standard error of the speed at the start.
@@ -347,7 +346,7 @@ MEAN, START, LOST, WITHIN, VEER, BEND, SPREAD, SLOW, DISTANCE, TURNS, SAMPLES, E
 """Columns of the table of robots in sessions, explained at ``_table_of_robots``."""
 
 
-def _table_of_robots(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
+def _table_of_robots(found: Dataset) -> tuple[Floats, Ints]:
     """Return a row for each robot in each session, (rows, 12), and the session of each row, (rows,).
 
     Rows are ordered by session and robot. The columns, ``MEAN`` to ``ERROR``, are the mean speed, the speed at the

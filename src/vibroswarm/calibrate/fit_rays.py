@@ -24,15 +24,12 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.wall_approach import LEAST_TURN
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.scenario.scenario import Scenario
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST_APPROACHES: Final = 20
 """Fewest approaches of each robot."""

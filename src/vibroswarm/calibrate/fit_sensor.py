@@ -28,16 +28,15 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaincinv, gammaln, ndtr
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.threshold import cluster_weights, resample, robot_clusters
 
-Floats = NDArray[np.float64]
 FIELDS: Final = (
     "vibrating_shape", "vibrating_scale", "vibrating_location",
     "still_shape", "still_scale", "still_location", "edge_reach_m", "edge_blur_m",
@@ -144,7 +143,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     )
 
 
-def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> Floats:
+def fit_plain(energy: Floats, edge_m: Floats, vibrating: Bools) -> Floats:
     """Return theta of maximum likelihood, (8,), for tiles and robots without differences (all factors 1).
 
     Args:
@@ -171,7 +170,7 @@ def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
     return np.asarray(np.log(from_vibrating + from_still + _FLOOR))
 
 
-def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
+def _start(energy: Floats, on: Bools) -> Floats:
     """Return the theta that a fit starts from, (8,).
 
     For each kind of tile the shape is 4, the scale gives the standard deviation of the energies there, and the location
@@ -269,7 +268,7 @@ def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Flo
 
 
 def _factors(
-    theta: Floats, data: _Data, tiles: tuple[NDArray[np.int64], NDArray[np.int64]], cluster: NDArray[np.int64],
+    theta: Floats, data: _Data, tiles: tuple[Ints, Ints], cluster: Ints,
     before: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, tuple[float, float]]:  # fmt: skip
     """Estimate the log factors of tiles and robots.
@@ -310,7 +309,7 @@ def _factors(
     return of_tile - of_tile.mean(), of_robot - of_robot.mean(), (tile_spread, robot_spread)
 
 
-def _effects(rest: Floats, weight: Floats, group: NDArray[np.int64], groups: int) -> tuple[Floats, float]:
+def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Floats, float]:
     """Return the effect of each group, (groups,), and the standard deviation between groups without sampling noise.
 
     A group is a tile or a robot. Its effect is its mean minus the mean over groups, multiplied by the share of its

@@ -26,12 +26,12 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.vibration_facts import fact_samples, facts, robot_spread, tile_spread
+from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent
 from vibroswarm.errors import InputError
@@ -41,7 +41,6 @@ from vibroswarm.observation.observe import values_at
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.scenario.scenario import Scenario
 
-Floats = NDArray[np.float64]
 SEARCHED: Final = ("amplitude_m_s2", "coupling", "noise_m_s2", "motor_jitter")
 SPREADS: Final = ("motor_spread", "gain_spread")
 FIELDS: Final = (*SEARCHED, *SPREADS)
@@ -118,11 +117,11 @@ class VibrationFit(NotebookView):
 class _Samples:
     """Recorded samples of all sessions, with what features depend on, (samples,) each."""
 
-    session: NDArray[np.int64]
+    session: Ints
     energy: Floats
     edge_m: Floats
-    vibrating: NDArray[np.bool_]
-    neighbours: NDArray[np.int64]
+    vibrating: Bools
+    neighbours: Ints
     """Number of vibrating tiles beside the tile below."""
 
 
@@ -136,7 +135,7 @@ def feature_names() -> tuple[str, ...]:
     )
 
 
-def features(samples: _Samples, energy: Floats, rows: NDArray[np.int64]) -> Floats:
+def features(samples: _Samples, energy: Floats, rows: Ints) -> Floats:
     """Return the features of some rows, (features,), with other energies; nan for features without a sample.
 
     Args:
@@ -160,7 +159,7 @@ def relative_misfit(simulated: Floats, recorded: Floats) -> float:
     return float(np.sqrt(np.nanmean((simulated / recorded - 1.0) ** 2)))
 
 
-def vibrating_neighbours(floor: Floor) -> NDArray[np.int64]:
+def vibrating_neighbours(floor: Floor) -> Ints:
     """Return the number of vibrating tiles beside each tile, (tiles,)."""
     around = np.pad((floor.tiles > 0).astype(np.int64), 1)
     beside = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
@@ -189,7 +188,7 @@ class _Simulator:
     def energies(
         self,
         values: Mapping[str, float],
-        rows: NDArray[np.int64],
+        rows: Ints,
         seeds: Sequence[int],
         is_lasting: bool = True,
     ) -> Floats:
@@ -219,7 +218,7 @@ class _Simulator:
     def simulated(
         self,
         values: Mapping[str, float],
-        rows: NDArray[np.int64],
+        rows: Ints,
         seeds: Sequence[int] = REPEATS,
         is_lasting: bool = True,
     ) -> Floats:
@@ -227,15 +226,15 @@ class _Simulator:
         energies = self.energies(values, rows, seeds, is_lasting)
         return np.asarray(np.mean([features(self.samples, energy, rows) for energy in energies], axis=0))
 
-    def searched(self, theta: Floats, spreads: Floats, rows: NDArray[np.int64]) -> Floats:
+    def searched(self, theta: Floats, spreads: Floats, rows: Ints) -> Floats:
         """Return the features at ``rows`` of parameters (``_fields``), as the search sees them."""
         return self.simulated(_fields(theta, spreads), rows, SEEDS, is_lasting=False)
 
-    def recorded(self, rows: NDArray[np.int64]) -> Floats:
+    def recorded(self, rows: Ints) -> Floats:
         """Return the features of the recorded energies at ``rows``."""
         return features(self.samples, self.samples.energy, rows)
 
-    def fit(self, rows: NDArray[np.int64], start: Floats) -> tuple[Floats, Floats]:
+    def fit(self, rows: Ints, start: Floats) -> tuple[Floats, Floats]:
         """Return the parameters (``_fields``) with the smallest misfit at ``rows``."""
         theta, spreads = start, np.zeros(len(SPREADS))
         for evaluations in EVALUATIONS:
@@ -243,7 +242,7 @@ class _Simulator:
             theta = self.search(rows, theta, spreads, evaluations)
         return theta, spreads
 
-    def search(self, rows: NDArray[np.int64], start: Floats, spreads: Floats, evaluations: int) -> Floats:
+    def search(self, rows: Ints, start: Floats, spreads: Floats, evaluations: int) -> Floats:
         """Return the logarithms of the fields of ``SEARCHED`` with the smallest misfit at ``rows``, given spreads."""
         recorded = self.recorded(rows)
         low, high = np.log(LIMITS).T
@@ -263,12 +262,12 @@ class _Simulator:
         best = minimize(loss, start, method="Nelder-Mead", options=options)
         return np.asarray(np.clip(best.x, low, high))
 
-    def variances(self, energy: Floats, rows: NDArray[np.int64]) -> Floats:
+    def variances(self, energy: Floats, rows: Ints) -> Floats:
         """Return the variances between vibrating tiles, and between robots, of mean log energies at ``rows``."""
         own = (self.fact_samples, energy, rows)
         return np.array([tile_spread(*own) ** 2, robot_spread(*own) ** 2])
 
-    def missing(self, theta: Floats, rows: NDArray[np.int64]) -> Floats:
+    def missing(self, theta: Floats, rows: Ints) -> Floats:
         """Return the recorded ``variances`` minus those simulated without spreads."""
         without = _fields(theta, np.zeros(len(SPREADS)))
         simulated = [self.variances(energy, rows) for energy in self.energies(without, rows, REPEATS)]
@@ -324,8 +323,8 @@ def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS, folds: boo
 def _misfit(
     simulator: _Simulator,
     values: Mapping[str, float],
-    rows: NDArray[np.int64],
-    resamples: Sequence[NDArray[np.int64]],
+    rows: Ints,
+    resamples: Sequence[Ints],
 ) -> Misfit:
     """Return the features at ``rows`` beside those simulated with fields; resamples stand for other sessions."""
     simulated = simulator.simulated(values, rows)
@@ -375,7 +374,7 @@ def _folds(simulator: _Simulator, start: Floats, draws: int) -> tuple[FoldMisfit
     return tuple(folds)
 
 
-def _resampled(samples: _Samples, rows: NDArray[np.int64], draw: int) -> NDArray[np.int64]:
+def _resampled(samples: _Samples, rows: Ints, draw: int) -> Ints:
     """Return ``rows`` drawn again with replacement, each session by itself."""
     parts = []
     for session in np.unique(samples.session[rows]):
@@ -385,7 +384,7 @@ def _resampled(samples: _Samples, rows: NDArray[np.int64], draw: int) -> NDArray
 
 
 def _draws(
-    simulator: _Simulator, best: Floats, spreads: Floats, resamples: Sequence[NDArray[np.int64]]
+    simulator: _Simulator, best: Floats, spreads: Floats, resamples: Sequence[Ints]
 ) -> dict[str, Floats]:
     """Return what fits to resamples would find, by field, (resamples,)."""
     rows = np.arange(simulator.samples.energy.size)

@@ -9,12 +9,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.optional_library import needed
 
-Split = tuple[NDArray[np.int64], NDArray[np.int64]]
+Split = tuple[Ints, Ints]
 """Indices of the rows that are trained on, and of those that are tested."""
 
 
@@ -27,9 +27,7 @@ def scikit_learn(module: str) -> Any:
     return needed(f"sklearn.{module}", "lab", "calibrate")
 
 
-def mean_accuracy(
-    classifier: Any, rows: NDArray[np.float64], label: NDArray[np.int64], splits: Iterable[Split]
-) -> float:
+def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[Split]) -> float:
     """Return the mean balanced accuracy over the splits, or NaN if there is none.
 
     A split that trains or tests a single class is left out.
@@ -48,9 +46,7 @@ def mean_accuracy(
     return float(np.mean(shares))
 
 
-def accuracy_over_groups(
-    classifier: Any, rows: NDArray[np.float64], label: NDArray[np.int64], groups: NDArray[np.int64]
-) -> float:
+def accuracy_over_groups(classifier: Any, rows: Floats, label: Ints, groups: Ints) -> float:
     """Return the mean balanced accuracy on each group of rows, trained on the other groups (``mean_accuracy``)."""
     if np.unique(groups).size < 2:
         return np.nan

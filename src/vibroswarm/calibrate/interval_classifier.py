@@ -21,10 +21,10 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.calibrate.drive import undisturbed
 from vibroswarm.calibrate.held_out_accuracy import accuracy_over_groups, scikit_learn
+from vibroswarm.core.arrays import Ints
 
 FEATURES: Final = ("turn_rad", "distance_m")
 """Columns of ``drive.undisturbed`` that the classifier uses."""
@@ -119,9 +119,7 @@ def other_robots(one: pl.DataFrame, other: pl.DataFrame) -> float:
     )
 
 
-def _accuracy(
-    one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str], groups: NDArray[np.int64]
-) -> float:
+def _accuracy(one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str], groups: Ints) -> float:
     """Return the accuracy between two sessions on each group of rows, trained on the other groups."""
     rows = np.concatenate([session.select(features).to_numpy() for session in (one, other)])
     label = np.repeat([0, 1], [one.height, other.height])

@@ -31,6 +31,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import jackknife_error
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
@@ -49,11 +50,11 @@ class Windows(NotebookView):
 
     run: int
     robot: int
-    sent: NDArray[np.int64]
+    sent: Ints
     """Messages that the other robots sent in each window."""
-    received: NDArray[np.int64]
+    received: Ints
     """Messages by which the robot's count grew in each window."""
-    length_s: NDArray[np.float64]
+    length_s: Floats
     """Duration of each window."""
 
 
@@ -94,9 +95,9 @@ class LossFits(NotebookView):
     windows: list[Windows]
     models: dict[str, Bursts]
     """By name, "independent" and "bursts"; the bad state does not occur in the former."""
-    gaps: NDArray[np.int64]
+    gaps: Ints
     """Recorded number of gaps in each class of size (``by_size``)."""
-    expected: dict[str, NDArray[np.float64]]
+    expected: dict[str, Floats]
     """Of each model, means and standard deviations of these numbers (``expected_by_size``)."""
     errors: dict[str, float]
     """Standard errors of the model with bursts; empty if they were not computed."""
@@ -178,7 +179,7 @@ def windows_of(result: Result) -> list[Windows]:
     return tables
 
 
-def _times(number: NDArray[Any], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def _times(number: NDArray[Any], time_s: Floats) -> Floats:
     """Return the times of a robot's messages from its first to its last row, s, one for each sample number.
 
     The times of rows that are missing in between are interpolated. Messages before the first row or after the last one
@@ -288,7 +289,7 @@ def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
     return {name: jackknife_error([getattr(fit, name) for fit in left_out]) for name in names}
 
 
-def _weights(spread: float) -> NDArray[np.float64]:
+def _weights(spread: float) -> Floats:
     """Return the probability of each of ``SHIFTS``, proportional to exp(-e^2 / (2 ``spread``^2)), with the sum 1."""
     weight = np.exp(-0.5 * (SHIFTS / spread) ** 2)
     return np.asarray(weight / weight.sum())
@@ -351,7 +352,7 @@ class _Table:
         return total
 
 
-def passing(model: Bursts, most_sent: int, most_received: int, spacing_s: float) -> NDArray[np.float64]:
+def passing(model: Bursts, most_sent: int, most_received: int, spacing_s: float) -> Floats:
     """Return the probability that a number of messages is received, and that the receiver is in a state after them.
 
     The probabilities are conditional on the number of messages sent and on the receiver's state before them.
@@ -378,7 +379,7 @@ def passing(model: Bursts, most_sent: int, most_received: int, spacing_s: float)
     return chances
 
 
-def lost_for_good(windows: Windows) -> NDArray[np.int64]:
+def lost_for_good(windows: Windows) -> Ints:
     """Return how many messages were lost in each window, (windows,), without those that were only counted late.
 
     A message that is counted a window late is missing at first, and not missing any more after the next window. So the
@@ -391,7 +392,7 @@ def lost_for_good(windows: Windows) -> NDArray[np.int64]:
     return np.asarray(np.maximum(np.diff(np.maximum(lowest_from_here, 0), prepend=0), 0))
 
 
-def gap_sizes(windows: Windows) -> NDArray[np.int64]:
+def gap_sizes(windows: Windows) -> Ints:
     """Return how many messages were lost in each gap, (gaps,).
 
     A gap is a longest sequence of successive windows in each of which messages were lost.
@@ -403,7 +404,7 @@ def gap_sizes(windows: Windows) -> NDArray[np.int64]:
     return np.asarray(total[edges[1::2]] - total[edges[::2]])
 
 
-def by_size(windows: Sequence[Windows]) -> NDArray[np.int64]:
+def by_size(windows: Sequence[Windows]) -> Ints:
     """Return the number of gaps in each class of size: 1, 2, 3 to 4, 5 to 9, ... messages (``STEPS``)."""
     return np.histogram(np.concatenate([gap_sizes(w) for w in windows]), bins=[*STEPS, np.inf])[0]
 
@@ -458,7 +459,7 @@ def simulated(windows: Sequence[Windows], model: Bursts, spacing_s: float, draw:
     return made
 
 
-def expected_by_size(windows: Sequence[Windows], model: Bursts, draws: int = 200) -> NDArray[np.float64]:
+def expected_by_size(windows: Sequence[Windows], model: Bursts, draws: int = 200) -> Floats:
     """Return the numbers of gaps in each class of size (``by_size``) that a model predicts for these windows.
 
     Returns: mean and standard deviation over ``draws`` simulations, (2, classes).

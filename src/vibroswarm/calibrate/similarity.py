@@ -37,16 +37,14 @@ from itertools import combinations, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.distances import sum_of_distances
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
-
-Floats = NDArray[np.float64]
 
 DRAWS: Final = 20
 """Subsamples behind each similarity at equal counts."""

@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.floors.floor import Floor
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 FAR_M: Final = 0.03
 """Samples at least this far from an edge are of one kind of tile."""
 NEAR_M: Final = 0.005
@@ -43,20 +42,20 @@ KINDS: Final = (("vibrating", True), ("still", False))
 class FactSamples:
     """Where, when and by whom recorded samples were taken, (samples,) each."""
 
-    session: Indices
-    tile: Indices
+    session: Ints
+    tile: Ints
     """Number of the tile below, other ones for each session."""
-    robot: Indices
+    robot: Ints
     """Number of the robot, other ones for each session."""
-    vibrating: NDArray[np.bool_]
-    far: NDArray[np.bool_]
+    vibrating: Bools
+    far: Bools
     """At least ``FAR_M`` from an edge."""
-    beside_vibrating: NDArray[np.bool_]
+    beside_vibrating: Bools
     """Still, within ``NEAR_M`` of a vibrating tile."""
-    beside_still: NDArray[np.bool_]
+    beside_still: Bools
     """Still, within ``NEAR_M`` of the tile's border, and of no vibrating tile."""
-    successive: Indices
-    together: Indices
+    successive: Ints
+    together: Ints
     """(pairs, 2): indices of samples."""
 
 
@@ -97,14 +96,14 @@ def to_border_m(floor: Floor, x_m: Floats, y_m: Floats) -> Floats:
     return np.asarray(np.minimum.reduce([across, width_m - across, up, height_m - up]))
 
 
-def _successive(tile: Indices, robot: Indices, sample: Indices, far: NDArray[np.bool_]) -> Indices:
+def _successive(tile: Ints, robot: Ints, sample: Ints, far: Bools) -> Ints:
     """Return the pairs of successive samples of a robot on one tile; rows are ordered by robot and time."""
     first = np.arange(tile.size - 1)
     same = (robot[1:] == robot[:-1]) & (tile[1:] == tile[:-1]) & (sample[1:] == sample[:-1] + 1)
     return np.asarray(np.column_stack((first, first + 1))[same & far[1:] & far[:-1]])
 
 
-def _together(tile: Indices, robot: Indices, time_s: Floats, far: NDArray[np.bool_]) -> Indices:
+def _together(tile: Ints, robot: Ints, time_s: Floats, far: Bools) -> Ints:
     """Return the pairs of samples of two robots on one tile within ``TOGETHER_S``."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
     for one in np.unique(tile):
@@ -119,7 +118,7 @@ def _together(tile: Indices, robot: Indices, time_s: Floats, far: NDArray[np.boo
     return np.concatenate(pairs)
 
 
-def scatter(samples: FactSamples, energy: Floats, rows: Indices) -> Floats:
+def scatter(samples: FactSamples, energy: Floats, rows: Ints) -> Floats:
     """Return r of some samples, which are far from edges, (rows,)."""
     logs = _log(energy[rows])
     return logs - _means(samples.tile[rows], logs)[samples.tile[rows]]
@@ -129,14 +128,14 @@ def _log(energy: Floats) -> Floats:
     return np.log(np.maximum(energy, LEAST))
 
 
-def _means(group: Indices, value: Floats) -> Floats:
+def _means(group: Ints, value: Floats) -> Floats:
     """Return the mean of each group, (groups,); nan for groups without a value."""
     number = np.bincount(group)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.bincount(group, value) / number)
 
 
-def _spread(session: Indices, group: Indices, value: Floats) -> float:
+def _spread(session: Ints, group: Ints, value: Floats) -> float:
     """Return the standard deviation of the means of groups, within sessions; nan if none has two groups.
 
     Args:
@@ -149,7 +148,7 @@ def _spread(session: Indices, group: Indices, value: Floats) -> float:
     return math.sqrt(float((within**2).sum()) / freedom) if freedom > 0 else math.nan
 
 
-def tile_spread(samples: FactSamples, energy: Floats, rows: Indices) -> float:
+def tile_spread(samples: FactSamples, energy: Floats, rows: Ints) -> float:
     """Return the standard deviation between vibrating tiles of a session of the means of log E.
 
     Args:
@@ -159,7 +158,7 @@ def tile_spread(samples: FactSamples, energy: Floats, rows: Indices) -> float:
     return _spread(samples.session[own], samples.tile[own], _log(energy[own]))
 
 
-def robot_spread(samples: FactSamples, energy: Floats, rows: Indices) -> float:
+def robot_spread(samples: FactSamples, energy: Floats, rows: Ints) -> float:
     """Return the standard deviation between robots of a session of the means of r; arguments as ``tile_spread``."""
     own = rows[samples.far[rows]]
     return _spread(samples.session[own], samples.robot[own], scatter(samples, energy, own))
@@ -195,7 +194,7 @@ def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if values.size else math.nan
 
 
-def _correlation(values: Floats, pairs: Indices) -> float:
+def _correlation(values: Floats, pairs: Ints) -> float:
     if len(pairs) < 3:
         return math.nan
     return float(np.corrcoef(values[pairs[:, 0]], values[pairs[:, 1]])[0, 1])

@@ -22,13 +22,11 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.calibrate.drive import track_of
 from vibroswarm.core.angles import wrapped
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.result import Result
-
-Floats = NDArray[np.float64]
 
 DRIVES: Final = 0.62
 """Share of the usual speed above which a step is driving: between the speeds seen in turns and in drives."""
@@ -69,7 +67,7 @@ class _Path:
     """x of each position."""
     y_m: Floats
     """y of each position."""
-    driving: NDArray[np.bool_]
+    driving: Bools
     """Whether the robot drives in each step, (positions - 1,)."""
 
 

@@ -20,8 +20,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.observation.observe import sense_program
@@ -122,7 +122,7 @@ def samples_found(log: Log, path: Path, program: SenseProgram) -> Computed:
     return Computed(replace(log, samples=samples), samples.height, largest_difference=float("nan"))
 
 
-def _places_at(track: pl.DataFrame, time_s: NDArray[np.float64]) -> dict[str, pl.Series]:
+def _places_at(track: pl.DataFrame, time_s: Floats) -> dict[str, pl.Series]:
     """Return places of a robot at some times, on straight lines between tracked ones, and headings if all are known."""
     known = {name: track[name].to_numpy() for name in ("x_m", "y_m")}
     if track["heading_rad"].null_count() == 0:
@@ -177,7 +177,7 @@ def _standing_parts(rows: pl.DataFrame) -> Iterator[pl.DataFrame]:
             yield rows[int(low) : int(high)]
 
 
-def _stands(rows: pl.DataFrame, time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _stands(rows: pl.DataFrame, time_s: Floats) -> Bools:
     """Return at which readings a robot stands, as far as its places tell."""
     first = np.searchsorted(time_s, time_s - AROUND_S)
     last = np.searchsorted(time_s, time_s + AROUND_S, side="right") - 1
@@ -191,7 +191,7 @@ def _stands(rows: pl.DataFrame, time_s: NDArray[np.float64]) -> NDArray[np.bool_
     return stands
 
 
-def chain_energy(acceleration: NDArray[np.float64], program: SenseProgram) -> float:
+def chain_energy(acceleration: Floats, program: SenseProgram) -> float:
     """Compute the energy of one sample by the robot's sensing chain.
 
     Args:
@@ -226,7 +226,7 @@ def read_acceleration(path: Path, optional: Sequence[str] = ()) -> pl.DataFrame:
 
 
 def _check_window(
-    window: NDArray[np.float64],
+    window: Floats,
     count: int,
     robot: int,
     time_s: float,

@@ -19,6 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import percent
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
@@ -96,7 +97,7 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     mean = total[seen] / count[seen]
     fits = []
     # Contrasts of random floors by their number of vibrating tiles among those sampled; orientations may share it.
-    random_contrasts: dict[int, NDArray[np.float64]] = {}
+    random_contrasts: dict[int, Floats] = {}
     for orientation in ORIENTATIONS:
         tiles = turned(floor.tiles, orientation)
         if tiles.shape != floor.tiles.shape:
@@ -115,7 +116,7 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     return sorted(fits, key=lambda fit: -fit.contrast)
 
 
-def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float64]:
+def _random_contrasts(mean: Floats, ones: int) -> Floats:
     """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,).
 
     Args:

@@ -25,8 +25,8 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
 from vibroswarm.recordings.infer_timer import infer_timer
@@ -155,7 +155,7 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     return Inferred(name, value, lower, upper, words)
 
 
-def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
+def _logged_bits(logs: Sequence[Log]) -> Floats:
     """Return the logged bits of all samples in the order of ``Intervals``; nan if not logged."""
     bits = [log.samples.sort("robot", "time_s")["observation"].cast(pl.Float64).to_numpy() for log in logs]
     return np.concatenate(bits)
@@ -241,7 +241,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
 
 def _deciding_robots(
     logs: Sequence[Log],
-) -> Iterator[tuple[pl.DataFrame, NDArray[np.float64], NDArray[np.float64]]]:
+) -> Iterator[tuple[pl.DataFrame, Floats, Floats]]:
     """Yield (samples, decisions, beliefs) of each robot of each log, in the order of time.
 
     Decisions are -1, 0 or 1. A belief is the probability that the fill ratio is below the boundary. Both are arrays
@@ -254,7 +254,7 @@ def _deciding_robots(
                 yield own, own["decision"].to_numpy(), own["belief_below"].to_numpy()
 
 
-def _counts(own: pl.DataFrame, gate: str) -> NDArray[np.float64]:
+def _counts(own: pl.DataFrame, gate: str) -> Floats:
     """Return how many observations a gate has counted before each sample of a robot.
 
     Args:

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number
 from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
 from vibroswarm.recordings.log import Log
@@ -70,7 +70,7 @@ def infer_strategy(
     return Inferred(name, value, low=None, high=None, evidence=evidence)
 
 
-def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, NDArray[np.float64]]:
+def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, Floats]:
     """Return, for each strategy, the probability that the message of each sample of a session was a 1, (samples,).
 
     Samples are ordered by time. For soft feedback the probability is nan if the posterior is not logged.
@@ -183,9 +183,7 @@ def _from_received(
     return total, used, "bits received"
 
 
-def _log_binomial(
-    ones: NDArray[np.float64], n: NDArray[np.float64], share: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _log_binomial(ones: Floats, n: Floats, share: Floats) -> Floats:
     """Return the log probability of ``ones`` ones among ``n`` bits that are 1 with probability ``share`` in (0, 1)."""
     from scipy.special import gammaln
 

@@ -27,8 +27,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.recordings.inferred import Inferred, Intervals, undetermined
 
@@ -50,8 +50,6 @@ a timer held at 0 has a small share: avoidances that begin right after a sample.
 TURNS: Final = 1.4
 """The timer is reset after turns if intervals with turns are longer than the usual one by more than this many median
 avoidances (with the study's settings 1.9 to 2.6), and held in them if by less (1.0 to 1.2)."""
-
-Floats = NDArray[np.float64]
 
 
 def infer_timer(between: Intervals, tau: Inferred) -> Inferred:

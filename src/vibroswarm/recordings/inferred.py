@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
+from vibroswarm.core.arrays import Bools, Floats, Ints
 
 STOP_S: Final = 1.0
 """Duration of a stop of the study's robots, s. ``infer_tau`` uses it only if times spent standing are not logged,
@@ -42,26 +41,26 @@ class Intervals:
     is nan too, except that alpha and beta at sample 0 grow from the prior, and the messages received from 0.
     """
 
-    session: NDArray[np.int64]
+    session: Ints
     """Index of the sample's log."""
-    robot: NDArray[np.int64]
+    robot: Ints
     """Number of the robot in the log."""
-    time_s: NDArray[np.float64]
+    time_s: Floats
     """Time of the sample's row, s."""
-    energy: NDArray[np.float64]
+    energy: Floats
     """Energy of the sample."""
-    new_alpha: NDArray[np.float64]
+    new_alpha: Floats
     """Growth of alpha since the previous sample."""
-    new_beta: NDArray[np.float64]
+    new_beta: Floats
     """Growth of beta since the previous sample."""
-    new_received: NDArray[np.float64]
+    new_received: Floats
     """Messages received since the previous sample."""
-    whole: NDArray[np.bool_]
+    whole: Bools
     """Whether no row is missing between this sample and the previous one (before sample 0: none). It is true for all
     samples of a log without the count of messages sent, since lost rows cannot be detected there."""
-    spacing_s: NDArray[np.float64]
+    spacing_s: Floats
     """Time since the previous sample, s."""
-    avoid_s: NDArray[np.float64]
+    avoid_s: Floats
     """Time spent avoiding since the previous sample, s."""
-    stop_s: NDArray[np.float64]
+    stop_s: Floats
     """Time spent standing since the previous sample, s."""

@@ -36,8 +36,8 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
@@ -297,8 +297,8 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
 
 
 def unwrapped(
-    values: NDArray[np.float64], wraps_at: float | None, time_s: NDArray[np.float64] | None = None
-) -> tuple[NDArray[np.float64], int, NDArray[np.bool_]]:
+    values: Floats, wraps_at: float | None, time_s: Floats | None = None
+) -> tuple[Floats, int, Bools]:
     """Unwrap a counter: add the value at which it wraps whenever it falls.
 
     Args:
@@ -329,8 +329,6 @@ STANDING_M: Final = 0.002
 """Positions are accurate to a quarter of a millimetre; a smaller step has no usable direction."""
 GAP_S: Final = 0.5
 """The camera sees a robot every 0.22 s or 0.44 s; an interval longer than this is a gap."""
-
-Floats = NDArray[np.float64]
 
 
 def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:

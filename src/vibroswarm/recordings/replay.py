@@ -19,10 +19,10 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.answers_over_time import ANSWERS, answers_table
 from vibroswarm.analysis.sampling import packet_loss
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniform
@@ -83,9 +83,9 @@ class _Rows:
 
     session: Session
     """Robots, times and counts of messages of the samples. Its bits are all 0, and a replay replaces them."""
-    energy: NDArray[np.float64]
+    energy: Floats
     """nan for restored samples, whose energy is drawn at random."""
-    vibrating: NDArray[np.bool_]
+    vibrating: Bools
     """Whether the tile below vibrates."""
 
 
@@ -272,7 +272,7 @@ def _replay_once(
     return final_frame(scenario, ends, swarm), int(missing), inference_columns(messages, log)
 
 
-def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
+def _drawn(rows: _Rows, run: int, seed: int) -> Floats:
     """Return the energies of a session, (samples,), with those of restored samples drawn at random.
 
     A restored sample gets one of the energies that were read in the session on tiles of the same kind; a place off all

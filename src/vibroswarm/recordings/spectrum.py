@@ -21,8 +21,8 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError
@@ -36,7 +36,6 @@ from vibroswarm.recordings.acceleration import (
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
-Floats = NDArray[np.float64]
 Axis = Literal["magnitude", "x", "y", "z"]
 Group = Literal["robot", "tile", "place", "time"]
 M_S2: Final = {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665}
@@ -255,7 +254,7 @@ def _signal(readings: Floats, axis: str) -> Floats:
 
 def _groups(
     samples: Sequence[_Sample], group: Group, size_m: tuple[float, float], tiles: tuple[int, int], path: Path
-) -> list[tuple[str, NDArray[np.int64]]]:
+) -> list[tuple[str, Ints]]:
     """Return the name and the samples of each group, in order."""
     if group == "robot":
         keys: list[str] = [f"robot {sample.robot}" for sample in samples]
@@ -294,7 +293,7 @@ class _Known(NamedTuple):
         return 2.0 / self.signal_s
 
 
-def _peaks(hz: Floats, power: Floats) -> NDArray[np.int64]:
+def _peaks(hz: Floats, power: Floats) -> Ints:
     """Return the bins of the lines of a spectrum, the highest first."""
     from scipy.signal import find_peaks
 
@@ -409,7 +408,7 @@ def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:
                 )
 
 
-def _left_out(groups: Sequence[tuple[str, str, NDArray[np.int64]]]) -> Iterator[str]:
+def _left_out(groups: Sequence[tuple[str, str, Ints]]) -> Iterator[str]:
     """Say which groups have too few samples for a spectrum of their own."""
     for group in dict.fromkeys(group for group, _, _ in groups):
         few = [name for one, name, rows in groups if one == group and rows.size < FEWEST]
@@ -417,9 +416,7 @@ def _left_out(groups: Sequence[tuple[str, str, NDArray[np.int64]]]) -> Iterator[
             yield f"no spectrum of groups with fewer than {FEWEST} samples (by {group}): {', '.join(few)}"
 
 
-def acceleration_frame(
-    robots: NDArray[np.int64], ends_s: Floats, readings: Floats, rate_hz: float
-) -> pl.DataFrame:
+def acceleration_frame(robots: Ints, ends_s: Floats, readings: Floats, rate_hz: float) -> pl.DataFrame:
     """Return readings of samples as the table of a file of acceleration.
 
     Args:

@@ -24,11 +24,11 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.analysis.intervals import Interval, share_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
+from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.distances import nearest_tiles
 from vibroswarm.core.jit import read_only
 from vibroswarm.core.notebook_view import NotebookView
@@ -40,7 +40,7 @@ from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 
 
-def resample(seed: int, draw: int, stream: int, count: int) -> NDArray[np.int64]:
+def resample(seed: int, draw: int, stream: int, count: int) -> Ints:
     """Draw ``count`` indices from 0 to ``count`` - 1 with replacement, (count,).
 
     Args:
@@ -49,7 +49,7 @@ def resample(seed: int, draw: int, stream: int, count: int) -> NDArray[np.int64]
     return (uniforms(seed, draw, stream, Purpose.BOOTSTRAP, count) * count).astype(np.int64)
 
 
-def cluster_weights(seed: int, draw: int, stream: int, cluster: NDArray[np.int64]) -> NDArray[np.float64]:
+def cluster_weights(seed: int, draw: int, stream: int, cluster: Ints) -> Floats:
     """Resample clusters with replacement; return how often the cluster of each row was drawn, (rows,).
 
     Args:
@@ -60,7 +60,7 @@ def cluster_weights(seed: int, draw: int, stream: int, cluster: NDArray[np.int64
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
-def robot_clusters(samples: pl.DataFrame) -> NDArray[np.int64]:
+def robot_clusters(samples: pl.DataFrame) -> Ints:
     """Return the index of each sample's cluster, from 0, (samples,); a cluster is a robot in one run.
 
     Args:
@@ -71,8 +71,7 @@ def robot_clusters(samples: pl.DataFrame) -> NDArray[np.int64]:
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
-Floats = NDArray[np.float64]
-Rule = Callable[[Floats, NDArray[np.bool_], Floats], float]
+Rule = Callable[[Floats, Bools, Floats], float]
 """A threshold from energies, labels and weights of samples, (samples,) each."""
 
 RESAMPLES: Final = 400
@@ -139,15 +138,15 @@ class Labelled(NotebookView):
 
     energy: Floats
     """Energy of the sample."""
-    vibrating: NDArray[np.bool_]
+    vibrating: Bools
     """Whether the tile below vibrates."""
     edge_m: Floats
     """Distance to the nearest tile of the other kind; inf if there is none."""
-    tile: NDArray[np.int64]
+    tile: Ints
     """Index of the tile below."""
-    session: NDArray[np.int64]
+    session: Ints
     """Number of the run."""
-    robot: NDArray[np.int64]
+    robot: Ints
     """Number of the robot, from 0."""
     fill_ratio: float
     """Fill ratio of the floor."""
@@ -183,9 +182,7 @@ def labelled(recording: Recording) -> Labelled:
     )
 
 
-def edge_distance(
-    floor: Floor, x_m: Floats, y_m: Floats, vibrating: NDArray[np.bool_]
-) -> tuple[Floats, NDArray[np.int64]]:
+def edge_distance(floor: Floor, x_m: Floats, y_m: Floats, vibrating: Bools) -> tuple[Floats, Ints]:
     """Find the nearest tile of the other kind to each place.
 
     Args:
@@ -205,9 +202,7 @@ def edge_distance(
     return distance_m, tile
 
 
-def error_curves(
-    energy: Floats, vibrating: NDArray[np.bool_], weight: Floats
-) -> tuple[Floats, Floats, Floats]:
+def error_curves(energy: Floats, vibrating: Bools, weight: Floats) -> tuple[Floats, Floats, Floats]:
     """Compute both error rates at one threshold above each distinct energy.
 
     All thresholds between the same two energies have the same error rates, so one is enough. Thresholds below all
@@ -232,7 +227,7 @@ def error_curves(
     return thresholds[is_last], false_positive[is_last], false_negative[is_last]
 
 
-def equal_error(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
+def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
     """Compute the threshold at which both error rates are equal, by linear interpolation between thresholds.
 
     If b is at least a at the lowest threshold of ``error_curves`` already, the result is this threshold.
@@ -262,7 +257,7 @@ def least_cost(cost_false_positive: float, cost_false_negative: float, fill_rati
         cost_false_positive, cost_false_negative: c_a and c_b, above 0. fill_ratio: f.
     """
 
-    def rule(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
+    def rule(energy: Floats, vibrating: Bools, weight: Floats) -> float:
         """Compute the threshold from energies, kinds of tile and weights of samples, (samples,) each."""
         thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
         lowest_energy = float(energy.min())
@@ -367,7 +362,7 @@ def at_threshold(
     )
 
 
-def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
+def rates(data: Labelled, threshold: float, chosen: Bools) -> Rates:
     """Compute the error rates of some samples at a threshold; nan for a kind of tile without samples.
 
     Args:
@@ -376,7 +371,7 @@ def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
     bits = data.energy > threshold
     on_still, on_vibrating = chosen & ~data.vibrating, chosen & data.vibrating
 
-    def share(samples: NDArray[np.bool_], is_wrong: NDArray[np.bool_]) -> float:
+    def share(samples: Bools, is_wrong: Bools) -> float:
         """Return the share of wrong ones among some samples; nan if there are none."""
         return float(is_wrong[samples].mean()) if samples.any() else float("nan")
 
@@ -475,9 +470,7 @@ def recommend(
     )
 
 
-def _decidable(
-    data: Labelled, bits: NDArray[np.bool_], threshold: float, recording: Recording
-) -> Decidability:
+def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recording) -> Decidability:
     """Compute whether the floor can be decided from the bits of all sessions.
 
     The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with

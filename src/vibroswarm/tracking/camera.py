@@ -34,14 +34,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.video_file import frames_of
-
-Floats = NDArray[np.float64]
 
 BOARD_VIEWS: Final = 24
 """Most views of a chessboard that a lens is fitted to."""

@@ -28,16 +28,14 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.camera import outwards, square_errors
 from vibroswarm.tracking.picture_quality import SMALL_PX, white_places
 from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
-
-Floats = NDArray[np.float64]
 
 FLOOR_PX: Final = 1.0
 """A floor marker with a larger error of its corners (root mean square, px) is not where the file has it."""
@@ -148,13 +146,13 @@ def _gaps(tracking: Tracking) -> Iterator[Doubt]:
         yield Doubt("gap", words, robot=robot, time_s=start_s, shots=tuple(shots), weight=end_s - start_s)
 
 
-def is_in(area: NDArray[np.bool_], at_px: Floats) -> bool:
+def is_in(area: Bools, at_px: Floats) -> bool:
     """Return whether a place, (2,), px, is in an area of the picture, (height, width)."""
     column, row = np.clip(at_px.astype(int), 0, np.array(area.shape[::-1]) - 1)
     return bool(area[row, column])
 
 
-def _white_around(tracking: Tracking) -> NDArray[np.bool_]:
+def _white_around(tracking: Tracking) -> Bools:
     """Return whether each pixel, (height, width), is at most a marker's edge from a place that is white throughout."""
     seen = tracking.detections
     found = np.zeros(seen.size_px[::-1], dtype=np.uint8)

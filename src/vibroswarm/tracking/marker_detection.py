@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import Markers, dictionary_of, first_corner
 from vibroswarm.tracking.video_file import Gray, Picture, grey, pictures_of, video_info
-
-Floats = NDArray[np.float64]
 
 WHOLE_EVERY: Final = 75
 """Interval, in frames, at which a whole frame is searched."""

@@ -26,13 +26,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_choice, check_known_keys, shown
 from vibroswarm.tracking import opencv
-
-Floats = NDArray[np.float64]
 
 DICTIONARIES: Final = {
     **{f"{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},

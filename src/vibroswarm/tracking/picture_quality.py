@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Bools
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
@@ -59,7 +59,7 @@ def _edges_of(frame: Gray) -> float:
     return float(np.median(contrast[highest] / np.maximum(steepest[highest], 1.0)))
 
 
-def white_places(frames: Sequence[Gray], edge_px: float) -> list[NDArray[np.bool_]]:
+def white_places(frames: Sequence[Gray], edge_px: float) -> list[Bools]:
     """Return where a picture is white throughout, (height, width) of each place: all frames, and an area of a marker.
 
     Args:

@@ -10,15 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, Style, look, style_named
 from vibroswarm.tracking.track import GAP_S
-
-Floats = NDArray[np.float64]
 
 DRAWN_S: Final = 0.2
 """Shortest time between two points of a path as it is drawn."""

@@ -23,11 +23,9 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.errors import InputError
-
-Floats = NDArray[np.float64]
 
 NOISES: Final = 6.0
 """A robot stands if its pose differs from the median pose by less than this many standard deviations of the noise."""

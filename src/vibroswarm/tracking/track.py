@@ -14,8 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.core.tables import csv_bytes, write_frame
 from vibroswarm.errors import InputError
@@ -27,8 +27,6 @@ from vibroswarm.tracking.markers import Markers
 from vibroswarm.tracking.picture_quality import SMALL_PX, faults_of, why_none
 from vibroswarm.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
 from vibroswarm.tracking.video_file import uneven_frames
-
-Floats = NDArray[np.float64]
 
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,
@@ -179,7 +177,7 @@ def track(
             "record both at the same size",
             field="--lens",
         )
-    is_seen: NDArray[np.bool_] = np.all(np.isfinite(seen.corners_px), axis=(2, 3))  # (frames, robots)
+    is_seen: Bools = np.all(np.isfinite(seen.corners_px), axis=(2, 3))  # (frames, robots)
     for whose, wanted, is_there in (
         ("robots'", list(markers.robots), is_seen.any()),
         ("floor's", list(markers.floor), bool(seen.floor_px)),
@@ -215,7 +213,7 @@ def track(
 
 
 def _robot_tables(
-    seen: Detections, is_seen: NDArray[np.bool_], camera: Camera, markers: Markers
+    seen: Detections, is_seen: Bools, camera: Camera, markers: Markers
 ) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
     """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and positions dropped as too fast.
 
@@ -257,7 +255,7 @@ def wrapped(angle_rad: Floats) -> Floats:
     return np.asarray(np.angle(np.exp(1j * angle_rad)))
 
 
-def too_fast(time_s: Floats, centre_m: Floats) -> NDArray[np.bool_]:
+def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
     """Return whether each position is too far from those before and after it for a robot's speed, (positions,).
 
     The first and the last position have only one neighbour. Such a position is too far if the step to the neighbour is

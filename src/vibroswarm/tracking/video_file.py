@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
@@ -194,7 +195,7 @@ def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
             yield number, grey(frame)
 
 
-def uneven_frames(time_s: NDArray[np.float64]) -> tuple[float, float, float] | None:
+def uneven_frames(time_s: Floats) -> tuple[float, float, float] | None:
     """Return the share of uneven steps between frames (see ``UNEVEN``), and the shortest and the longest step, s.
 
     Args:
