@@ -104,19 +104,6 @@ class Spectra(NotebookView):
         return self.spectra[0]
 
 
-@dataclass(frozen=True)
-class _Sample:
-    """The readings of one sample."""
-
-    robot: int
-    time_s: float
-    x_m: float
-    """nan: not recorded."""
-    y_m: float
-    readings: Floats
-    """(readings, 3), m/s^2."""
-
-
 def spectra_of(
     path: Path,
     *,
@@ -155,16 +142,17 @@ def spectra_of(
             f"{signal_ms:g} ms at {rate_hz:.4g} Hz are {count} readings; a spectrum needs 16",
             field="--signal-ms",
         )
-    samples = [_sample_of(stop, count, M_S2[unit]) for stop in stops if stop.height >= count]
+    samples = [_sample_of(stop, count) for stop in stops if stop.height >= count]
     if len(samples) < FEWEST:
         raise InputError(
             f"{len(samples)} of {len(stops)} stops have the {count} readings of a sample ({signal_ms:g} ms at "
             f"{rate_hz:.4g} Hz); at least {FEWEST} are needed",
             field=str(path),
         )
-    signals = np.array([_signal(sample.readings, axis) for sample in samples])
-    hz, powers = periodograms(signals, rate_hz)
-    across_hz = _lines_across(samples, rate_hz) if axis == "magnitude" else ()
+    # m/s^2, (samples, readings, 3)
+    readings = M_S2[unit] * np.array([sample.select("ax", "ay", "az").to_numpy() for sample in samples])
+    hz, powers = periodograms(_signals(readings, axis), rate_hz)
+    across_hz = _lines_across(readings, rate_hz) if axis == "magnitude" else ()
     known = _Known(rate_hz, signal_ms / 1000.0, tuple(motors_hz), across_hz)
     groups = [("all", "", np.arange(len(samples)))]
     for group in by:
@@ -182,7 +170,7 @@ def spectra_of(
         len(samples),
         len(stops),
         found,
-        (*_other_unit(samples, unit), *_warnings(motors_hz, known), *_left_out(groups)),
+        (*_other_unit(readings, unit), *_warnings(motors_hz, known), *_left_out(groups)),
     )
 
 
@@ -226,7 +214,7 @@ def _rate(stops: Sequence[pl.DataFrame], stated_hz: float | None, path: Path) ->
     return stated_hz if stated_hz is not None else found_hz
 
 
-def _sample_of(stop: pl.DataFrame, count: int, factor: float) -> _Sample:
+def _sample_of(stop: pl.DataFrame, count: int) -> pl.DataFrame:
     """Return the last ``count`` readings of a stop, as a robot takes them."""
     if stop.height > LONGEST_STOP * count:
         raise InputError(
@@ -234,41 +222,37 @@ def _sample_of(stop: pl.DataFrame, count: int, factor: float) -> _Sample:
             "add columns x_m and y_m, by which it stands, or a column 'sample' that numbers its stops",
             field=f"row {stop['line'][0]}",
         )
-    end = stop[-count:]
-    x_m, y_m = (float(end[name].mean()) if name in end.columns else np.nan for name in ("x_m", "y_m"))  # type: ignore[arg-type]
-    return _Sample(
-        robot=int(end["robot"][0]),
-        time_s=float(end["time_s"][-1]),
-        x_m=x_m,
-        y_m=y_m,
-        readings=factor * end.select("ax", "ay", "az").to_numpy().astype(np.float64),
-    )
+    return stop[-count:]
 
 
-def _signal(readings: Floats, axis: str) -> Floats:
-    """Return the signal of an axis, or the magnitude, (readings,)."""
+def _signals(readings: Floats, axis: str) -> Floats:
+    """Return the signals of an axis, or the magnitudes, (samples, readings)."""
     if axis == "magnitude":
-        return np.asarray(np.sqrt((readings**2).sum(axis=1)))
-    return readings[:, "xyz".index(axis)]
+        return np.asarray(np.sqrt((readings**2).sum(axis=2)))
+    return readings[:, :, "xyz".index(axis)]
 
 
 def _groups(
-    samples: Sequence[_Sample], group: Group, size_m: tuple[float, float], tiles: tuple[int, int], path: Path
+    samples: Sequence[pl.DataFrame],
+    group: Group,
+    size_m: tuple[float, float],
+    tiles: tuple[int, int],
+    path: Path,
 ) -> list[tuple[str, Ints]]:
     """Return the name and the samples of each group, in order."""
     if group == "robot":
-        keys: list[str] = [f"robot {sample.robot}" for sample in samples]
+        keys = [f"robot {int(sample['robot'][0])}" for sample in samples]
         order = sorted(set(keys), key=lambda key: int(key.split()[1]))
     elif group == "time":
-        times = np.array([sample.time_s for sample in samples])
+        times = np.array([sample["time_s"][-1] for sample in samples])
         edges = np.linspace(times.min(), times.max(), 7)
         part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, 5)
         names = [f"{number(edges[k], 0)} to {number(edges[k + 1], 0)} s" for k in range(6)]
         keys, order = [names[k] for k in part], names
     else:
-        x_m, y_m = (np.array([getattr(sample, name) for sample in samples]) for name in ("x_m", "y_m"))
-        if np.isnan(x_m).any() or np.isnan(y_m).any():
+        if not {"x_m", "y_m"} <= set(samples[0].columns):
             raise InputError(f"has no columns x_m and y_m, which --by {group} needs", field=str(path))
+        x_m, y_m = (np.array([sample[name].mean() for sample in samples]) for name in ("x_m", "y_m"))
         rows, columns = tiles if group == "tile" else (4, 4)
         column = np.clip((x_m / size_m[0] * columns).astype(np.int64), 0, columns - 1)
         row = rows - 1 - np.clip((y_m / size_m[1] * rows).astype(np.int64), 0, rows - 1)
@@ -367,19 +351,16 @@ def _folded(hz: float, known: _Known) -> str:
     return ", folded" if hz > 0.5 * known.rate_hz else ""
 
 
-def _lines_across(samples: Sequence[_Sample], rate_hz: float) -> tuple[float, ...]:
+def _lines_across(readings: Floats, rate_hz: float) -> tuple[float, ...]:
     """Return the frequencies of the lines of the two horizontal axes together."""
-    powers = []
-    for axis in ("x", "y"):
-        hz, power = periodograms(np.array([_signal(sample.readings, axis) for sample in samples]), rate_hz)
-        powers.append(power.mean(axis=0))
-    total = np.asarray(powers[0] + powers[1])
+    (hz, along), (_, across) = (periodograms(_signals(readings, axis), rate_hz) for axis in ("x", "y"))
+    total = along.mean(axis=0) + across.mean(axis=0)
     return tuple(_top(hz, total, int(k)) for k in _peaks(hz, total))
 
 
-def _other_unit(samples: Sequence[_Sample], unit: str) -> Iterator[str]:
+def _other_unit(readings: Floats, unit: str) -> Iterator[str]:
     """Say which unit the mean magnitude speaks for, if it is not the stated one: that of gravity."""
-    magnitude = float(np.mean([np.sqrt((sample.readings**2).sum(axis=1)).mean() for sample in samples]))
+    magnitude = float(_signals(readings, "magnitude").mean())
     if abs(magnitude / M_S2["g"] - 1.0) < GRAVITY_WITHIN:
         return
     for other, factor in M_S2.items():
