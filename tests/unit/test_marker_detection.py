@@ -82,7 +82,7 @@ def test_of_two_markers_with_one_number_the_nearer_to_the_path_is_used(tmp_path:
     drawn.write(tmp_path / "two.avi", frames)
     found = track(tmp_path / "two.avi", replace(drawn.MARKERS, floor_size_m=0.05))
     assert found.share_found() == 1.0
-    assert found.jumps == 0
+    assert found.dropped.is_empty()
     seen_alone = there[0] > 0
     expected = [k for k in there if k in SEARCHED_WHOLE or not seen_alone]
     assert found.detections.twice == tuple((k, 0) for k in expected)

@@ -65,9 +65,9 @@ def tracking_of(
         columns = [np.full(there.sum(), robot), time_s[there], at[:, 0], at[:, 1], np.zeros(there.sum())]
         tables.append(pl.DataFrame(dict(zip(POSITIONS, columns, strict=True)), schema=POSITIONS))
         stops.append(stops_of(robot, time_s[there], at[:, 0], at[:, 1], np.zeros(there.sum())))
-    kinds = {"jumps": 0} | {k: v for k, v in more.items() if k in ("dropped", "jumps")}
+    dropped = more.get("dropped", pl.DataFrame(schema=POSITIONS))
     video = folder / "the <b>video.avi"
-    return Tracking(video, markers, CAMERA, seen, pl.concat(tables), pl.concat(stops), **kinds)
+    return Tracking(video, markers, CAMERA, seen, pl.concat(tables), pl.concat(stops), dropped)
 
 
 def kinds_of(tracking: Tracking) -> list[str]:
@@ -133,7 +133,7 @@ STILL, MOVING = ({17: [(0, AT), (75, AT + away_px)]} for away_px in (1.0, 90.0))
         (["unexpected"], {"unexpected": STILL}, "2 of 5 frames searched whole, always at the same place"),
         (["unexpected"], {"unexpected": MOVING}, "2 of 5 frames searched whole, at several places"),
         ([], {"unexpected": {17: STILL[17][:1]}}, ""),
-        (["jump"], {"dropped": DROPPED, "jumps": 1}, "Robot 1 was read at (0.900, 0.900) m at 3.0 s"),
+        (["jump"], {"dropped": DROPPED}, "Robot 1 was read at (0.900, 0.900) m at 3.0 s"),
     ],
 )
 def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], given: Any, words: str) -> None:
@@ -145,7 +145,7 @@ def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], gi
 
 
 def test_dropped_positions_are_linked_to_a_camera_that_moves(tmp_path: Path) -> None:
-    given = {"dropped": DROPPED, "jumps": 1}
+    given = {"dropped": DROPPED}
     fixed, moving = (tracking_of(tmp_path, floor_spread_px=px, **given) for px in (0.2, 2.0))
     dropped = "1 position dropped because a robot cannot move so fast"
     assert f"{dropped}." in tracking_document(fixed).answer[0]

@@ -72,12 +72,12 @@ def _answer(tracking: Tracking, doubts: Sequence[Doubt]) -> tuple[str, str]:
     """Return how much was found, and what is doubtful."""
     first_s, last_s = tracking.span_s
     # If the camera moves, robots seem to jump.
-    but = " (but the camera moves)" if tracking.jumps and tracking.camera_moves() else ""
+    but = " (but the camera moves)" if tracking.dropped.height and tracking.camera_moves() else ""
     found = (
         f"{percent(tracking.share_found())} of positions found: {count(len(tracking.markers.robots), 'robot')} in "
         f"{count(tracking.detections.time_s.size, 'frame')} ({number(last_s - first_s, 0)} s); "
         f"{count(tracking.gaps().height, 'gap')} of more than a second; {count(tracking.stops.height, 'stop')}; "
-        f"{count(tracking.jumps, 'position')} dropped because a robot cannot move so fast{but}."
+        f"{count(tracking.dropped.height, 'position')} dropped because a robot cannot move so fast{but}."
     )
     counts = {kind: sum(doubt.kind == kind for doubt in doubts) for kind in TITLES}
     # Titles begin with a small letter within the sentence.
@@ -120,7 +120,7 @@ def _values(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
         "floor_error_px": camera.floor_error_px,
         "positions": tracking.positions.height,
         "gaps": tracking.gaps().height,
-        "jumps": tracking.jumps,
+        "jumps": tracking.dropped.height,
         "stops": tracking.stops.height,
     }
     if tracked is not None:

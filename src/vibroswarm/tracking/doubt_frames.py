@@ -12,16 +12,13 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.doubts import Doubt, place_px
 from vibroswarm.tracking.track import Tracking
-from vibroswarm.tracking.video_file import frames_at
-
-Gray = NDArray[np.uint8]
+from vibroswarm.tracking.video_file import Gray, frames_at
 
 FRAMES_UP_TO: Final = 40
 """Most pictures of one page."""

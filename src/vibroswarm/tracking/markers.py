@@ -114,33 +114,21 @@ FLOOR_MARKERS: Final = 4
 """Number of default floor markers."""
 
 
-def usual_floor(width_m: float, height_m: float, last: int) -> dict[int, tuple[float, float, float]]:
-    """Return the default floor markers: four beside the arena's corners.
-
-    Args:
-        width_m, height_m: of the arena. last: number of the last marker; the others have the numbers just below it.
-    Returns: x, y and angle of each marker, as ``Markers.floor`` has them.
-    """
-    left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
-    places = ((left, low), (right, low), (right, high), (left, high))
-    return {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
-
-
 def usual_markers(
     robots: int | Sequence[int],
     width_m: float,
     height_m: float,
     *,
-    size_mm: float | None = None,
-    height_mm: float | None = None,
+    size_mm: float = SIZE_MM,
+    height_mm: float = HEIGHT_MM,
 ) -> Markers:
     """Return the default markers for an arena, from the smallest dictionary of 4 by 4 squares that has enough.
 
-    The floor's markers have the largest numbers of the dictionary.
+    The floor's markers are four beside the arena's corners, and have the largest numbers of the dictionary.
 
     Args:
         robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
-        size_mm, height_mm: edge and height of robots' markers; None: the default ones.
+        size_mm, height_mm: edge and height of robots' markers.
     Raises:
         InputError: there are no robots; or robots' markers repeat, are negative, or are so large that no dictionary has
             room for the floor's markers above them.
@@ -154,12 +142,14 @@ def usual_markers(
         raise InputError(
             f"{max(ids)} is too large; give numbers below {1000 - FLOOR_MARKERS}", field="--markers"
         )
+    left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
+    places = ((left, low), (right, low), (right, high), (left, high))
     return Markers(
         dictionary=f"4X4_{counts[0]}",
         robots={marker: robot for robot, marker in enumerate(ids)},
-        size_m=(SIZE_MM if size_mm is None else size_mm) / 1000,
-        height_m=(HEIGHT_MM if height_mm is None else height_mm) / 1000,
-        floor=usual_floor(width_m, height_m, counts[0] - 1),
+        size_m=size_mm / 1000,
+        height_m=height_mm / 1000,
+        floor={counts[0] - FLOOR_MARKERS + k: (x, y, 0.0) for k, (x, y) in enumerate(places)},
         floor_size_m=FLOOR_SIZE_MM / 1000,
     )
 

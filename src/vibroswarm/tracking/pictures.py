@@ -126,7 +126,7 @@ def draw_time_line(
     """Draw a row for each robot: when it was seen, when it stood, when it was not seen, and doubtful moments.
 
     Args:
-        robots: their names. gaps: result of ``track.gaps_in``, which are in the order of time for each robot.
+        robots: their names. gaps: result of ``Tracking.gaps``, which are in the order of time for each robot.
         stops: ``stops.STOPS``.
         span_s: when the video begins and ends. moments: robot and time of each doubt that is not about a gap.
     Returns: the picture; its numbers are ``robot, mark, start_s, end_s``, with the marks gap, stop and doubtful.

@@ -6,8 +6,8 @@ first frame, unless they are said to be on the robots' clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -58,10 +58,8 @@ class Tracking:
     """``POSITIONS``."""
     stops: pl.DataFrame
     """``stops.STOPS``."""
-    jumps: int
-    """Number of positions that were dropped as too fast."""
-    dropped: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=POSITIONS))
-    """The positions that were dropped, ``POSITIONS``."""
+    dropped: pl.DataFrame
+    """The positions that were dropped as too fast, ``POSITIONS``."""
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -69,8 +67,22 @@ class Tracking:
         return float(self.detections.time_s[0]), float(self.detections.time_s[-1])
 
     def gaps(self) -> pl.DataFrame:
-        """Return the gaps of more than ``GAP_S`` in which a robot was not seen, see ``gaps_in``."""
-        return gaps_in(self.positions, list(self.markers.robots.values()), self.span_s)
+        """Return the gaps of more than ``GAP_S`` in which robots were not seen, also at both ends of the video.
+
+        Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has
+            one gap, the whole video.
+        """
+        rows = []
+        first_s, last_s = self.span_s
+        for robot in self.markers.robots.values():
+            own = self.positions.filter(pl.col("robot") == robot)["time_s"].to_list()
+            rows += [
+                (robot, start_s, end_s)
+                for start_s, end_s in pairwise([first_s, *own, last_s])
+                if end_s - start_s > GAP_S
+            ]
+        schema = {"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}
+        return pl.DataFrame(rows, schema=schema, orient="row")
 
     def share_found(self) -> float:
         """Return the share of frames in which robots were found, averaged over robots."""
@@ -124,28 +136,6 @@ class Tracking:
                 "and calibrate the lens with a chessboard (--lens)."
             )
         return found
-
-
-def gaps_in(positions: pl.DataFrame, robots: Sequence[int], span_s: tuple[float, float]) -> pl.DataFrame:
-    """Return the gaps of more than ``GAP_S`` in which robots were not seen, including those at both ends of the span.
-
-    Args:
-        positions: ``POSITIONS``. robots: their names. span_s: first and last time, for instance of the video.
-    Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has one
-        gap, the whole span.
-    """
-    rows = []
-    for robot in robots:
-        own = positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
-        edges_s = np.concatenate([[span_s[0]], own, [span_s[1]]])
-        rows += [
-            (robot, start_s, end_s)
-            for start_s, end_s in pairwise(edges_s.tolist())
-            if end_s - start_s > GAP_S
-        ]
-    return pl.DataFrame(
-        rows, schema={"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}, orient="row"
-    )
 
 
 def track(
@@ -207,7 +197,6 @@ def track(
         detections=seen,
         positions=positions,
         stops=stops,
-        jumps=dropped.height,
         dropped=dropped,
     )
 

@@ -7,11 +7,10 @@ read is compared here with what the head states, to find out whether a file was 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,21 +33,14 @@ UNEVEN: Final = 0.2
 """A step between frames that differs by this share from the usual one is uneven."""
 
 
-@dataclass(frozen=True)
-class VideoInfo:
+class VideoInfo(NamedTuple):
     """What a video's head states."""
 
-    path: Path
-    width_px: int
-    height_px: int
+    size_px: tuple[int, int]
+    """Width and height."""
     frames_per_s: float
     frames: int
     """Number of frames; 0 if the head states none."""
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height."""
-        return self.width_px, self.height_px
 
 
 @contextmanager
@@ -105,7 +97,7 @@ def video_info(path: Path) -> VideoInfo:
             f"is not a usable video: {width} x {height} px at {rate:g} frames/s", field=str(path)
         )
     # A damaged head may give a negative number of frames; 0 means that the number is not known.
-    return VideoInfo(path, width, height, rate, max(int(frames), 0))
+    return VideoInfo((width, height), rate, max(int(frames), 0))
 
 
 def _size_of_first(capture: Any, path: Path) -> tuple[int, int]:
@@ -208,7 +200,3 @@ def uneven_frames(time_s: Floats) -> tuple[float, float, float] | None:
     usual = float(np.median(steps))
     is_uneven = np.abs(steps - usual) > UNEVEN * usual
     return (float(is_uneven.mean()), float(steps.min()), float(steps.max())) if is_uneven.any() else None
-
-
-Progress = Callable[[int, int], None]
-"""Called with frames done and frames in all."""
