@@ -30,7 +30,7 @@ from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
 from vibroswarm.recordings.infer_timer import infer_timer
-from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
+from vibroswarm.recordings.inferred import STOP_S, Inferred, undetermined
 from vibroswarm.recordings.log import Log
 from vibroswarm.strategies.bayes import GATES
 
@@ -51,8 +51,8 @@ def infer_settings(
         logs: sessions, each from ``log.in_order``. prior: alpha and beta before the first observation.
         eta, kappa: parameters of soft feedback with which that strategy is tried.
     """
-    between = _intervals(logs, prior)
-    threshold = infer_threshold(logs, between)
+    between = intervals_of(logs, prior)
+    threshold = infer_threshold(between)
     credible = 0.95  # p_c of the study; the gate is inferred from robots that are surer than this
     gate = infer_gate(logs, credible)
     tau = infer_tau(between)
@@ -64,14 +64,20 @@ def infer_settings(
     return settings
 
 
-def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
-    """Compute the changes between consecutive samples of all logs.
+def intervals_of(logs: Sequence[Log], prior: tuple[int, int]) -> pl.DataFrame:
+    """Return all samples, with the changes since the previous sample of the same robot.
 
-    At a robot's sample 0, alpha and beta grow from the prior, the messages received from 0, and the messages sent from
-    -1. Changes of times (spacing_s, avoid_s, stop_s) always need a previous row, and are nan there.
+    A change is null if its column is not logged. At a robot's first row it is null too, except that at sample 0 alpha
+    and beta grow from the prior, the messages received from 0, and the messages sent from -1.
 
     Args:
         prior: alpha and beta before the first observation.
+    Returns:
+        One row per sample, ordered by session, robot and time: session, the index of the log; robot; time_s; energy;
+        bit, as logged; new_alpha and new_beta, their growth; new_received, the messages received; whole, whether no row
+        is missing between this sample and the previous one (before sample 0: none), which is true for all samples of a
+        log without the count of messages sent, since lost rows cannot be detected there; spacing_s, avoid_s and stop_s,
+        the time passed, spent avoiding and spent standing.
     """
     parts = []
     for session, log in enumerate(logs):
@@ -92,6 +98,7 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
                 "robot",
                 "time_s",
                 "energy",
+                pl.col("observation").alias("bit"),
                 step("alpha", first=prior[0]).alias("new_alpha"),
                 step("beta", first=prior[1]).alias("new_beta"),
                 step("messages_received", first=0.0).alias("new_received"),
@@ -103,11 +110,10 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
                 step("stop_total_s", first=None).alias("stop_s"),
             )
         )
-    frame = pl.concat(parts)
-    return Intervals(**{name: frame[name].to_numpy() for name in frame.columns})
+    return pl.concat(parts)
 
 
-def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
+def infer_threshold(between: pl.DataFrame) -> Inferred:
     """Infer theta_E, which lies between the largest energy that was read as 0 and the smallest that was read as 1.
 
     It may equal the former, but not the latter, as a bit is 1 if E > theta_E. Only samples whose bit is certain count:
@@ -117,17 +123,15 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     bits nor posteriors are logged.
     """
     name = "sensor.rms_threshold"
-    bits = _logged_bits(logs)
-    if not np.isnan(bits).all():
-        read_zero, read_one = bits == 0, bits == 1
+    if between["bit"].null_count() < between.height:
+        read_zero, read_one = pl.col("bit") == 0, pl.col("bit") == 1
         source = "whose bit is logged"
-    elif np.isnan(between.new_alpha).all():
+    elif between["new_alpha"].null_count() == between.height:
         return undetermined(name, "neither bits nor posteriors are logged")
     else:
-        read_zero = between.whole & (between.new_alpha == 0)
-        read_one = between.whole & (between.new_beta == 0)
+        read_zero, read_one = (pl.col("whole") & (pl.col(grown) == 0) for grown in ("new_alpha", "new_beta"))
         source = "whose bit follows from alpha or beta not growing"
-    zeros, ones = np.sort(between.energy[read_zero]), np.sort(between.energy[read_one])
+    zeros, ones = (between.filter(read)["energy"].sort().to_numpy() for read in (read_zero, read_one))
     if zeros.size == 0 or ones.size == 0:
         return undetermined(
             name, f"{count(zeros.size, 'sample')} read as 0 for certain, {ones.size} as 1: too few"
@@ -153,12 +157,6 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     lower, upper = float(edges[best]), float(edges[min(best + 1, edges.size - 1)])
     value = _beside(lower, upper, at_low=zeros.size >= ones.size)
     return Inferred(name, value, lower, upper, words)
-
-
-def _logged_bits(logs: Sequence[Log]) -> Floats:
-    """Return the logged bits of all samples in the order of ``Intervals``; nan if not logged."""
-    bits = [log.samples.sort("robot", "time_s")["observation"].cast(pl.Float64).to_numpy() for log in logs]
-    return np.concatenate(bits)
 
 
 def _beside(low: float, high: float, at_low: bool) -> float:
@@ -303,7 +301,7 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
     )  # fmt: skip
 
 
-def infer_tau(between: Intervals) -> Inferred:
+def infer_tau(between: pl.DataFrame) -> Inferred:
     """Infer tau from the time between samples without avoidance, or between all samples if avoidance is not logged.
 
     It is undetermined with fewer than 20 such intervals, or if only one of them is near the most frequent duration.
@@ -311,12 +309,12 @@ def infer_tau(between: Intervals) -> Inferred:
     turn; so only intervals near the most frequent duration count.
     """
     name = "sample.sample_interval_ms"
-    calm = between.whole & ~np.isnan(between.spacing_s)
+    calm = between.filter(pl.col("whole"), pl.col("spacing_s").is_not_null())
     which = "(avoidance is not logged)"
-    if not np.isnan(between.avoid_s).all():
-        calm &= between.avoid_s == 0
+    if between["avoid_s"].null_count() < between.height:
+        calm = calm.filter(pl.col("avoid_s") == 0)
         which = "without avoidance"
-    spacing = between.spacing_s[calm]
+    spacing = calm["spacing_s"].to_numpy()
     if spacing.size < 20:
         return undetermined(name, f"{spacing.size} undisturbed intervals: too few")
     # Find the window of width UNDISTURBED_S (two neighbouring bins of a histogram) with the most intervals.
@@ -328,8 +326,8 @@ def infer_tau(between: Intervals) -> Inferred:
     usual = spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S]
     if usual.size < 2:  # one interval has no standard deviation
         return undetermined(name, f"{spacing.size} undisturbed intervals: too different from each other")
-    stop = between.stop_s[calm]
-    stop_s = STOP_S if np.isnan(stop).all() else float(np.nanmedian(stop))
+    stops_s = calm["stop_s"].drop_nulls().to_numpy()
+    stop_s = float(np.median(stops_s)) if stops_s.size else STOP_S
     tau_s = float(usual.mean()) - stop_s - TICKS_S
     error_s = float(usual.std(ddof=1)) / math.sqrt(usual.size) + 0.01  # times are logged to 0.01 s
     # Two standard errors on each side. A robot whose control loop is faster than the simulator's takes less than two

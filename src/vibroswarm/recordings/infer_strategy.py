@@ -11,7 +11,7 @@ import polars as pl
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number
-from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
+from vibroswarm.recordings.inferred import STOP_S, Inferred, undetermined
 from vibroswarm.recordings.log import Log
 from vibroswarm.strategies import soft
 
@@ -38,7 +38,7 @@ enough, since the bits of an interval are dependent."""
 
 
 def infer_strategy(
-    logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
+    logs: Sequence[Log], between: pl.DataFrame, threshold: float, eta: float, kappa: float
 ) -> Inferred:
     """Infer the strategy under which the logged bits have the largest likelihood.
 
@@ -47,6 +47,7 @@ def infer_strategy(
     is left, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``).
 
     Args:
+        between: ``infer_settings.intervals_of`` the logs.
         threshold: theta_E, for bits read that are not logged. eta, kappa: parameters of soft feedback.
     """
     name = "strategy.name"
@@ -126,7 +127,7 @@ def _from_sent(
 
 
 def _from_received(
-    logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
+    logs: Sequence[Log], between: pl.DataFrame, threshold: float, eta: float, kappa: float
 ) -> tuple[dict[str, float], int, str]:
     """Compute the log likelihood of each strategy from the bits received.
 
@@ -135,12 +136,11 @@ def _from_received(
     decision, belief or count of messages received is missing in any sample.
 
     Args:
-        between: changes between consecutive samples of ``logs``. threshold: theta_E; the own bit of a sample is taken
-            as 1 if its energy is above it, also where the bit is logged. eta, kappa: parameters of soft feedback.
+        between: ``infer_settings.intervals_of`` the logs. threshold: theta_E; the own bit of a sample is taken as 1 if
+            its energy is above it, also where the bit is logged. eta, kappa: parameters of soft feedback.
     Returns: log likelihood by strategy, number of bits used (which may be 0), and the words "bits received".
     """
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
-    own_bit = (between.energy > threshold).astype(float)
     for session, log in enumerate(logs):
         if (
             log.samples.select("alpha", "beta", "messages_received", "decision", "belief_below")
@@ -151,35 +151,38 @@ def _from_received(
         ordered = log.samples.sort("time_s")
         times, sender = ordered["time_s"].to_numpy(), ordered["robot"].to_numpy()
         chance = _messages(log, threshold, eta, kappa)
-        rows = np.flatnonzero(
-            (between.session == session)
-            & between.whole
-            & (between.new_received > 0)
-            & ~np.isnan(between.spacing_s)
+        own = between.filter(
+            pl.col("session") == session,
+            pl.col("whole"),
+            pl.col("new_received") > 0,
+            pl.col("spacing_s").is_not_null(),
         )
         # For each interval: ones received, bits received, and the mean probability of a 1 by strategy.
         intervals: list[tuple[float, ...]] = []
-        for k in rows:
+        for robot, time_s, spacing_s, received, grown, energy in own.select(
+            "robot", "time_s", "spacing_s", "new_received", "new_alpha", "energy"
+        ).iter_rows():
             # Robots read messages only while they walk; a message that is sent while a robot stands is read after the
             # stop. So the messages of the interval were sent from the start of the robot's previous stop to the start
             # of this one. Times of rows may be up to LAG_S late: the robot's own, so that the previous stop may have
             # begun earlier, and those of the senders, so that their rows may follow the start of this stop.
-            stop_began_s = between.time_s[k] - STOP_S
-            sent_from_s = stop_began_s - between.spacing_s[k] - LAG_S
+            stop_began_s = time_s - STOP_S
+            sent_from_s = stop_began_s - spacing_s - LAG_S
             first, last = np.searchsorted(times, [sent_from_s, stop_began_s + LAG_S])
-            others = np.flatnonzero(sender[first:last] != between.robot[k]) + first
-            n = int(between.new_received[k])
-            ones = int(between.new_alpha[k] - own_bit[k])  # alpha grew by the own bit and the ones received
-            if others.size == 0 or not 0 <= ones <= n:
+            others = np.flatnonzero(sender[first:last] != robot) + first
+            ones = int(grown - (energy > threshold))  # alpha grew by the own bit and the ones received
+            if others.size == 0 or not 0 <= ones <= received:
                 continue
-            used += n
-            intervals.append((ones, n, *(float(chance[strategy][others].mean()) for strategy in STRATEGIES)))
+            used += int(received)
+            intervals.append(
+                (ones, received, *(float(chance[strategy][others].mean()) for strategy in STRATEGIES))
+            )
         if not intervals:
             continue
-        ones_received, received, *shares = np.array(intervals).T
+        ones_received, bits_received, *shares = np.array(intervals).T
         for strategy, share in zip(STRATEGIES, shares, strict=True):
             likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
-            total[strategy] += math.fsum(_log_binomial(ones_received, received, likely))
+            total[strategy] += math.fsum(_log_binomial(ones_received, bits_received, likely))
     return total, used, "bits received"
 
 

@@ -27,10 +27,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import polars as pl
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number, percent, stated
-from vibroswarm.recordings.inferred import Inferred, Intervals, undetermined
+from vibroswarm.recordings.inferred import Inferred, undetermined
 
 NAME: Final = "sample.timer"
 MARGIN_S: Final = 0.3
@@ -52,24 +53,24 @@ TURNS: Final = 1.4
 avoidances (with the study's settings 1.9 to 2.6), and held in them if by less (1.0 to 1.2)."""
 
 
-def infer_timer(between: Intervals, tau: Inferred) -> Inferred:
+def infer_timer(between: pl.DataFrame, tau: Inferred) -> Inferred:
     """Infer the rule of the sample timer; undetermined without logged avoidance or with too few intervals.
 
     Args:
+        between: ``infer_settings.intervals_of``.
         tau: setting from ``infer_tau``; without it no interval is known to be the usual one.
     """
-    if np.isnan(between.avoid_s).all():
+    if between["avoid_s"].null_count() == between.height:
         return undetermined(NAME, "avoidance is not logged")
     if tau.value is None or tau.value < 1000.0 * LEAST_TAU_S:
-        known = "unknown" if tau.value is None else f"below {stated(LEAST_TAU_S)} s"
-        return undetermined(NAME, f"tau is {known}")
-    calm = between.spacing_s[between.whole & (between.avoid_s == 0) & ~np.isnan(between.spacing_s)]
+        words = "unknown" if tau.value is None else f"below {stated(LEAST_TAU_S)} s"
+        return undetermined(NAME, f"tau is {words}")
+    known = between.filter(pl.col("whole"), pl.col("spacing_s").is_not_null())
+    calm = known.filter(pl.col("avoid_s") == 0)["spacing_s"].to_numpy()
     usual_s = float(np.median(calm))
-    avoids = (
-        between.whole & (between.avoid_s > MARGIN_S) & (between.avoid_s <= tau.value / 1000.0)
-    ) & ~np.isnan(between.spacing_s)
-    avoid_s = between.avoid_s[avoids]
-    rest_s = between.spacing_s[avoids] - avoid_s
+    avoids = known.filter(pl.col("avoid_s") > MARGIN_S, pl.col("avoid_s") <= tau.value / 1000.0)
+    avoid_s = avoids["avoid_s"].to_numpy()
+    rest_s = avoids["spacing_s"].to_numpy() - avoid_s
     if rest_s.size < LEAST:
         return undetermined(NAME, f"{rest_s.size} intervals with avoidance: too few")
     shorter = float((rest_s < usual_s - MARGIN_S).mean())
