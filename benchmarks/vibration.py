@@ -81,7 +81,7 @@ def hold(lab: Path) -> None:
             {"sensor.model": "acceleration", "sensor.acceleration.motor_hold_s": hold_s}
         )
         values = {name: getattr(base.sensor.params, name) for name in FIELDS}
-        by_name = {fact.name: fact for fact in facts_of(found, base, values)}
+        by_name = {fact.name: fact for fact in facts_of(_Simulator(found, base), values)}
         simulator = _Simulator(found, base)
         misfit = relative_misfit(simulator.simulated(values, rows), simulator.recorded(rows))
         pairs = ("successive samples of a robot", "two robots within 5 s")

@@ -12,7 +12,7 @@ import pytest
 
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_vibration import VibrationFit, facts_of, fit_vibration
+from vibroswarm.calibrate.fit_vibration import VibrationFit, _Simulator, facts_of, fit_vibration
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.recordings.assemble_recording import recording_of
@@ -78,7 +78,7 @@ def scatter_in_time_is_as_recorded_and_not_that_of_slow_motors(fitted: Vibration
         {"sensor.model": "acceleration", "sensor.acceleration.motor_hold_s": 20.0}
     )
     found, _ = recorded()
-    with_slow = {fact.name: fact for fact in facts_of(found, slow, fitted.values)}
+    with_slow = {fact.name: fact for fact in facts_of(_Simulator(found, slow), fitted.values)}
     for fact in (successive, *together):
         assert with_slow[fact.name].deviation < -4.0, fact
 

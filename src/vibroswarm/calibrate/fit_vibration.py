@@ -30,12 +30,18 @@ from scipy.optimize import minimize
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.reading import Reading, readings_beside
-from vibroswarm.calibrate.vibration_facts import fact_samples, facts, robot_spread, tile_spread
-from vibroswarm.core.arrays import Bools, Floats, Ints
+from vibroswarm.calibrate.vibration_facts import (
+    FAR_M,
+    FactSamples,
+    fact_samples,
+    facts,
+    robot_spread,
+    tile_spread,
+)
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import place_of
 from vibroswarm.observation.observe import values_at
 from vibroswarm.recordings.threshold import resample
@@ -50,8 +56,6 @@ EDGES_M: Final = tuple(0.01 * k for k in range(-5, 5))
 """Ends of the bins of the signed distance from an edge, m; negative on vibrating tiles."""
 NEIGHBOURS: Final = ((0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2))
 """Kind of the tile below, and number of vibrating tiles beside it."""
-FAR_M: Final = 0.03
-"""Samples at least this far from an edge count in the features by neighbours."""
 SEEDS: Final = (1, 2)
 """Seeds of the simulated samples during the search; features are means over them."""
 EVALUATIONS: Final = (80, 240)
@@ -113,18 +117,6 @@ class VibrationFit(NotebookView):
     """Empty if they were not requested, and for fewer than three sessions."""
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Recorded samples of all sessions, with what features depend on, (samples,) each."""
-
-    session: Ints
-    energy: Floats
-    edge_m: Floats
-    vibrating: Bools
-    neighbours: Ints
-    """Number of vibrating tiles beside the tile below."""
-
-
 def feature_names() -> tuple[str, ...]:
     """Return the names of the features, in their order."""
     kinds = {1: "vibrating", 0: "still"}
@@ -135,8 +127,10 @@ def feature_names() -> tuple[str, ...]:
     )
 
 
-def features(samples: _Samples, energy: Floats, rows: Ints) -> Floats:
-    """Return the features of some rows, (features,), with other energies; nan for features without a sample.
+def features(samples: FactSamples, energy: Floats, rows: Ints) -> Floats:
+    """Return the features of some rows, (features,); nan for features without a sample.
+
+    Samples more than ``FAR_M`` from an edge count in the features by neighbours.
 
     Args:
         energy: (samples,). rows: indices, which may repeat.
@@ -159,31 +153,13 @@ def relative_misfit(simulated: Floats, recorded: Floats) -> float:
     return float(np.sqrt(np.nanmean((simulated / recorded - 1.0) ** 2)))
 
 
-def vibrating_neighbours(floor: Floor) -> Ints:
-    """Return the number of vibrating tiles beside each tile, (tiles,)."""
-    around = np.pad((floor.tiles > 0).astype(np.int64), 1)
-    beside = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
-    return np.asarray(beside.ravel())
-
-
 class _Simulator:
     """Simulates the energies of all samples of a dataset, for any parameters."""
 
     def __init__(self, found: Dataset, base: Scenario) -> None:
         self.found, self.base = found, base
-        self.fact_samples = fact_samples(found)
-        frame = found.samples
-        columns = {name: frame[name].to_numpy() for name in ("run", "energy", "edge_m", "vibrating", "tile")}
-        run = columns["run"].astype(np.int64)
-        beside = [vibrating_neighbours(floor) for floor in found.floors]
-        neighbours = np.array([beside[r][t] for r, t in zip(run, columns["tile"], strict=True)])
-        self.samples = _Samples(
-            run,
-            columns["energy"].astype(np.float64),
-            columns["edge_m"].astype(np.float64),
-            columns["vibrating"].astype(np.bool_),
-            neighbours,
-        )
+        self.samples, self.energy = fact_samples(found), found.samples["energy"].to_numpy()
+        self.rows = np.arange(self.energy.size)
 
     def energies(
         self,
@@ -203,7 +179,7 @@ class _Simulator:
             jitter = math.hypot(values["motor_jitter"], values["motor_spread"])
             fields |= {"sensor.acceleration.motor_jitter": jitter, "sensor.acceleration.motor_spread": 0.0}
         sensor = self.base.with_values(fields).sensor
-        out = np.full((len(seeds), self.samples.energy.size), np.nan)
+        out = np.full((len(seeds), self.energy.size), np.nan)
         for session in np.unique(self.samples.session[rows]):
             own = np.flatnonzero(self.samples.session == session)
             part, floor = self.found.samples[own], self.found.floors[session]
@@ -232,7 +208,7 @@ class _Simulator:
 
     def recorded(self, rows: Ints) -> Floats:
         """Return the features of the recorded energies at ``rows``."""
-        return features(self.samples, self.samples.energy, rows)
+        return features(self.samples, self.energy, rows)
 
     def fit(self, rows: Ints, start: Floats) -> tuple[Floats, Floats]:
         """Return the parameters (``_fields``) with the smallest misfit at ``rows``."""
@@ -257,30 +233,25 @@ class _Simulator:
             "maxfev": evaluations,
             "xatol": 0.01,
             "fatol": 2e-4,
-            "initial_simplex": _simplex(start),
+            "initial_simplex": np.vstack([start, start + 0.25 * np.eye(start.size)]),  # steps of 25 %
         }
         best = minimize(loss, start, method="Nelder-Mead", options=options)
         return np.asarray(np.clip(best.x, low, high))
 
     def variances(self, energy: Floats, rows: Ints) -> Floats:
         """Return the variances between vibrating tiles, and between robots, of mean log energies at ``rows``."""
-        own = (self.fact_samples, energy, rows)
+        own = (self.samples, energy, rows)
         return np.array([tile_spread(*own) ** 2, robot_spread(*own) ** 2])
 
     def missing(self, theta: Floats, rows: Ints) -> Floats:
         """Return the recorded ``variances`` minus those simulated without spreads."""
         without = _fields(theta, np.zeros(len(SPREADS)))
         simulated = [self.variances(energy, rows) for energy in self.energies(without, rows, REPEATS)]
-        return np.asarray(self.variances(self.samples.energy, rows) - np.mean(simulated, axis=0))
+        return np.asarray(self.variances(self.energy, rows) - np.mean(simulated, axis=0))
 
 
 LIMITS: Final = ((0.05, 500.0), (1e-3, 5.0), (1e-3, 50.0), (0.01, 1.5))
 """Lower and upper limit of each field of ``SEARCHED``."""
-
-
-def _simplex(start: Floats) -> Floats:
-    """Return the corners at which the search begins: ``start``, and a step of 25 % along each parameter."""
-    return np.vstack([start, start + 0.25 * np.eye(start.size)])
 
 
 def _fields(theta: Floats, spreads: Floats) -> dict[str, float]:
@@ -304,18 +275,17 @@ def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS, folds: boo
         raise InputError(
             "all samples lie on one kind of tile; give recordings with both kinds of tile", field="REAL"
         )
-    rows = np.arange(samples.energy.size)
     params = base.sensor.params
     start = np.log(np.clip([getattr(params, name) for name in SEARCHED], *np.array(LIMITS).T))
-    best, spreads = simulator.fit(rows, start)
+    best, spreads = simulator.fit(simulator.rows, start)
     values = _fields(best, spreads)
-    resamples = [_resampled(samples, rows, draw) for draw in range(draws)]
+    resamples = [_resampled(samples, simulator.rows, draw) for draw in range(draws)]
     return VibrationFit(
         values=values,
         draws=_draws(simulator, best, spreads, resamples),
         names=feature_names(),
-        misfit=_misfit(simulator, values, rows, resamples),
-        facts=facts_of(found, base, values),
+        misfit=_misfit(simulator, values, simulator.rows, resamples),
+        facts=facts_of(simulator, values),
         folds=_folds(simulator, best, draws) if folds else (),
     )
 
@@ -337,17 +307,15 @@ def _misfit(
     )
 
 
-def facts_of(found: Dataset, base: Scenario, values: Mapping[str, float]) -> tuple[Reading, ...]:
+def facts_of(simulator: _Simulator, values: Mapping[str, float]) -> tuple[Reading, ...]:
     """Return the facts of all sessions (``vibration_facts``) beside those simulated with fields (``FIELDS``).
 
-    Args:
-        found, base: as for ``fit_vibration``; facts of a share count energies above ``sensor.rms_threshold``.
+    Facts of a share count energies above ``sensor.rms_threshold``.
     """
-    simulator = _Simulator(found, base)
-    samples, threshold = simulator.samples, base.sensor.rms_threshold
-    energies = simulator.energies(values, np.arange(samples.energy.size), REPEATS)
+    threshold = simulator.base.sensor.rms_threshold
+    energies = simulator.energies(values, simulator.rows, REPEATS)
     recorded, *simulated = (
-        facts(simulator.fact_samples, energy, threshold) for energy in (samples.energy, *energies)
+        facts(simulator.samples, energy, threshold) for energy in (simulator.energy, *energies)
     )
     return readings_beside(recorded, simulated)
 
@@ -374,7 +342,7 @@ def _folds(simulator: _Simulator, start: Floats, draws: int) -> tuple[FoldMisfit
     return tuple(folds)
 
 
-def _resampled(samples: _Samples, rows: Ints, draw: int) -> Ints:
+def _resampled(samples: FactSamples, rows: Ints, draw: int) -> Ints:
     """Return ``rows`` drawn again with replacement, each session by itself."""
     parts = []
     for session in np.unique(samples.session[rows]):
@@ -387,7 +355,7 @@ def _draws(
     simulator: _Simulator, best: Floats, spreads: Floats, resamples: Sequence[Ints]
 ) -> dict[str, Floats]:
     """Return what fits to resamples would find, by field, (resamples,)."""
-    rows = np.arange(simulator.samples.energy.size)
+    rows = simulator.rows
     recorded = simulator.recorded(rows)
     scattered = np.array([simulator.recorded(again) for again in resamples])
     middle = simulator.searched(best, spreads, rows)
@@ -400,7 +368,7 @@ def _draws(
     )
     thetas = best + _shifts(slopes, (scattered - recorded) / recorded)
     # Means of resamples scatter more than those of the samples; only how they vary counts.
-    variances = np.array([simulator.variances(simulator.samples.energy, again) for again in resamples])
+    variances = np.array([simulator.variances(simulator.energy, again) for again in resamples])
     lasting = np.sqrt(np.maximum(spreads**2 + variances - variances.mean(axis=0), 0.0))
     return dict(zip(FIELDS, np.column_stack((np.exp(thetas), lasting)).T, strict=True))
 

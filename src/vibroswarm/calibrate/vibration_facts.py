@@ -48,6 +48,10 @@ class FactSamples:
     robot: Ints
     """Number of the robot, other ones for each session."""
     vibrating: Bools
+    neighbours: Ints
+    """Number of vibrating tiles beside the tile below."""
+    edge_m: Floats
+    """Signed distance from the nearest edge, negative on vibrating tiles."""
     far: Bools
     """At least ``FAR_M`` from an edge."""
     beside_vibrating: Bools
@@ -66,12 +70,12 @@ def fact_samples(found: Dataset) -> FactSamples:
         frame[name].to_numpy().astype(np.int64) for name in ("run", "robot", "tile", "sample")
     )
     edge_m, vibrating = frame["edge_m"].to_numpy(), frame["vibrating"].to_numpy().astype(np.bool_)
-    border_m = np.empty(edge_m.size)
+    x_m, y_m = frame["x_m"].to_numpy(), frame["y_m"].to_numpy()
+    border_m, neighbours = np.empty(edge_m.size), np.empty_like(tile)
     for one in np.unique(session):
-        own = session == one
-        border_m[own] = to_border_m(
-            found.floors[one], frame["x_m"].to_numpy()[own], frame["y_m"].to_numpy()[own]
-        )
+        own, floor = session == one, found.floors[one]
+        border_m[own] = to_border_m(floor, x_m[own], y_m[own])
+        neighbours[own] = vibrating_neighbours(floor)[tile[own]]
     far = np.abs(edge_m) >= FAR_M
     of_tile = np.unique(np.column_stack((session, tile)), axis=0, return_inverse=True)[1].ravel()
     of_robot = np.unique(np.column_stack((session, robot)), axis=0, return_inverse=True)[1].ravel()
@@ -81,12 +85,21 @@ def fact_samples(found: Dataset) -> FactSamples:
         of_tile,
         of_robot,
         vibrating,
+        neighbours,
+        edge_m,
         far,
         beside_vibrating,
         ~vibrating & ~beside_vibrating & (border_m < NEAR_M),
         _successive(of_tile, of_robot, sample, far),
         _together(of_tile, of_robot, frame["time_s"].to_numpy(), far),
     )
+
+
+def vibrating_neighbours(floor: Floor) -> Ints:
+    """Return the number of vibrating tiles beside each tile, (tiles,)."""
+    around = np.pad((floor.tiles > 0).astype(np.int64), 1)
+    beside = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
+    return np.asarray(beside.ravel())
 
 
 def to_border_m(floor: Floor, x_m: Floats, y_m: Floats) -> Floats:
