@@ -212,9 +212,9 @@ def test_losses_and_turns_that_are_finished(found: Dataset) -> None:
     loss = fit_loss(found)
     assert loss is not None
     assert loss.value == pytest.approx(0.05, abs=0.006)
-    assert avoidance_beyond(found, BASE).value > 0.02
+    assert avoidance_beyond(found, BASE) > 0.02
     interrupted = made(3, sample__interrupts_avoidance=True)
-    assert avoidance_beyond(interrupted, BASE).value < 0.02
+    assert avoidance_beyond(interrupted, BASE) < 0.02
 
 
 def test_the_posterior_of_a_linear_model_is_where_it_must_be() -> None:

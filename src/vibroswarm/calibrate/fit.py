@@ -17,7 +17,7 @@ import numpy as np
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import calm_intervals
-from vibroswarm.calibrate.fit_avoidance import CANDIDATES, AvoidanceFit, fit_avoidance
+from vibroswarm.calibrate.fit_avoidance import CANDIDATES, AvoidanceFit, fields_of, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.calibrate.fit_rays import fit_rays
@@ -255,7 +255,7 @@ def _of_vibration(work: _Work) -> _Part | None:
 
 def _of_interruption(work: _Work) -> _Part:
     beyond = avoidance_beyond(work.found, work.base)
-    return _Part({"sample.interrupts_avoidance": beyond.value < INTERRUPTED_BELOW})
+    return _Part({"sample.interrupts_avoidance": beyond < INTERRUPTED_BELOW})
 
 
 def _of_rays(work: _Work) -> _Part:
@@ -277,7 +277,7 @@ def _of_loss(work: _Work) -> _Part:
     return _Part({"network.name": "loss", "network.loss.share": round(found.value, DIGITS)}, [found])
 
 
-def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
+def avoidance_beyond(found: Dataset, base: Scenario) -> float:
     """Return how often avoidance takes longer than the sample interval, as a share of the intervals with avoidance.
 
     This shows whether samples interrupt avoidance: the sampling timer runs on during avoidance, so a robot that
@@ -291,22 +291,7 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
         some = avoid[avoid > 1e-9]
         if some.size:
             shares.append(float((some > limit_s).mean()))
-    each = np.array(shares)
-    return _share("avoidance_beyond_interval", float(each.mean()) if each.size else 0.0, each)
-
-
-def _share(name: str, value: float, each: Floats) -> Fitted:
-    """Return a share with its standard error and 95 % interval, from the scatter between clusters.
-
-    The error is that of the unweighted mean over clusters. The interval is ``value`` -+ 1.96 errors; its lower limit is
-    at least 0. Both are NaN with fewer than two clusters.
-
-    Args:
-        name: name of the estimate. value: the estimate; it may be a weighted mean.
-        each: the share in each cluster (a session, or a robot in a session), (clusters,).
-    """
-    error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
-    return Fitted(name, value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
+    return float(np.mean(shares)) if shares else 0.0
 
 
 def stop_of(found: Dataset, base: Scenario) -> float | None:
@@ -330,8 +315,9 @@ def stop_of(found: Dataset, base: Scenario) -> float | None:
 def fit_loss(found: Dataset) -> Fitted | None:
     """Return the share of messages lost on their way, over all sessions, with an interval from the sessions' scatter.
 
-    Sessions are weighted by the number of their messages. The result is None if no session's log counts the received
-    messages.
+    Sessions are weighted by the number of their messages. The error is that of the unweighted mean over sessions, the
+    interval is the share -+ 1.96 errors, but not below 0, and both are NaN with one session. The result is None if no
+    session's log counts the received messages.
     """
     known = found.exchange.drop_nulls("packet_loss")  # the sessions whose loss is known
     if known.height == 0:
@@ -339,7 +325,9 @@ def fit_loss(found: Dataset) -> Fitted | None:
     shares = known["packet_loss"].to_numpy()
     weights = known["addressed"].to_numpy().astype(float)
     # A session's share is below 0 if it received more messages than are counted as addressed; the estimate is not.
-    return _share("network.loss.share", max(float(weights @ shares / weights.sum()), 0.0), shares)
+    value = max(float(weights @ shares / weights.sum()), 0.0)
+    error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
+    return Fitted("network.loss.share", value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
 
 
 def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Floats]) -> list[Fitted]:
@@ -376,7 +364,7 @@ def _of_avoidance(work: _Work) -> _Part:
         low, high = np.interp([0.025, 0.975], np.cumsum(found.weights[order]), draws[order])
         error = math.sqrt(float(found.weights @ (draws - mean) ** 2))
         figures.append(Fitted(name, mean, error, float(low), float(high)))
-    return _Part(found.fields(fitted, work.speed_m_s), figures)
+    return _Part(fields_of(found.values, fitted, work.speed_m_s), figures)
 
 
 FITS: Final = (

@@ -90,10 +90,6 @@ class AvoidanceFit:
         """Posterior means, by parameter."""
         return {name: float(self.weights @ draws) for name, draws in self.draws.items()}
 
-    def fields(self, base: Scenario, speed_m_s: float) -> dict[str, object]:
-        """Return the scenario's fields for the posterior means (``fields_of``)."""
-        return fields_of(self.values, base, speed_m_s)
-
 
 def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
     """Return the scenario's fields, by dotted name, for these parameters.

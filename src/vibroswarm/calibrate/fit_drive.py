@@ -39,7 +39,7 @@ import polars as pl
 from scipy.optimize import linear_sum_assignment
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.drive import calm_intervals, course_of, undisturbed
+from vibroswarm.calibrate.drive import LEAST_DRIVES, calm_intervals, course_of, undisturbed
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
@@ -55,8 +55,6 @@ _SEED: Final = 32
 APART: Final = (0.003, np.radians(1.5))
 """Largest plausible difference of a robot's speed (m/s) and veer (rad/s) between sessions. With larger differences the
 sessions are taken to have different robots, and no field of individual robots is set."""
-_LEAST: Final = 10
-"""Fewest drives of a robot in a session."""
 BLOCKS: Final = 10
 """Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
 LEAST_VARIATION: Final = 1e-3
@@ -102,6 +100,8 @@ class DriveFit:
         spread = max(spread, 1e-3)  # the scale of a Gamma distribution must be above 0
         # Clip of the speed factors: 3 sd on both sides, but no robot slower than a fifth of the mean.
         low, high = _round(max(mean - 3 * spread, 0.2 * mean)), _round(mean + 3 * spread)
+        run_spread = values.get("between_sessions", 0.0)
+        varies = by_robot and run_spread >= LEAST_VARIATION
         # A Gamma law has the mean location + shape x scale and the standard deviation sqrt(shape) x scale.
         fields: dict[str, object] = {
             "robot.speed_factor_shape": SHAPE,
@@ -112,7 +112,7 @@ class DriveFit:
             "robot.speed_redraw": "robot" if by_robot else "sample",
             # 0.4 is the largest value that the field accepts.
             "robot.speed_wander": _round(min(self.speed_wander, 0.4)) if by_robot else None,
-            "robot.speed_run_spread": self._run_spread if by_robot else None,
+            "robot.speed_run_spread": _round(min(run_spread, 0.4)) if varies else None,
             "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
         }
         if "bend_per_m" in values:
@@ -135,12 +135,6 @@ class DriveFit:
                     _round(min(size, MOST_VARIATION)) if size >= LEAST_VARIATION else None
                 )
         return fields | (self._each(base, low, high) if by_robot else {})
-
-    @property
-    def _run_spread(self) -> float | None:
-        """Variation of a robot's speed between sessions, as the scenario holds it; None: none, or unknown."""
-        spread = self.values.get("between_sessions", 0.0)
-        return _round(min(spread, 0.4)) if spread >= LEAST_VARIATION else None
 
     @property
     def speed_wander(self) -> float:
@@ -362,14 +356,14 @@ def _table_of_robots(found: Dataset) -> tuple[Floats, Ints]:
     for key, own in found.drives.sort("run", "robot", maintain_order=True).group_by(
         "run", "robot", maintain_order=True
     ):
-        if own.height < _LEAST:
+        if own.height < LEAST_DRIVES:
             continue
         time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
         slope, start = np.polyfit(time, speed, 1)
         deviations = speed - start - slope * time
         within = float(np.sqrt((deviations**2).mean()))
         veer = own["veer_rad_s"].drop_nulls().to_numpy()
-        mean_veer = float(veer.mean()) if veer.size >= _LEAST else np.nan
+        mean_veer = float(veer.mean()) if veer.size >= LEAST_DRIVES else np.nan
         course = courses.get(key)
         rows.append(
             (float(speed.mean()), start, -slope / start, within, mean_veer)

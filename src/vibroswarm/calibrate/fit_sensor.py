@@ -131,16 +131,11 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     data = with_factors()
     theta = _fit(data, equal_weights, theta)  # theta that belongs to the last factors
     values = _values(theta) | dict(zip(SPREADS, spreads, strict=True))
-    bootstrap: dict[str, list[float]] = {name: [] for name in FIELDS}
-    for draw in range(draws):
-        # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
-        weight = cluster_weights(_SEED, draw, stream=0, cluster=cluster)
-        for name, value in _values(_fit(data, weight, theta, quick=True)).items():
-            bootstrap[name].append(value)
-    spread_draws = _spread_draws(of_tile, of_robot, draws)
-    return SensorFit(
-        values, {name: np.array(draws_of) for name, draws_of in bootstrap.items()} | spread_draws
-    )
+    weights = (cluster_weights(_SEED, draw, stream=0, cluster=cluster) for draw in range(draws))
+    # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
+    drawn = [_values(_fit(data, weight, theta, quick=True)) for weight in weights]
+    bootstrap = {name: np.array([values_of[name] for values_of in drawn]) for name in FIELDS}
+    return SensorFit(values, bootstrap | _spread_draws(of_tile, of_robot, draws))
 
 
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: Bools) -> Floats:

@@ -34,14 +34,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations, product
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.displayed import viewed
 from vibroswarm.core.distances import sum_of_distances
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
@@ -275,8 +274,8 @@ def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
     return total / (one.size * (n - (other is None)))
 
 
-@viewed
-class RealDistances(NamedTuple):
+@dataclass(frozen=True)
+class RealDistances(NotebookView):
     """Distances among the real sessions alone."""
 
     each: tuple[float, ...]
