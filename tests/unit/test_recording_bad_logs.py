@@ -63,7 +63,8 @@ def put(line: int, cell: int, text: str) -> Callable[[Rows], object]:
         (lambda rows: put(first_sample(rows) + 1, 10, "7")(rows), r"'7' in column 'd_f' is not one of 2, 0, 1"),
         (lambda rows: put(first_sample(rows) + 1, 9, "1.5")(rows), r"1.5 in column 'Belief' is not a prob"),
         (lambda rows: put(first_sample(rows) + 1, 6, "-1")(rows), r"-1 in column 'Energy' is not a number of 0"),
-        (lambda rows: put(first_sample(rows, 60) + 1, 11, "3")(rows), r"sent \d+ messages"),
+        (lambda rows: put(first_sample(rows, 60) + 1, 11, "3")(rows), r"robot \d has sent \d+ messages"),
+        (lambda rows: put(first_sample(rows, 60) + 1, 11, "None")(rows), r"messages sent by robot \d, which"),
         (lambda rows: rows.insert(900, rows[20]), r"^$"),  # a row that stands twice is left out
         (lambda rows: rows.insert(900, [*rows[20][:4], "0.5", *rows[20][5:]]), r"row 901: its time"),
         (lambda rows: rows.insert(21, [*rows[20][:4], "0.9", *rows[20][5:]]), r"row 22: robot \d is in two places"),

@@ -268,7 +268,7 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
             unknown = own[np.isnan(values[own])]
             if name == "sent" and unknown.size:
                 raise InputError(
-                    f"lacks the number of messages sent by robot {number}, which its other rows have",
+                    f"lacks the number of messages sent by robot {each}, which its other rows have",
                     field=f"{log.name}, row {line[unknown[0]]}",
                 )
             values[own], wraps, wrong = unwrapped(
@@ -281,7 +281,7 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
                 if fallen.any() or (step > MOST_LOST).any():
                     k = int(np.argmax(fallen | (step > MOST_LOST))) + 1
                     raise InputError(
-                        f"robot {number} has {name} {values[own][k - 1]:g} messages, and then "
+                        f"robot {each} has {name} {values[own][k - 1]:g} messages, and then "
                         f"{samples[name][int(own[k])]:g}",
                         field=f"{log.name}, row {line[own[k]]}",
                     )
