@@ -44,11 +44,3 @@ def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[S
             classifier, rows, label, cv=whole, scoring="balanced_accuracy", error_score="raise"
         )
     return float(np.mean(shares))
-
-
-def accuracy_over_groups(classifier: Any, rows: Floats, label: Ints, groups: Ints) -> float:
-    """Return the mean balanced accuracy on each group of rows, trained on the other groups (``mean_accuracy``)."""
-    if np.unique(groups).size < 2:
-        return np.nan
-    one_out = scikit_learn("model_selection").LeaveOneGroupOut()
-    return mean_accuracy(classifier, rows, label, one_out.split(rows, label, groups))

@@ -23,7 +23,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.drive import undisturbed
-from vibroswarm.calibrate.held_out_accuracy import accuracy_over_groups, scikit_learn
+from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.arrays import Ints
 
 FEATURES: Final = ("turn_rad", "distance_m")
@@ -121,9 +121,12 @@ def other_robots(one: pl.DataFrame, other: pl.DataFrame) -> float:
 
 def _accuracy(one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str], groups: Ints) -> float:
     """Return the accuracy between two sessions on each group of rows, trained on the other groups."""
+    if np.unique(groups).size < 2:
+        return np.nan
     rows = np.concatenate([session.select(features).to_numpy() for session in (one, other)])
     label = np.repeat([0, 1], [one.height, other.height])
-    return accuracy_over_groups(boosted_trees(), rows, label, groups)
+    one_out = scikit_learn("model_selection").LeaveOneGroupOut()
+    return mean_accuracy(boosted_trees(), rows, label, one_out.split(rows, label, groups))
 
 
 def boosted_trees() -> Any:

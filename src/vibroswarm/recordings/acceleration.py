@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
+from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError
@@ -52,8 +53,6 @@ class Computed(NamedTuple):
     """A log with energies computed from acceleration, compared with the energies that it had before."""
 
     log: Log
-    samples: int
-    """Number of samples."""
     largest_difference: float
     """Largest difference between a computed energy and the one in the log; nan if the log has none."""
 
@@ -92,7 +91,7 @@ def energies_from(log: Log, path: Path, program: SenseProgram) -> Computed:
     difference = np.abs(found - before)
     largest = float(np.nanmax(difference)) if np.isfinite(difference).any() else float("nan")
     samples = log.samples.with_columns(energy=pl.Series(found))
-    return Computed(log=replace(log, samples=samples), samples=log.samples.height, largest_difference=largest)
+    return Computed(replace(log, samples=samples), largest_difference=largest)
 
 
 def samples_found(log: Log, path: Path, program: SenseProgram) -> Computed:
@@ -119,7 +118,7 @@ def samples_found(log: Log, path: Path, program: SenseProgram) -> Computed:
             field=str(path),
         )
     samples = log_frame(pl.DataFrame(rows).to_dict(), SAMPLES).sort("time_s", "robot", maintain_order=True)
-    return Computed(replace(log, samples=samples), samples.height, largest_difference=float("nan"))
+    return Computed(replace(log, samples=samples), largest_difference=float("nan"))
 
 
 def _places_at(track: pl.DataFrame, time_s: Floats) -> dict[str, pl.Series]:
@@ -187,7 +186,7 @@ def _stands(rows: pl.DataFrame, time_s: Floats) -> Bools:
         stands &= np.hypot(x_m[last] - x_m[first], y_m[last] - y_m[first]) <= SLOW_M_S * between_s
     if "heading_rad" in rows.columns:
         turned_rad = rows["heading_rad"].to_numpy()[last] - rows["heading_rad"].to_numpy()[first]
-        stands &= np.abs((turned_rad + np.pi) % (2.0 * np.pi) - np.pi) <= SLOW_RAD_S * between_s
+        stands &= np.abs(wrapped(turned_rad)) <= SLOW_RAD_S * between_s
     return stands
 
 
@@ -296,10 +295,11 @@ def with_energies(
 
 def _words(item: Computed, path: Path, program: SenseProgram) -> str:
     """Say how the energies of a log were computed, and how far they differ from logged ones."""
+    samples = item.log.samples.height
     each = f"{readings(program)} readings at {stated(program.rate_hz)} Hz each"
     if np.isnan(item.largest_difference):
-        return f"{item.log.name}: {count(item.samples, 'sample')} found in {path} ({each})"
+        return f"{item.log.name}: {count(samples, 'sample')} found in {path} ({each})"
     return (
-        f"{item.log.name}: {item.samples} energies computed from {path} ({each}); they differ from the log's by up to "
+        f"{item.log.name}: {samples} energies computed from {path} ({each}); they differ from the log's by up to "
         f"{number(item.largest_difference, digits=3)}"
     )

@@ -60,7 +60,11 @@ def recording_of(
     """
     if not logs:
         raise InputError("give at least one log", field="LOG")
-    ordered = [_with_samples(in_order(log, robots)) for log in logs]
+    ordered = []
+    for log in logs:
+        ordered.append(in_order(log, robots))
+        if ordered[-1].samples.is_empty():
+            raise InputError("has no sample (a row with an energy)", field=log.name)
     names = _robots_of(ordered, robots)
     inferred = infer_settings(
         ordered,
@@ -98,17 +102,6 @@ def recording_of(
         inferred=tuple(asdict(setting) for setting in inferred),
         floor_words=floor_words,
     )
-
-
-def _with_samples(log: Log) -> Log:
-    """Return a log that has samples.
-
-    Raises:
-        InputError: it has none.
-    """
-    if log.samples.is_empty():
-        raise InputError("has no sample (a row with an energy)", field=log.name)
-    return log
 
 
 def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:

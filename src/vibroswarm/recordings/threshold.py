@@ -295,20 +295,17 @@ def find_thresholds(
         if not (np.isfinite(cost) and cost > 0):
             raise InputError(f"{cost!r} is not a cost; give a number above 0", field="cost")
     data = labelled(recording)
-    rules: dict[str, Rule] = {
-        "equal error": equal_error,
-        "least error": least_cost(
-            cost_false_positive=1.0, cost_false_negative=1.0, fill_ratio=data.fill_ratio
-        ),
-    }
-    if cost_false_positive != cost_false_negative:
-        name = _name_of_costs(cost_false_positive, cost_false_negative)
-        rules[name] = least_cost(cost_false_positive, cost_false_negative, data.fill_ratio)
+    rules = _rules(cost_false_positive, cost_false_negative, data.fill_ratio)
     return [_found(name, rule, data, recording, margin_m) for name, rule in rules.items()]
 
 
-def _name_of_costs(cost_false_positive: float, cost_false_negative: float) -> str:
-    return f"costs {stated(cost_false_positive)} to {stated(cost_false_negative)}"
+def _rules(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> dict[str, Rule]:
+    """Return the rules by name; the last one is that of the costs, if they differ."""
+    rules = {"equal error": equal_error, "least error": least_cost(1.0, 1.0, fill_ratio)}
+    if cost_false_positive != cost_false_negative:
+        name = f"costs {stated(cost_false_positive)} to {stated(cost_false_negative)}"
+        rules[name] = least_cost(cost_false_positive, cost_false_negative, fill_ratio)
+    return rules
 
 
 def _found(name: str, rule: Rule, data: Labelled, recording: Recording, margin_m: float) -> Threshold:
@@ -392,11 +389,8 @@ def unseen_errors(
         Sessions without both kinds of tile, and those whose others have one kind only, are left out.
     """
     data = labelled(recording)
-    rule: Rule = equal_error
-    name = "equal error"
-    if cost_false_positive != cost_false_negative:
-        rule = least_cost(cost_false_positive, cost_false_negative, data.fill_ratio)
-        name = _name_of_costs(cost_false_positive, cost_false_negative)
+    rules = _rules(cost_false_positive, cost_false_negative, data.fill_ratio)
+    name, rule = list(rules.items())[0 if cost_false_positive == cost_false_negative else -1]
     rows = []
     for session in np.unique(data.session):
         own = data.session == session

@@ -182,12 +182,8 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
         InputError: no robot of the log has a stop whose end was seen, or fewer than ``LEAST_PAIRS`` pairs match.
     """
     stops = stops.filter(pl.col("end_seen"))
-    by_robot = []
-    for robot in log["robot"].unique().to_list():
-        taken = log.filter(pl.col("robot") == robot)["time_s"].to_numpy()
-        ended = stops.filter(pl.col("robot") == robot)["end_s"].to_numpy()
-        by_robot.append((taken[:, None] - ended[None, :]).ravel())
-    differences = np.concatenate(by_robot) if by_robot else np.empty(0)
+    pairs = log.select("robot", "time_s").join(stops.select("robot", "end_s"), on="robot")
+    differences = (pairs["time_s"] - pairs["end_s"]).to_numpy()
     if differences.size == 0:
         raise InputError("no robot of the log stops in the video", field="--log")
     # An empty bin comes first, so that there are two neighbouring bins even if all differences are equal. ``minlength``
