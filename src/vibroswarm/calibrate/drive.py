@@ -105,17 +105,10 @@ def drive_table(result: Result) -> pl.DataFrame:
         for time_s, since_s, stop_s, distance_m in own.select(
             "time_s", "since_s", "stop_start_s", "distance_m"
         ).iter_rows():
-            speed: float
-            veer: float | None
-            if track is None:
-                speed, veer = distance_m / (stop_s - since_s), None
-            else:
-                tracked = _on_track(track, since_s, stop_s)
-                if tracked is None:
-                    continue
-                speed, veer = tracked
-            if veer is None or abs(veer) < MOST_VEER:
-                rows.append((int(run), int(robot), time_s, speed, veer))
+            untracked = (distance_m / (stop_s - since_s), None)
+            measured = untracked if track is None else _on_track(track, since_s, stop_s)
+            if measured is not None:
+                rows.append((int(run), int(robot), time_s, *measured))
     return pl.DataFrame(rows, schema=DRIVES, orient="row")
 
 
@@ -136,7 +129,7 @@ def track_of(result: Result, run: int, robot: int) -> Floats | None:
 
 
 def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, float] | None:
-    """Return the speed (m/s) and veer (rad/s) of one drive; None if it is too short, or if the robot stood in it.
+    """Return the speed (m/s) and veer (rad/s) of one drive; None if it is too short, or has a stop or a turn.
 
     Args:
         track: rows of time (s), x (m) and y (m), ``track_of``.
@@ -160,7 +153,7 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
     middle_s = ((time[1:] + time[:-1]) / 2)[1:-1]  # middle of each step, without the first and the last step
     middle_s = middle_s - middle_s.mean()
     veer = float(middle_s @ course / (middle_s @ middle_s))  # least-squares slope of the course against time
-    return float(step.sum() / dt.sum()), veer
+    return (float(step.sum() / dt.sum()), veer) if abs(veer) < MOST_VEER else None
 
 
 def _median(values: Floats) -> float:

@@ -376,24 +376,21 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
     rows: list[dict[str, Any]] = []
     for robot in range(robots):
         own = frame.filter(pl.col("robot") == robot)
-        row: dict[str, Any] = dict.fromkeys(FINALS) | {"run": run, "robot": robot, "samples": 0}
+        row: dict[str, Any] = {"run": run, "robot": robot, "samples": 0, "decision": -1}
         if own.height:
             last = own.row(-1, named=True)
-            row |= {name: last[name] for name in ("alpha", "beta", "messages_received", "belief_below")}
+            row |= {name: last[name] for name in FINALS if name in last}
             row["samples"] = last["sample"] + 1
-            row["decision"] = last["decision"]
-            if last["decision"] in (0, 1):
-                # The robot decided finally at the sample after the last one with another decision. A decision that is
-                # not logged (null) does not count as another one.
-                others = own.with_row_index().filter(pl.col("decision") != last["decision"])
-                decided = own.row(0 if others.is_empty() else int(others["index"][-1]) + 1, named=True)
-                row |= {
-                    "decision_time_s": decided["time_s"],
-                    "belief_at_decision": decided["belief_below"],
-                    "belief_below": decided["belief_below"],
-                }
-        else:
-            row["decision"] = -1
+        if row["decision"] in (0, 1):
+            # The robot decided finally at the sample after the last one with another decision. A decision that is not
+            # logged (null) does not count as another one.
+            others = own.with_row_index().filter(pl.col("decision") != row["decision"])
+            decided = own.row(0 if others.is_empty() else int(others["index"][-1]) + 1, named=True)
+            row |= {
+                "decision_time_s": decided["time_s"],
+                "belief_at_decision": decided["belief_below"],
+                "belief_below": decided["belief_below"],
+            }
         rows.append(row)
     return pl.DataFrame(rows, schema=FINALS)
 

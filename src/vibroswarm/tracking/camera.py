@@ -104,8 +104,7 @@ class Camera:
         rays = np.column_stack([seen, np.ones(len(seen))]) @ self.rotation
         # The multiple of its ray at which each point is, from the camera to the plane at the given height.
         steps = (height_m - self.position_m[2]) / rays[:, 2]
-        found: Floats = self.position_m[:2] + steps[:, None] * rays[:, :2]
-        return found.reshape(points_px.shape)
+        return np.asarray(self.position_m[:2] + steps[:, None] * rays[:, :2]).reshape(points_px.shape)
 
     def project(self, points_m: Floats) -> Floats:
         """Return the pixels, (points, 2), of points of the arena, (points, 3), m."""
@@ -178,7 +177,6 @@ class _Seen:
         NaN stands for the errors that ``fit_camera`` sets after the fit: that of the floor's corners, and that of the
         lens unless the lens is given.
         """
-        cv2 = opencv()
         lens = self.lens
         if lens is None:
             width, height = self.size_px
@@ -186,7 +184,7 @@ class _Seen:
             centre = (np.array([width, height]) - 1) / 2 + width * at[7:9]
             distortion = np.array([at[9], at[10], 0.0, 0.0, 0.0])
             lens = Lens(matrix_of(width * np.exp(at[6]), centre), distortion, error_px=np.nan)
-        rotation, _ = cv2.Rodrigues(at[:3])
+        rotation, _ = opencv().Rodrigues(at[:3])
         position_m = -rotation.T @ at[3:6]
         return Camera(
             lens,
@@ -348,8 +346,7 @@ def outwards(corners_px: Floats) -> Floats:
     leaving = np.roll(corners_px, -1, axis=1) - corners_px
     # The maximum avoids a division by 0 if two corners are equal.
     leaving = leaving / np.maximum(np.linalg.norm(leaving, axis=-1, keepdims=True), 1e-9)
-    found: Floats = np.roll(leaving, 1, axis=1) - leaving
-    return found
+    return np.asarray(np.roll(leaving, 1, axis=1) - leaving)
 
 
 def square_errors(corners_m: Floats, size_m: float) -> Floats:

@@ -382,8 +382,7 @@ def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
 
 def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:
     """Return corners, (markers, 4, 2), px, with the edges moved inwards, as blur and thresholds moved them outwards."""
-    found: Floats = corners_px - tracking.camera.edge_px * outwards(corners_px)
-    return found
+    return np.asarray(corners_px - tracking.camera.edge_px * outwards(corners_px))
 
 
 def marker_sizes_m(tracking: Tracking) -> dict[int, float]:

@@ -90,7 +90,10 @@ def video_info(path: Path) -> VideoInfo:
         # that of the first frame, which is turned when it is read.
         is_turned = int(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 180 != 0
         if capture.get(cv2.CAP_PROP_ORIENTATION_AUTO) and is_turned:
-            width, height = _size_of_first(capture, path)
+            read, frame = capture.read()
+            if not read:
+                raise InputError("has no frames", field=str(path))
+            height, width = frame.shape[:2]
         frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
     if width < 16 or height < 16 or not 0.5 <= rate <= 2000:
         raise InputError(
@@ -98,18 +101,6 @@ def video_info(path: Path) -> VideoInfo:
         )
     # A damaged head may give a negative number of frames; 0 means that the number is not known.
     return VideoInfo((width, height), rate, max(int(frames), 0))
-
-
-def _size_of_first(capture: Any, path: Path) -> tuple[int, int]:
-    """Return width and height of the first frame as it is shown, turned by the file's orientation.
-
-    Raises:
-        InputError: the video has no frames.
-    """
-    read, frame = capture.read()
-    if not read:
-        raise InputError("has no frames", field=str(path))
-    return frame.shape[1], frame.shape[0]
 
 
 def grey(picture: Picture) -> Gray:
