@@ -54,18 +54,18 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
     parts: list[Part] = [
         Section("Fields of the scenario", (Text(fields, "code"),)),
         Table(pl.DataFrame(estimates), columns, "Estimates behind them.", "figures"),
-        *_predicted(found),
-        *_vibration(found),
+        _predicted(found),
+        *(_vibration(found.vibration) if found.vibration is not None else ()),
         Section("What the model lacks", tuple(map(Text, LACKS))),
-        *_held_out(judged),
+        *(_held_out(judged) if judged else ()),
     ]
     return Document(
         title="Fitted scenario",
         answer=(
             f"{count(len(found.changed), 'field')} fitted on {count(found.sessions, 'session')}, with "
             f"{count(found.motion_runs, 'run')} of motion.",
-            *_agreement(found),
-            *_validity(judged),
+            _agreement(found),
+            *([_validity(judged)] if judged else ()),
         ),
         parts=tuple(parts),
         made_by={"sessions": str(found.sessions), "motion_runs": str(found.motion_runs)},
@@ -83,22 +83,16 @@ def _is_inside(limits: tuple[float, float, float]) -> bool:
     return low <= recorded <= high
 
 
-def _agreement(found: Fit) -> list[str]:
+def _agreement(found: Fit) -> str:
     """Say whether the recorded avoidances are as simulated ones."""
-    if not found.predicted:
-        return []
     outside = [name for name, limits in found.predicted.items() if not _is_inside(limits)]
     if not outside:
-        return [
-            "All figures of the recorded avoidance lie where 95 % of sessions simulated with the fit have theirs."
-        ]
-    return [f"Outside of what 95 % of sessions simulated with the fit have: {listed(outside)}."]
+        return "All figures of the recorded avoidance lie where 95 % of sessions simulated with the fit have theirs."
+    return f"Outside of what 95 % of sessions simulated with the fit have: {listed(outside)}."
 
 
-def _predicted(found: Fit) -> list[Table]:
+def _predicted(found: Fit) -> Table:
     """Return recorded figures of avoidance, and 95 % of single sessions simulated with the fit."""
-    if not found.predicted:
-        return []
     rows = [
         {
             "figure": name,
@@ -109,17 +103,14 @@ def _predicted(found: Fit) -> list[Table]:
         for name, limits in found.predicted.items()
     ]
     caption = "Predictive check of avoidance: recorded, and 95 % of single sessions simulated with the fit."
-    return [
-        Table(pl.DataFrame(rows), {"verdict": Column(tones={"outside": "bad"})}, caption, "predictive_check")
-    ]
+    columns = {"verdict": Column(tones={"outside": "bad"})}
+    return Table(pl.DataFrame(rows), columns, caption, "predictive_check")
 
 
-def _vibration(found: Fit) -> list[Table]:
+def _vibration(fitted: VibrationFit) -> list[Table]:
     """Return how the physics of vibration agrees with the energies of the sessions, and of those it has not seen."""
-    fitted = found.vibration
-    if fitted is None:
-        return []
-    return [_vibration_features(fitted), _vibration_facts(fitted.facts), *_vibration_folds(fitted.folds)]
+    folds = [_vibration_folds(fitted.folds)] if fitted.folds else []
+    return [_vibration_features(fitted), _vibration_facts(fitted.facts), *folds]
 
 
 def _vibration_features(fitted: VibrationFit) -> Table:
@@ -168,10 +159,8 @@ def _vibration_facts(facts: Sequence[Reading]) -> Table:
     return Table(pl.DataFrame(rows), columns, caption, "vibration_facts")
 
 
-def _vibration_folds(folds: Sequence[FoldMisfit]) -> list[Table]:
-    """Return the misfit in sessions that the fit has not seen; none without folds."""
-    if not folds:
-        return []
+def _vibration_folds(folds: Sequence[FoldMisfit]) -> Table:
+    """Return the misfit in sessions that the fit has not seen."""
     rows = [
         {
             "session": fold.session + 1,
@@ -188,26 +177,18 @@ def _vibration_folds(folds: Sequence[FoldMisfit]) -> list[Table]:
         "forecast": Column("misfit of the others as its forecast"),
     }
     words = "The physics fitted to all sessions but one, and judged on that one; ± one standard error."
-    return [Table(pl.DataFrame(rows), columns, words, "vibration_folds")]
+    return Table(pl.DataFrame(rows), columns, words, "vibration_folds")
 
 
-def _accuracies(judged: Sequence[Fold]) -> tuple[float, float]:
-    """Return how well classifiers tell held-out sessions from the fit, and from another simulator (nan: none)."""
-    return (
-        statistics.mean(fold.accuracy_fitted for fold in judged),
-        statistics.mean(fold.accuracy_simulator for fold in judged),
-    )
-
-
-def _validity(judged: Sequence[Fold]) -> list[str]:
-    if not judged:
-        return []
-    fitted, other = _accuracies(judged)
+def _validity(judged: Sequence[Fold]) -> str:
+    """Say how well classifiers tell held-out sessions from the fit, and from another simulator if there is one."""
+    fitted = statistics.mean(fold.accuracy_fitted for fold in judged)
+    other = statistics.mean(fold.accuracy_simulator for fold in judged)
     versus = "" if math.isnan(other) else f"; from those of the other simulator {percent(other)}"
-    return [
+    return (
         f"Held-out sessions: a classifier, trained on other robots, tells {percent(fitted)} of the stretches of "
         f"{STRETCH} samples from simulated ones{versus} (50 %: chance)."
-    ]
+    )
 
 
 SOURCES: Final = {
@@ -223,8 +204,6 @@ SOURCES: Final = {
 
 def _held_out(judged: Sequence[Fold]) -> list[Part]:
     """Return how well held-out sessions are predicted by the fits to the other sessions."""
-    if not judged:
-        return []
     scores = [
         {"feature": WORDS[judged[0].scores[place].feature]}
         | {name: statistics.mean(getattr(fold.scores[place], name) for fold in judged) for name in SOURCES}
