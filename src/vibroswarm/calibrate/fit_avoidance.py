@@ -38,8 +38,6 @@ from vibroswarm.motion.kernel_run import likely_samples
 from vibroswarm.motion.recorder import SampleColumns
 from vibroswarm.scenario.scenario import Scenario
 
-Progress = Callable[[float], None]
-
 PRIOR: Final[dict[str, tuple[float, float]]] = {
     "turn_deg_s": (80.0, 240.0),
     "gain": (1.5, 40.0),
@@ -158,7 +156,7 @@ def fit_avoidance(
     scenario: Scenario,
     speed_m_s: float,
     candidates: int = CANDIDATES,
-    progress: Progress | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> AvoidanceFit:
     """Fit the parameters of avoidance and turning; return their posterior sample and the statistics it predicts.
 

@@ -14,9 +14,6 @@ from threadpoolctl import threadpool_limits
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.optional_library import needed
 
-Split = tuple[Ints, Ints]
-"""Indices of the rows that are trained on, and of those that are tested."""
-
 
 def scikit_learn(module: str) -> Any:
     """Return a module of scikit-learn, such as "linear_model".
@@ -27,13 +24,14 @@ def scikit_learn(module: str) -> Any:
     return needed(f"sklearn.{module}", "lab", "calibrate")
 
 
-def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[Split]) -> float:
+def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[tuple[Ints, Ints]]) -> float:
     """Return the mean balanced accuracy over the splits, or NaN if there is none.
 
     A split that trains or tests a single class is left out.
 
     Args:
         classifier: of scikit-learn, untrained. rows: features, (rows, columns). label: class of each row, 0 or 1.
+        splits: indices of the rows that are trained on, and of those that are tested.
     """
     whole = [split for split in splits if all(np.unique(label[part]).size == 2 for part in split)]
     if not whole:

@@ -21,6 +21,7 @@ from vibroswarm.tracking.doubts import (
     TITLES,
     Doubt,
     doubts_of,
+    floor_errors_px,
     floor_residuals,
     marker_sizes_m,
     mm_per_px,
@@ -275,17 +276,14 @@ def _camera(tracking: Tracking) -> Section:
         "lens",
         lambda style: draw_lens(size_px, floor_px, residuals, robots_px, robots_mm, style=style),
     )
-    # Number, x, y, error in px and error in mm of each marker. The third value of a marker's place is its angle, which
-    # is not shown.
+    errors_px = floor_errors_px(residuals)
+    # Number, x, y and error of each marker. The third value of a marker's place is its angle, which is not shown.
     rows = [
-        (marker, x_m, y_m, *_rms(tracking, residuals, marker))
-        for marker, (x_m, y_m, _) in tracking.markers.floor.items()
+        (marker, x_m, y_m, errors_px.get(marker)) for marker, (x_m, y_m, _) in tracking.markers.floor.items()
     ]
-    table = pl.DataFrame(
-        rows,
-        schema={"marker": pl.Int64, **dict.fromkeys(("x_m", "y_m", "error_px", "error_mm"), pl.Float64)},
-        orient="row",
-    )
+    schema = {"marker": pl.Int64, **dict.fromkeys(("x_m", "y_m", "error_px"), pl.Float64)}
+    table = pl.DataFrame(rows, schema=schema, orient="row")
+    table = table.with_columns(error_mm=pl.col("error_px") * mm_per_px(tracking))
     columns = {
         "x_m": Column("x", "m", decimals=3),
         "y_m": Column("y", "m", decimals=3),
@@ -295,13 +293,3 @@ def _camera(tracking: Tracking) -> Section:
     caption = "Markers of the floor, and how well the fitted camera meets their corners; a dash: never seen"
     by_marker = Table(table, columns, caption, "floor-markers")
     return Section("Lens and markers of the floor", (Text(words), figure, by_marker), wide=True)
-
-
-def _rms(
-    tracking: Tracking, residuals: dict[int, np.ndarray[tuple[int, ...], np.dtype[np.float64]]], marker: int
-) -> tuple[float | None, float | None]:
-    """Return the root mean square error of a floor marker's corners, in px and mm; None if it was never seen."""
-    if marker not in residuals:
-        return None, None
-    error = float(np.sqrt((residuals[marker] ** 2).sum(axis=1).mean()))
-    return error, error * mm_per_px(tracking)

@@ -23,6 +23,7 @@ from vibroswarm.core.atomic_io import check_free, whole_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
+from vibroswarm.recordings.log_readers import FEEDBACK
 from vibroswarm.result import TABLES, Result
 
 CAMERA_S: Final = 0.22
@@ -33,8 +34,6 @@ MARKERS: Final = (10, 11, 6, 39, 14)
 """Markers of the study's robots, by number."""
 _NOTHING: Final = ",None" * 9
 """The cells after the position in a tracking row."""
-_FEEDBACK: Final = {"none": 0, "positive": 1, "soft": 2}
-"""Numbers of strategies in a console log."""
 
 
 def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
@@ -129,9 +128,9 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         RunError: the disk is full or failed.
     """
     samples = _samples(result, run)
-    if result.scenario.strategy.name not in _FEEDBACK:
+    if result.scenario.strategy.name not in FEEDBACK:
         raise InputError(
-            f"strategy '{result.scenario.strategy.name}' has no number in this format, only {', '.join(_FEEDBACK)} "
+            f"strategy '{result.scenario.strategy.name}' has no number in this format, only {', '.join(FEEDBACK)} "
             "have; write rugbot or csv",
             field="webots",
         )
@@ -173,7 +172,7 @@ def _settings(result: Result) -> list[str]:
     tau_ms = s.sample.sample_interval_ms
     numbers = (
         s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, tau_ms,
-        s.walk.avoidance_threshold_mm, s.decision.min_observations, _FEEDBACK[s.strategy.name],
+        s.walk.avoidance_threshold_mm, s.decision.min_observations, FEEDBACK.index(s.strategy.name),
         s.strategy.table("soft").eta,
         result.seed or 0,  # a recording has no seed
     )  # fmt: skip

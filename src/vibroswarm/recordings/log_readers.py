@@ -45,7 +45,7 @@ _SETTINGS: Final = re.compile(
     r"^(\d+) (\d+) (\d+) (\d+) (\d+) ([012]) (\d+) (\d+) 1 (\d+) (\d+) 0 0\s*$", re.M
 )
 """Line of settings: eight settings, 1, number of robots, tau, 0, 0."""
-_FEEDBACK: Final = ("none", "positive", "soft")
+FEEDBACK: Final = ("none", "positive", "soft")
 """Strategies by their number in the settings."""
 
 
@@ -139,7 +139,7 @@ def _settings(text: str) -> dict[str, Any]:
         "sample.sample_interval_ms": float(tau),
         "walk.avoidance_threshold_mm": float(theta_c),
         "decision.min_observations": least,
-        "strategy.name": _FEEDBACK[feedback],
+        "strategy.name": FEEDBACK[feedback],
         "strategy.soft.eta": float(eta),
     }
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -36,7 +37,6 @@ from vibroswarm.recordings.acceleration import (
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
-Axis = Literal["magnitude", "x", "y", "z"]
 Group = Literal["robot", "tile", "place", "time"]
 M_S2: Final = {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665}
 """Units of acceleration."""
@@ -110,7 +110,7 @@ def spectra_of(
     rate_hz: float | None = None,
     signal_ms: float = 500.0,
     unit: str = "m/s2",
-    axis: Axis = "magnitude",
+    axis: Literal["magnitude", "x", "y", "z"] = "magnitude",
     by: Sequence[Group] = ("robot",),
     size_m: tuple[float, float] = (1.0, 1.0),
     tiles: tuple[int, int] = (5, 5),
@@ -240,27 +240,26 @@ def _groups(
     path: Path,
 ) -> list[tuple[str, Ints]]:
     """Return the name and the samples of each group, in order."""
-    if group == "robot":
-        keys = [f"robot {int(sample['robot'][0])}" for sample in samples]
-        order = sorted(set(keys), key=lambda key: int(key.split()[1]))
-    elif group == "time":
+    if group == "time":
         times = np.array([sample["time_s"][-1] for sample in samples])
         edges = np.linspace(times.min(), times.max(), 7)
         part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, 5)
-        names = [f"{number(edges[k], 0)} to {number(edges[k + 1], 0)} s" for k in range(6)]
-        keys, order = [names[k] for k in part], names
+        spans = [f"{number(begin, 0)} to {number(end, 0)} s" for begin, end in pairwise(edges)]
+        return [(span, np.flatnonzero(part == k)) for k, span in enumerate(spans)]
+    if group == "robot":
+        keys, form = np.array([[int(sample["robot"][0])] for sample in samples]), "robot {}"
     else:
         if not {"x_m", "y_m"} <= set(samples[0].columns):
             raise InputError(f"has no columns x_m and y_m, which --by {group} needs", field=str(path))
         x_m, y_m = (np.array([sample[name].mean() for sample in samples]) for name in ("x_m", "y_m"))
-        rows, columns = tiles if group == "tile" else (4, 4)
+        (rows, columns), form = (tiles, "tile {}, {}") if group == "tile" else ((4, 4), "field {}, {}")
         column = np.clip((x_m / size_m[0] * columns).astype(np.int64), 0, columns - 1)
         row = rows - 1 - np.clip((y_m / size_m[1] * rows).astype(np.int64), 0, rows - 1)
-        word = "tile" if group == "tile" else "field"
-        keys = [f"{word} {r + 1}, {c + 1}" for r, c in zip(row, column, strict=True)]
-        order = sorted(set(keys), key=lambda key: [int(part) for part in key.removeprefix(word).split(",")])
-    found = np.array(keys)
-    return [(key, np.flatnonzero(found == key)) for key in order]
+        keys = np.column_stack((row + 1, column + 1))
+    found, of_sample = np.unique(keys, axis=0, return_inverse=True)
+    return [
+        (form.format(*key), np.flatnonzero(of_sample.ravel() == k)) for k, key in enumerate(found.tolist())
+    ]
 
 
 class _Known(NamedTuple):

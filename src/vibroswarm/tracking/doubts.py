@@ -22,7 +22,7 @@ it has in the log.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -256,8 +256,7 @@ def _unexpected(tracking: Tracking) -> Iterator[Doubt]:
 
 def _floor(tracking: Tracking) -> Iterator[Doubt]:
     """Yield a doubt for each marker of the floor that is more than ``FLOOR_PX`` from its place in the file."""
-    for marker, residual_px in floor_residuals(tracking).items():
-        error = float(np.sqrt((residual_px**2).sum(axis=1).mean()))
+    for marker, error in floor_errors_px(floor_residuals(tracking)).items():
         if error <= FLOOR_PX:
             continue
         at = tracking.detections.floor_px[marker].mean(axis=0)  # centre of the marker, px
@@ -378,6 +377,11 @@ def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
         - tracking.camera.project(tracking.markers.floor_corners(marker))
         for marker, corners in tracking.detections.floor_px.items()
     }
+
+
+def floor_errors_px(residuals_px: Mapping[int, Floats]) -> dict[int, float]:
+    """Return the root mean square of the errors of each floor marker's corners (``floor_residuals``), px."""
+    return {marker: float(np.sqrt((each**2).sum(axis=1).mean())) for marker, each in residuals_px.items()}
 
 
 def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:
