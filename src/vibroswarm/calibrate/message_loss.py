@@ -180,14 +180,7 @@ def windows_of(result: Result) -> list[Windows]:
 
 
 def _times(number: NDArray[Any], time_s: Floats) -> Floats:
-    """Return the times of a robot's messages from its first to its last row, s, one for each sample number.
-
-    The times of rows that are missing in between are interpolated. Messages before the first row or after the last one
-    have no known time, and are left out.
-
-    Args:
-        number, time_s: number and time of each sample whose row exists, (rows,).
-    """
+    """Return the times of a robot's messages from its first to its last row, s; those of lost rows are interpolated."""
     all_numbers = np.arange(number[0], number[-1] + 1)
     return np.interp(all_numbers, number, time_s)
 

@@ -413,14 +413,7 @@ def _converted(
 
 
 def _check_there(numbers: pl.Series, lines: pl.Series, name: str, column: str) -> None:
-    """Check that a column has no empty cell.
-
-    Args:
-        numbers: the converted column, null where a cell is empty. lines: number of each cell's line. name: of the file.
-        column: its name in the file.
-    Raises:
-        InputError: a cell is empty; the error names the row of the first.
-    """
+    """Refuse the first empty cell (null) of a converted column."""
     _refuse_first(numbers.is_null(), lines, name, lambda k: f"empty cell in column '{column}'")
 
 

@@ -86,10 +86,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 
 def _place(time_s: float, robot: int, where: Any) -> str:
-    """Write the first cells of a row: time, robot (from 1), marker, x and y, m.
-
-    Robots that the study did not have get the marker 100 + ``robot``. ``where`` is (x, y), m.
-    """
+    """Write the first cells of a row: time, robot (from 1), marker (100 + ``robot`` beyond the study's), x and y, m."""
     marker = MARKERS[robot] if robot < len(MARKERS) else 100 + robot
     return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
 

@@ -229,13 +229,7 @@ def _number(value: Any, field: str, low: float, high: float) -> float:
 def _quantity(
     table: Mapping[str, Any], key: str, default: float | None, field: str, low: float = 0.0
 ) -> float:
-    """Return a length (mm) or angle (degrees) of a table, from ``low`` to 10,000.
-
-    Args:
-        default: taken if the key is missing; None: the key is required. field: name of the table, for messages.
-    Raises:
-        InputError: the key is missing, or its value is not a number in this range.
-    """
+    """Return a length (mm) or angle (degrees) of a table, from ``low`` to 10,000; without a default it is required."""
     if key not in table and default is None:
         raise InputError(f"does not state {key}, without which positions are wrong", field=field)
     return _number(table.get(key, default), f"{field}.{key}", low=low, high=1e4)
@@ -291,12 +285,9 @@ def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
         InputError: it is missing, empty, or neither list nor table; it has a marker that the dictionary does not have,
             or a robot's name that ``_robot_name`` refuses; or it repeats a marker or a robot.
     """
+    pairs = list(value.items()) if isinstance(value, dict) else []  # no pairs are refused below
     if isinstance(value, list):
         pairs = [(marker, robot) for robot, marker in enumerate(value)]
-    elif isinstance(value, dict):
-        pairs = list(value.items())
-    else:
-        pairs = []  # refused below, like an empty list or table
     found = {_marker(marker, count, field): _robot_name(name, field) for marker, name in pairs}
     if not pairs or len(found) != len(pairs) or len(set(found.values())) != len(pairs):
         raise InputError("must list different markers of different robots: [0, 1] or { 10 = 1 }", field=field)
