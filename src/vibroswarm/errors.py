@@ -8,9 +8,7 @@ them on stderr.
 from __future__ import annotations
 
 import difflib
-import logging
 import math
-import multiprocessing
 import operator
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -230,5 +228,8 @@ def in_words(number: int) -> str:
 @cache
 def warn_once(message: str) -> None:
     """Log a warning the first time that it is given; in worker processes do nothing, as the main process warns."""
+    import logging  # both here, since most commands warn of nothing
+    import multiprocessing
+
     if multiprocessing.parent_process() is None:
         logging.getLogger("vibroswarm").warning("vibroswarm: %s", message)
