@@ -1,4 +1,4 @@
-"""The rates that robots claim of each shipped sensor, against a million draws; claims that are a little off fail."""
+"""The rates that robots claim of each shipped sensor, against draws; claims that are a little off fail."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ def test_claimed_rates_are_those_of_a_million_draws(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("name", BY_PLACE)
-def test_claims_of_reference_places_are_those_of_a_million_draws_elsewhere(name: str, grid: str) -> None:
-    """The claim's own error is several times that of a million draws: it is of few floors, each with one robot."""
+def test_claims_of_reference_places_are_those_of_draws_elsewhere(name: str, grid: str) -> None:
+    """The claim's own error is larger than that of 250,000 draws: it is of few floors, each with one robot."""
     sensor = Sensor.model_validate(BY_PLACE[name])
-    share, error, independent = read_on_floors(sensor, GRIDS[grid], 20_000, DRAWS // 20_000, own_robot=True)
-    assert (error < 1.15 * independent).all()  # so that they are worth a million independent draws
+    share, error, independent = read_on_floors(sensor, GRIDS[grid], 5000, 50, own_robot=True)
+    assert (error < 1.15 * independent).all()  # so that they are worth as many independent draws
     _, of_claim, _ = read_on_floors(sensor, GRIDS[grid], REFERENCE_RUNS, REFERENCE_SAMPLES, own_robot=False)
     limit = LIMIT * np.hypot(error, of_claim)
     assert limit.max() < 0.02
