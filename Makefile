@@ -8,8 +8,9 @@ BIN := $(VENV)/bin
 OUT ?= out/demo
 SITE ?= out/site
 # Tests start many programs, and pytest itself takes ten seconds to compile the tests: bytecode is kept where Python
-# keeps it. (In a folder of its own, that of all libraries would be made once more.)
-TESTED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX= $(BIN)/python -m pytest
+# keeps it. (In a folder of its own, that of all libraries would be made once more.) Three tests at once keep two cores
+# busy, as some of them wait for a browser.
+TESTED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX= $(BIN)/python -m pytest -n 3 --dist worksteal
 
 .PHONY: demo test test-slow ledger docs lint bench clean
 
@@ -17,11 +18,11 @@ demo: $(VENV)/run.done
 	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 2 --out "$(OUT)" --force
 
 test: $(VENV)/dev.done
-	$(TESTED) -n 2 --dist worksteal -m "not slow" $(ARGS)
+	$(TESTED) -m "not slow" $(ARGS)
 
 # Cold starts, statistics, clusters, whole reports: half of the time of all tests. CI runs both.
 test-slow: $(VENV)/dev.done
-	$(TESTED) -n 2 --dist worksteal -m slow $(ARGS)
+	$(TESTED) -m slow $(ARGS)
 
 # Values that no change may change unasked; make test looks at a part of them.
 ledger: $(VENV)/dev.done

@@ -36,7 +36,7 @@ def show(
       vibroswarm show mine.toml        a scenario: what differs from preset paper
     """
 
-    if printing.own_process and _is_result(path) and not _needs_kernels(path):
+    if printing.own_process and path.is_dir() and not _needs_kernels(path):
         run_plain()
     if path.is_dir():
         _show_folder(path, json)
@@ -56,21 +56,24 @@ MOST_CHARACTERS: Final = 1_000_000
 """Most characters of a scenario that are searched."""
 
 
-def _is_result(folder: Path) -> bool:
-    """Return whether a folder holds a result and nothing else that this command shows."""
-    from vibroswarm.documents.saved import PRINTED
-
-    return kind_of(folder) in ("result", "recording") and not os.path.lexists(folder / PRINTED)
+SETTINGS: Final = {"result": "scenario.toml", "recording": "scenario.toml", "study": "study.toml"}
+"""The file with all fields of the scenario, in folders whose results are computed when they are shown."""
 
 
 def _needs_kernels(folder: Path) -> bool:
-    """Return whether showing a result computes so much that kernels must be loaded, which takes half a second.
+    """Return whether showing a folder computes so much that kernels must be loaded, which takes half a second.
 
     Only the readings near edges of tiles do, and only scenarios that name the fields of edges have such readings.
+    Documents that a command has saved are shown as they are.
     """
+    from vibroswarm.documents.saved import PRINTED
+
+    settings = SETTINGS.get(kind_of(folder) or "")
+    if settings is None or os.path.lexists(folder / PRINTED):
+        return False
     try:
-        with (folder / "scenario.toml").open(encoding="utf-8") as scenario:
-            return "edge" in scenario.read(MOST_CHARACTERS)
+        with (folder / settings).open(encoding="utf-8") as file:
+            return "edge" in file.read(MOST_CHARACTERS)
     except (OSError, UnicodeError):  # reported when the result is read
         return True
 
