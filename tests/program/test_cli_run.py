@@ -13,8 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from vibroswarm import sensors
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS
+from vibroswarm.cli.show import LAWFUL
 from vibroswarm.result import TABLES, Result
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -426,6 +428,18 @@ def test_results_are_shown_without_compiling_but_readings_near_edges(tmp_path, c
         assert "polars" in loaded
         assert "scipy.stats" not in loaded
         assert ("numba" in loaded) == (preset_name == "calibrated" and is_computed)
+
+
+@pytest.mark.parametrize("command", ["run", "evaluate --runs 2 --no-confirm --no-pictures"])
+def test_kernels_are_loaded_for_sensors_that_measure_at_a_place(tmp_path, command):
+    """Their error rates would take minutes without."""
+    line = ["--set", "sensor.model=acceleration", "--set", "run.t_end_s=30", "--out", str(tmp_path / "out")]
+    assert main([*command.split(), *line]) == 0
+    assert "numba" in loaded_by_show(tmp_path / "out")
+
+
+def test_sensors_with_a_formula_are_those_that_measure_no_place():
+    assert set(LAWFUL) == {name for name, sensor in sensors.known().items() if sensor.sense is None}
 
 
 def test_a_second_run_loads_no_more_than_it_needs(tmp_path):

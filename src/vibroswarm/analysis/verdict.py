@@ -408,7 +408,8 @@ def holds_opinions(scenario: Scenario) -> bool:
 
     This is not known of strategies that are not built in; the result is False for them.
     """
-    name = scenario.strategy.name  # the first two have feedback whatever their parameters
+    name = scenario.strategy.name
+    # The first two have feedback whatever their parameters.
     return name in ("positive", "soft") or (
         name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback)
     )

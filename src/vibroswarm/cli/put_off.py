@@ -1,4 +1,4 @@
-"""A module that libraries name when they are imported, and that commands do not use, is loaded when it is used.
+"""Loading a module only when it is used.
 
 SciPy's special functions name all that NumPy offers, and so load ``numpy.f2py``, a compiler of Fortran: a tenth of the
 time of a short command.
@@ -11,7 +11,7 @@ from importlib.util import LazyLoader, find_spec, module_from_spec
 
 
 def put_off(package: str, name: str) -> None:
-    """Let a module of a package be loaded when an attribute of it is asked for; import the package."""
+    """Load a module of a package only when it is used; the package itself is imported now."""
     full_name = f"{package}.{name}"
     if full_name in sys.modules:
         return

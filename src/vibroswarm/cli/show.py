@@ -60,11 +60,16 @@ SETTINGS: Final = {"result": "scenario.toml", "recording": "scenario.toml", "stu
 """The file with all fields of the scenario, in folders whose results are computed when they are shown."""
 
 
+LAWFUL: Final = ("gamma", "confusion", "energies")
+"""Sensors whose error rates follow from a formula."""
+
+
 def _needs_kernels(folder: Path) -> bool:
     """Return whether showing a folder computes so much that kernels must be loaded, which takes half a second.
 
-    Only the readings near edges of tiles do, and only scenarios that name the fields of edges have such readings.
-    Documents that a command has saved are shown as they are.
+    Error rates do so where they do not follow from a formula: near edges of tiles, which only scenarios that name the
+    fields of edges have, and of sensors that measure at a place. Documents that a command has saved are shown as they
+    are.
     """
     from vibroswarm.documents.saved import PRINTED
 
@@ -73,9 +78,11 @@ def _needs_kernels(folder: Path) -> bool:
         return False
     try:
         with (folder / settings).open(encoding="utf-8") as file:
-            return "edge" in file.read(MOST_CHARACTERS)
+            text = file.read(MOST_CHARACTERS)
     except (OSError, UnicodeError):  # reported when the result is read
         return True
+    has_law = any(f'model = "{name}"' in text for name in LAWFUL)
+    return not has_law or "edge" in text or "sensor.model" in text  # the last: a study of several sensors
 
 
 def _show_folder(folder: Path, json: bool) -> None:

@@ -75,6 +75,7 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             *_maps(standings, tables.get("maps")),
             *_differences(
                 tables["differences"],
+                "differences",
                 "Difference from {}",
                 "Entry - reference, motion by motion, with 95 % intervals; p by Holm over the entries. No significant "
                 "difference is not evidence of no difference.",
@@ -177,16 +178,16 @@ def _maps(standings: Standings, maps: pl.DataFrame | None) -> tuple[Section, ...
 
 
 def _differences(
-    differences: pl.DataFrame, title: str, words: str, *index: str, folded: bool
+    differences: pl.DataFrame, name: str, title: str, words: str, *index: str, folded: bool
 ) -> tuple[Section, ...]:
     """Return a section of differences from the reference; none for a single entry.
 
     Args:
-        title: {} becomes the reference. words: below the table. index: columns of which each row has other values.
+        name: of the table. title: {} becomes the reference. words: below the table.
+        index: columns of which each row has other values.
     """
     if differences.is_empty():
         return ()
-    name = "differences" if len(index) == 1 else "floor_differences"
     table = Table(_side_by_side(differences, *index), DIFFERENCES, name=name, names=len(index))
     parts = (table, Text(words, "aside"))
     return (Section(title.format(differences["reference"][0]), parts, folded=folded),)
@@ -408,9 +409,12 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
         Section("Floor by floor", (picture,)),
         *_differences(
             differences,
+            "floor_differences",
             "Differences from the reference, floor by floor",
             "Entry - reference; p by Holm over entries and floors.",
-            *("name", "pattern", "fill_ratio"),
+            "name",
+            "pattern",
+            "fill_ratio",
             folded=True,
         ),
         Section("All figures, floor by floor", (every,), folded=True),

@@ -86,17 +86,18 @@ class Answer:
         return self.first_name if first_is_faster else self.reference_name
 
     def as_row(self) -> dict[str, float | int | str | None]:
-        """Return the comparison at equal error, which must be there, as a flat row for a table.
+        """Return the comparison at equal error as a flat row for a table; without it, only name and cell numbers.
 
         A difference has three columns: the estimate, and its limits in ``..._low`` and ``..._high``. A value that is
         not finite is None.
         """
+        row: dict[str, float | int | str | None] = {
+            "name": self.name, "cell": self.cell.number, "reference": self.reference.number,
+        }  # fmt: skip
         found = self.matched
-        assert found is not None
-        return {
-            "name": self.name,
-            "cell": self.cell.number,
-            "reference": self.reference.number,
+        if found is None:
+            return row
+        return row | {
             "error": found.error,
             "time_s": found.time_s,
             "runs": found.time_difference_s.n,
