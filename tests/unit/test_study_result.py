@@ -245,7 +245,9 @@ def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pyt
 
     monkeypatch.setattr("vibroswarm.study.equal_error.reached", noted)
     assert {answer.matched for answer in outcome_of(result).answers} == {None}
-    assert {tuple(answer.as_row()) for answer in outcome_of(result).answers} == {("name", "cell", "reference")}
+    assert {tuple(answer.as_row()) for answer in outcome_of(result).answers} == {
+        ("name", "cell", "reference")
+    }
     assert together == []
     requested = outcome_of(result, equal_error=True)
     assert all(answer.matched is not None for answer in requested.answers)
