@@ -49,6 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if argv is None:
             interruption.listen()
+            # Threads of linear algebra would take a tenth of a short command to start. Ours is small, our workers
+            # already use all cores, and its last bits would depend on the number of cores.
+            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         code = _code(argv)
         if argv is None:  # the process ends now: its exit need not search all that is loaded for garbage
             interruption.ignore()

@@ -26,7 +26,9 @@ from numba.core.caching import (
     IndexDataCacheFile,
     UserProvidedCacheLocator,
 )
+from numba.core.runtime.nrt import rtsys
 
+from vibroswarm.core import whole_kernels
 from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, is_ours
 from vibroswarm.core.kernel_lock import KernelLock
 from vibroswarm.errors import warn_once
@@ -222,7 +224,12 @@ class KernelCache(FunctionCache):
     def _loaded(self, sig: Any, target_context: Any) -> Any:
         """Return the overload in the cache, or None."""
         try:
-            return super().load_overload(sig, target_context)
+            if not whole_kernels.is_known():
+                return super().load_overload(sig, target_context)
+            # Numba first loads all that it can compile, which takes a tenth of a short command. Machine code needs
+            # only addresses: those of the runtime, and of the modules that its file names, which reading it loads.
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
         except OSError as error:
             self._say(error)
         except Exception as error:  # the file is intact, but its content cannot be loaded

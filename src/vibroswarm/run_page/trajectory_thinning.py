@@ -195,23 +195,23 @@ def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> N
     jump = np.diff(knots[:, 0], prepend=-1.0) <= 0  # two points at the same time
     keep: NDArray[np.bool_] = first | jump | (np.diff(kind, prepend=-1) != 0)
     keep |= np.append((first | jump)[1:], True)  # the points before these, and the last point of all
-    point = np.arange(len(knots))
-    while True:
+    point = np.arange(len(knots))  # of the arcs that may still err by too much
+    while point.size:
         kept = np.flatnonzero(keep)
         # Index in ``kept`` of the knot at, or before, each point. A robot's first and last points are knots, so both
         # knots around any other point are of its robot.
-        arc = np.cumsum(keep) - 1
+        arc = np.searchsorted(kept, point, side="right") - 1
         before, after = kept[arc], kept[np.minimum(arc + 1, len(kept) - 1)]
-        off = knots - along(knots[before], knots[after], knots[:, 0])
+        off = knots[point] - along(knots[before], knots[after], knots[point, 0])
         badness = np.hypot(off[:, 1], off[:, 2]) / POSITION_TOLERANCE_M
         badness = np.maximum(badness, np.abs(off[:, 3]) / HEADING_TOLERANCE_RAD)
         # ``along`` draws arcs of up to half a turn, which rounding may exceed. So an arc near half a turn is divided at
         # its middle point: that has the largest badness there, above any error (in units of the tolerance).
         is_wide = np.abs(knots[after, 3] - knots[before, 3]) > WIDEST_RAD
         from_knot = np.minimum(point - before, after - point)
-        badness = np.where(keep, 0.0, np.where(is_wide, 1e6 + from_knot, badness))
-        worst = np.maximum.reduceat(badness, kept)[arc]
-        new = (badness > 1) & (badness == worst)
-        if not new.any():
-            return keep
-        keep |= new
+        badness = np.where(point == before, 0.0, np.where(is_wide, 1e6 + from_knot, badness))
+        is_first = np.diff(arc, prepend=-1) != 0
+        worst = np.maximum.reduceat(badness, np.flatnonzero(is_first))[np.cumsum(is_first) - 1]
+        keep[point[(badness > 1) & (badness == worst)]] = True
+        point = point[worst > 1]
+    return keep
