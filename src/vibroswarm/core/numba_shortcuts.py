@@ -51,21 +51,17 @@ WITHOUT_VARIABLES: Final = {
 
 def _collect(value: Any, found: list[Any]) -> None:
     """Append the variables in a value to ``found``, in order."""
-    kind = type(value)
-    if kind is ir.Var:
-        found.append(value)
-    elif kind in WITHOUT_VARIABLES:
-        return
-    elif isinstance(value, ir.Var):
+    if isinstance(value, ir.Var):
         found.append(value)
     elif isinstance(value, ir.Inst):
         found.extend(value.list_vars())  # type: ignore[no-untyped-call]
-    elif isinstance(value, list | tuple):
-        for each in value:
-            _collect(each, found)
-    elif isinstance(value, dict):
-        for each in value.values():
-            _collect(each, found)
+    elif isinstance(value, list | tuple | dict):
+        for each in value.values() if isinstance(value, dict) else value:
+            kind = type(each)
+            if kind is ir.Var:
+                found.append(each)
+            elif kind not in WITHOUT_VARIABLES:
+                _collect(each, found)
 
 
 def equal_settings(self: Any, other: Any) -> bool:

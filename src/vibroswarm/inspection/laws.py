@@ -22,7 +22,6 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from scipy.stats import mannwhitneyu
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
@@ -244,6 +243,8 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> tuple[Draw, 
 
 def _check_told_apart(words: str, draws: Sequence[Draw], vibrating: Floats, still: Floats) -> None:
     """Refuse energies that tell nothing: each is judged by the laws that have not seen it, and ranked by its kind."""
+    from scipy.stats import mannwhitneyu  # which takes long to import
+
     means: list[Floats] = []
     for field, energies in (("vibrating_energies", vibrating), ("still_energies", still)):
         at, index = np.unique(energies, return_inverse=True)

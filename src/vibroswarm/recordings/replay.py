@@ -13,12 +13,13 @@ if robots knew them. Lost rows are not restored: nobody heard of those samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.analysis.answers_over_time import ANSWERS, answers_table
 from vibroswarm.analysis.sampling import packet_loss
@@ -31,12 +32,8 @@ from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.generated_kernels import kernels
-from vibroswarm.inference.outcomes import (
-    ROBOTS,
-    RUNS,
-    outcome_tables,
-)
-from vibroswarm.inference.replay import infer, inference_columns
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables
+from vibroswarm.inference.replay import infer
 from vibroswarm.inference.replay_arrays import DONE, ERROR_TEXT, HeardMessages, Session, empty_log
 from vibroswarm.inference.replayer import counts_only
 from vibroswarm.motion.pose import pose
@@ -87,6 +84,8 @@ class _Rows:
     """nan for restored samples, whose energy is drawn at random."""
     vibrating: Bools
     """Whether the tile below vibrates."""
+    ends: pl.DataFrame
+    """The session's rows of ``Recording.ends``."""
 
 
 def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200, seed: int = 1) -> Replayed:
@@ -128,20 +127,22 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     if scenario.strategy.reads_places:
         return _replay_with_places(recording, scenario, draws, seed)
     parts = [_rows_of(recording, run) for run in runs]
-    tables, unsent, answers = [], 0, []
+    finals, unsent, answers = [], 0, []
     for draw in range(draws):
-        finals, samples = [], []
+        samples = []
         for run, rows in zip(runs, parts, strict=True):
-            final, missing, columns = _replay_once(recording, scenario, rows, run, seed + draw)
-            decision = next(column for column in columns if column.name == "decision")
-            robot, time_s = rows.session.robot, rows.session.time_s
-            samples.append(pl.DataFrame({"run": run, "robot": robot, "time_s": time_s, "decision": decision}))
+            final, missing, decision = _replay_once(scenario, rows, run, seed + draw)
             finals.append(final)
             unsent += missing
-        tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
-        answers += _answers(recording, scenario, pl.concat(samples), draw)
+            if scenario.change.is_given:
+                robot, time_s = rows.session.robot, rows.session.time_s
+                samples.append(
+                    pl.DataFrame({"run": run, "robot": robot, "time_s": time_s, "decision": decision})
+                )
+        if samples:
+            answers.append(_answers(recording, scenario, pl.concat(samples), draw))
     lost = int(recording.rows["lost_before"].sum())
-    return _replayed(scenario, tables, answers, unsent=unsent / draws, put_back=lost)
+    return _replayed(recording, scenario, finals, answers, unsent=unsent / draws, put_back=lost)
 
 
 @dataclass(frozen=True)
@@ -170,16 +171,39 @@ def replay_strategies(
 
 
 def _replayed(
+    recording: Recording,
     scenario: Scenario,
-    tables: Sequence[tuple[pl.DataFrame, pl.DataFrame]],
+    finals: Sequence[pl.DataFrame],
     answers: Sequence[pl.DataFrame],
     unsent: float = 0.0,
     put_back: int = 0,
 ) -> Replayed:
-    """Put together what each draw gave: its tables of robots and of runs, and its answers over time, if any."""
-    robots, runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
-    found = pl.concat(answers) if answers else None
-    return Replayed(scenario, len(tables), robots, runs, unsent, put_back, found)
+    """Put together what the draws gave.
+
+    Args:
+        finals: final states of the robots of each session, draw by draw. answers: answers over time of each draw.
+    """
+    draws = len(finals) // recording.runs.height
+    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
+    states, ends = pl.concat(finals).select(list(FINALS)), pl.concat([recording.ends] * draws)
+    robots, runs = outcome_tables(scenario, floors, states, ends)
+    # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
+    runs = runs.with_columns(stopped_early=False)
+    return Replayed(
+        scenario,
+        draws,
+        _numbered(robots, ROBOTS, draws),
+        _numbered(runs, RUNS, draws),
+        unsent,
+        put_back,
+        pl.concat(answers) if answers else None,
+    )
+
+
+def _numbered(table: pl.DataFrame, columns: Iterable[str], draws: int) -> pl.DataFrame:
+    """Put the number of the draw before the columns of a table with as many rows of each draw, draw by draw."""
+    number = np.repeat(np.arange(draws, dtype=np.uint32), table.height // draws)
+    return table.select(pl.Series("draw", number), *columns)
 
 
 def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, seed: int) -> Replayed:
@@ -206,44 +230,41 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
         radio = {"network.name": "loss", "network.loss.share": min(max(lost.get(run) or 0.0, 0.0), 1.0)}
         of_session = scenario.with_values(radio)
         replays.append((of_session, timeline_of(of_session, motion), seen))
-    tables, answers = [], []
+    finals, answers = [], []
     for draw in range(draws):
         replayed = [infer(one, seed + draw, timeline, seen) for one, timeline, seen in replays]
-        tables.append(_outcome(recording, scenario, pl.concat([finals for _, finals in replayed]), draw))
-        samples = recording.motion.join(
-            pl.concat([inference for inference, _ in replayed]), on=["run", "robot", "sample"]
-        )
-        in_order = samples.select("run", "robot", "time_s", "decision").sort("run", "time_s", "robot")
-        answers += _answers(recording, scenario, in_order, draw)
-    return _replayed(scenario, tables, answers)
+        finals += [final for _, final in replayed]
+        if scenario.change.is_given:
+            samples = recording.motion.join(
+                pl.concat([inference for inference, _ in replayed]), on=["run", "robot", "sample"]
+            )
+            in_order = samples.select("run", "robot", "time_s", "decision").sort("run", "time_s", "robot")
+            answers.append(_answers(recording, scenario, in_order, draw))
+    return _replayed(recording, scenario, finals, answers)
 
 
-def _answers(
-    recording: Recording, scenario: Scenario, samples: pl.DataFrame, draw: int
-) -> list[pl.DataFrame]:
-    """Return the table of answers over time of one draw, with its number; an empty list if the floor stays.
+def _answers(recording: Recording, scenario: Scenario, samples: pl.DataFrame, draw: int) -> pl.DataFrame:
+    """Return the table of answers over time of one draw on a floor that changes, with the draw's number.
 
     Args:
         samples: run, robot, time_s and decision of all samples, run by run in the order of time.
     """
-    if not scenario.change.is_given:
-        return []
     floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
     columns = {name: samples[name].to_numpy() for name in samples.columns}
     table = answers_table(scenario, None, floors, columns, recording.runs["end_s"].to_numpy())
-    return [table.select(pl.lit(draw, dtype=pl.UInt32).alias("draw"), *ANSWERS)]
+    return table.select(pl.lit(draw, dtype=pl.UInt32).alias("draw"), *ANSWERS)
 
 
 def _replay_once(
-    recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
-) -> tuple[pl.DataFrame, int, list[pl.Series]]:
+    scenario: Scenario, rows: _Rows, run: int, seed: int
+) -> tuple[pl.DataFrame, int, NDArray[np.int8]]:
     """Replay a run once, with one random choice of the messages received.
 
     Args:
         scenario: with the strategy, decision and threshold to replay. rows: samples of the run. run: number of the run.
         seed: of the draw.
     Returns: the final state of each robot, a table; the number of received messages in the log that no robot can have
-        sent at that time; and the columns of the inference table.
+        sent at that time; and the robots' decisions after each sample, (samples,).
     """
     energy = rows.energy
     if np.isnan(energy).any():
@@ -268,8 +289,7 @@ def _replay_once(
         )
     if status != DONE:
         raise CodeError(f"strategy '{strategy.name}': {ERROR_TEXT[status]}")
-    ends = recording.ends.filter(pl.col("run") == run)
-    return final_frame(scenario, ends, swarm), int(missing), inference_columns(messages, log)
+    return final_frame(scenario, rows.ends, swarm), int(missing), log.decision
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> Floats:
@@ -346,7 +366,7 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
     )
     energy = table["energy"].fill_null(float("nan")).to_numpy()
     kinds = kinds_at(floor, table["tile"].to_numpy(), table["time_s"].to_numpy())
-    return _Rows(session, energy, kinds == 1)
+    return _Rows(session, energy, kinds == 1, recording.ends.filter(of_run))
 
 
 def _restored(
@@ -386,21 +406,6 @@ def _restored(
         }
 
 
-def _outcome(
-    recording: Recording, scenario: Scenario, finals: pl.DataFrame, draw: int
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables of robots and of runs of one draw, with the number of the draw as column ``draw``.
-
-    Args:
-        scenario: the one that was replayed. finals: final states of the robots of all runs. draw: number of the draw.
-    """
-    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
-    robots, runs = outcome_tables(scenario, floors, finals.select(list(FINALS)), recording.ends)
-    number = pl.lit(draw, dtype=pl.UInt32).alias("draw")
-    # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
-    return robots.select(number, *ROBOTS), runs.with_columns(stopped_early=False).select(number, *RUNS)
-
-
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     """Return a copy of a recording, also a ``Recording``, with beliefs and decisions computed from its bits.
 
@@ -415,7 +420,7 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     inference, finals = infer(recording.scenario, seed, motion, recording.observations)
     floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
     robots, runs = outcome_tables(recording.scenario, floors, finals, recording.ends)
-    # As in ``_outcome``: people ended the session.
+    # As in ``_replayed``: people ended the session.
     return replace(recording, inference=inference, robots=robots, runs=runs.with_columns(stopped_early=False))
 
 
