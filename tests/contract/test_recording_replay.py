@@ -12,6 +12,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.replay import inference_columns
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
@@ -44,13 +45,13 @@ def replayed_table(
 ) -> tuple[pl.DataFrame, int]:
     """Inference table of one draw with run, robot and sample, lost samples restored; and messages that nobody sent."""
     rows = _rows_of(recording, run)
-    _, missing, columns = _replay_once(recording, scenario, rows, run, seed)
+    _, missing, messages, log = _replay_once(scenario, rows, run, seed)
     frame = pl.DataFrame(
         {
             "run": np.full(rows.energy.size, run, dtype=np.uint32),
             "robot": rows.session.robot.astype(np.uint16),
             "sample": rows.session.sample.astype(np.uint32),
-            **{column.name: column for column in columns},
+            **{column.name: column for column in inference_columns(messages, log)},
         }
     )
     return frame, missing

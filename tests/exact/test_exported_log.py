@@ -23,6 +23,7 @@ from helpers.exported_robots import (
 from vibroswarm import Floor, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.export.c_program import LOG_COLUMNS
+from vibroswarm.inference.replay import inference_columns
 from vibroswarm.recordings.log_readers import CAMERA_COLUMNS
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import _replay_once, _rows_of, replay_recording
@@ -135,9 +136,9 @@ def imported(folder: Path, floor: Floor) -> Recording:
 def check_replay(recording: Recording, result: Any) -> None:
     scenario = recording.scenario.with_values({"strategy.name": "soft"})
     rows = _rows_of(recording, 0)
-    _, unsent, columns = _replay_once(recording, scenario, rows, 0, SEED)
+    _, unsent, messages, log = _replay_once(scenario, rows, 0, SEED)
     assert unsent == 0
-    frame = pl.DataFrame({column.name: column for column in columns})
+    frame = pl.DataFrame({column.name: column for column in inference_columns(messages, log)})
     assert_frame_equal(frame, result.inference.select(frame.columns), check_exact=True)
     replayed = replay_recording(recording, scenario, draws=1, seed=SEED)
     assert replayed.robots["decision"].to_list() == result.robots["decision"].to_list()

@@ -34,7 +34,7 @@ from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.generated_kernels import kernels
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables
 from vibroswarm.inference.replay import infer
-from vibroswarm.inference.replay_arrays import DONE, ERROR_TEXT, HeardMessages, Session, empty_log
+from vibroswarm.inference.replay_arrays import DONE, ERROR_TEXT, HeardMessages, Log, Session, empty_log
 from vibroswarm.inference.replayer import counts_only
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
@@ -131,13 +131,13 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     for draw in range(draws):
         samples = []
         for run, rows in zip(runs, parts, strict=True):
-            final, missing, decision = _replay_once(scenario, rows, run, seed + draw)
+            final, missing, _, log = _replay_once(scenario, rows, run, seed + draw)
             finals.append(final)
             unsent += missing
             if scenario.change.is_given:
                 robot, time_s = rows.session.robot, rows.session.time_s
                 samples.append(
-                    pl.DataFrame({"run": run, "robot": robot, "time_s": time_s, "decision": decision})
+                    pl.DataFrame({"run": run, "robot": robot, "time_s": time_s, "decision": log.decision})
                 )
         if samples:
             answers.append(_answers(recording, scenario, pl.concat(samples), draw))
@@ -257,14 +257,14 @@ def _answers(recording: Recording, scenario: Scenario, samples: pl.DataFrame, dr
 
 def _replay_once(
     scenario: Scenario, rows: _Rows, run: int, seed: int
-) -> tuple[pl.DataFrame, int, NDArray[np.int8]]:
+) -> tuple[pl.DataFrame, int, NDArray[np.void], Log]:
     """Replay a run once, with one random choice of the messages received.
 
     Args:
         scenario: with the strategy, decision and threshold to replay. rows: samples of the run. run: number of the run.
         seed: of the draw.
     Returns: the final state of each robot, a table; the number of received messages in the log that no robot can have
-        sent at that time; and the robots' decisions after each sample, (samples,).
+        sent at that time; and the messages and the states of the robots after each sample, in the order of ``rows``.
     """
     energy = rows.energy
     if np.isnan(energy).any():
@@ -289,7 +289,7 @@ def _replay_once(
         )
     if status != DONE:
         raise CodeError(f"strategy '{strategy.name}': {ERROR_TEXT[status]}")
-    return final_frame(scenario, rows.ends, swarm), int(missing), log.decision
+    return final_frame(scenario, rows.ends, swarm), int(missing), messages, log
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> Floats:
