@@ -14,7 +14,6 @@ from vibroswarm.core.jit import PLAIN
 pytestmark = pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 
 KERNELS = """
-import numpy as np
 from vibroswarm.core.jit import allocating_kernel, kernel
 
 @kernel
@@ -22,12 +21,11 @@ def twice(x):
     return 2.0 * x
 
 @allocating_kernel
-def words_and_matrices(word, x):
-    numbers = {word + str(k): k * x for k in range(3)}
-    print(sorted(numbers), len({word, "a"}), np.sort(np.array([x, 1.0])))
-    if x > 1e9:
-        raise ValueError("too large")
-    return numbers[word + "2"] + np.linalg.solve(2.0 * np.eye(2), np.ones(2))[0] + hash(word) * 0.0
+def number_of_words(word, times):
+    if times > 100:
+        raise ValueError("too many", times)
+    first = {word + str(k % 3): k for k in range(times)}
+    return len(first) + hash(word) * 0.0
 """
 CALL = """
 import sys
@@ -35,12 +33,12 @@ import kernels_of_all_sorts as k
 
 number = k.twice(2.0)
 compiler = "numba.np.linalg" in sys.modules
-print(number, k.words_and_matrices("a", 2.0))
+print(number, k.number_of_words("a", 10))
 try:
-    k.words_and_matrices("a", 2e9)
+    k.number_of_words("a", 1000)
 except ValueError as error:
     print(error)
-print(compiler, [sum(one.stats.cache_hits.values()) for one in (k.twice, k.words_and_matrices)])
+print(compiler, [sum(one.stats.cache_hits.values()) for one in (k.twice, k.number_of_words)])
 """
 
 
@@ -64,5 +62,4 @@ def test_machine_code_needs_no_compiler(tmp_path: Path) -> None:
     assert compiled.pop() == "True [0, 0]"
     assert loaded.pop() == "False [1, 1]"
     assert loaded == compiled
-    assert "4.0 4.5" in loaded
-    assert loaded[-1] == "too large"
+    assert loaded == ["4.0 3.0", "('too many', 1000)"]
