@@ -8,15 +8,15 @@ import pytest
 from vibroswarm.core.jit import kernel
 from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
-from vibroswarm.motion.robot_params import setup_of, veer_shift
+from vibroswarm.motion.robot_params import AT_ONCE, draw_veer_shifts, setup_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.scenario.validation import widest_veer_shift
 
 
 @kernel
 def fill(setup, seed, robot, out):
-    for sample in range(out.size):
-        out[sample] = veer_shift(setup, seed, 0, robot, sample)
+    for first in range(0, out.size, AT_ONCE):
+        draw_veer_shifts(out[first : first + AT_ONCE], setup, seed, 0, robot, first)
 
 
 def shifts(values: dict[str, float], robot: int = 0, count: int = 6000) -> np.ndarray:

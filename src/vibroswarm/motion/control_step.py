@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inlined, inner, kernel
 from vibroswarm.core.rng import ALONE, AVOIDANCE, FIRST, OF_HEADING, OF_SITE, PLACEMENT, WALK, uniform
 from vibroswarm.motion.geometry import arc, disc_distance, wall_distance
-from vibroswarm.motion.robot_params import AT_ONCE, Setup, draw_speed_factors, misalignment, veer_shift
+from vibroswarm.motion.robot_params import AT_ONCE, Setup, draw_speed_factors, draw_veer_shifts, misalignment
 from vibroswarm.robot.walk import (
     AVOID,
     DRIVE,
@@ -42,7 +42,7 @@ ROBOT = np.dtype(
     + [(name, np.float64) for name in ("speed_m_s", "rate_rad_s", "gyro_deg", "nearest_mm")]
     + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
     + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
-    + [("speed_factors", np.float64, (AT_ONCE,))]
+    + [(name, np.float64, (AT_ONCE,)) for name in ("speed_factors", "veer_shifts")]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
     + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
     + [(name, np.int64) for name in ("fails_tick", "silent_tick", "failed")]
@@ -59,7 +59,8 @@ ROBOT = np.dtype(
 * ``gyro_deg``, ``nearest_mm``: readings of gyro and rays. ``ray_forward_m``: how far ahead its rays start.
 * ``stop_tick``: when its latest stop began; for a robot that has failed, see ``fail``. ``drive_ticks`` to
   ``stop_ticks``: control periods spent in each mode since its latest sample.
-* ``dice_``: its ``Dice``. ``speed_factors``: its speed factors from AT_ONCE consecutive samples on.
+* ``dice_``: its ``Dice``. ``speed_factors``, ``veer_shifts``: its speed factors, and the shifts of its
+  misalignment, from AT_ONCE consecutive samples on.
 * ``mode`` to ``samples``, ``leg_ms`` to ``next_leg_ms``: the ``WalkState`` of its program. ``sees_from_ms``: driving
   time from which it uses its rays.
 * ``fails_tick``, ``silent_tick``: ticks from which it stands for good, and from which it is silent too (NEVER_FAILS:
@@ -442,12 +443,13 @@ def refresh(
     if index == 0:  # all of the AT_ONCE factors drawn before are used up
         draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
     swarm[i].speed_factor = swarm[i].speed_factors[index]
-    # Before the first sample the misalignment stays: ``robot_params.begin_veer`` adds the first shift after ``begin``.
-    if setup.misalignment_wander + setup.misalignment_drift > 0.0 and swarm[i].samples > 0:
-        # The robot's misalignment without the shift is not stored, to keep rows small (those of the event engine fill
-        # whole cache lines). So the previous shift is subtracted and the new one added.
-        before = veer_shift(setup, seed, run, i, swarm[i].samples - 1)
-        swarm[i].misalignment += veer_shift(setup, seed, run, i, swarm[i].samples) - before
+    if setup.misalignment_wander + setup.misalignment_drift > 0.0:
+        before = swarm[i].veer_shifts[index - 1 if index > 0 else AT_ONCE - 1]
+        if index == 0:
+            draw_veer_shifts(swarm[i].veer_shifts, setup, seed, run, i, swarm[i].samples)
+        # Before the first sample the misalignment stays: ``robot_params.begin_veer`` adds the first shift.
+        if swarm[i].samples > 0:
+            swarm[i].misalignment += swarm[i].veer_shifts[index] - before
     swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
 
 

@@ -65,7 +65,7 @@ DRIFT_SAMPLES: Final = 30
 """Default of ``robot.misalignment_drift_samples``."""
 
 AT_ONCE: Final = 8
-"""Number of a robot's speed factors drawn at once."""
+"""Number of a robot's speed factors, and shifts of its veer, drawn at once."""
 
 Setup = Any
 """A scenario's parameters of bodies and walk, as one row of numbers (``setup_of``), which compiled code passes on at
@@ -237,25 +237,33 @@ def triangular(seed: int, run: int, robot: int, index: int, peer: int) -> float:
 
 
 @inner
-def veer_shift(setup: Setup, seed: int, run: int, robot: int, sample: int) -> float:
-    """Return by how much wander and drift change a robot's misalignment after its first ``sample`` samples.
+def draw_veer_shifts(
+    shifts: NDArray[np.float64], setup: Setup, seed: int, run: int, robot: int, first: int
+) -> None:
+    """Draw by how much wander and drift change a robot's misalignment after ``first``, first + 1, ... samples.
 
-    The result is 0 if the scenario has neither wander nor drift.
+    Args:
+        shifts: (AT_ONCE,), written; 0 if the scenario has neither wander nor drift.
     """
-    shift = 0.0
+    for k in range(AT_ONCE):
+        shifts[k] = 0.0
     if setup.misalignment_wander > 0.0:
-        shift += setup.misalignment_wander * triangular(seed, run, robot, sample, ALONE)
+        for k in range(AT_ONCE):
+            shifts[k] += setup.misalignment_wander * triangular(seed, run, robot, first + k, ALONE)
     if setup.misalignment_drift > 0.0:
-        # The drift is drawn at every ``misalignment_drift_samples``-th sample (a node) and is linear in between. The
+        # The drift is drawn at every ``misalignment_drift_samples``-th sample (a node) and is linear in between. Each
         # sample is at the fraction ``part`` of the way from one node to the next.
-        node = sample // setup.misalignment_drift_samples
-        part = sample / setup.misalignment_drift_samples - node
-        low = triangular(seed, run, robot, node, OF_DRIFT)
-        high = triangular(seed, run, robot, node + 1, OF_DRIFT)
-        # Between two nodes of variance 1, the variance is (1 - part)^2 + part^2, on average 2/3. The factor sqrt(1.5)
-        # raises this average to 1.
-        shift += setup.misalignment_drift * math.sqrt(1.5) * (low + (high - low) * part)
-    return shift
+        drawn, low, high = -1, 0.0, 0.0
+        for k in range(AT_ONCE):
+            node = (first + k) // setup.misalignment_drift_samples
+            if node != drawn:
+                drawn = node
+                low = triangular(seed, run, robot, node, OF_DRIFT)
+                high = triangular(seed, run, robot, node + 1, OF_DRIFT)
+            part = (first + k) / setup.misalignment_drift_samples - node
+            # Between two nodes of variance 1, the variance is (1 - part)^2 + part^2, on average 2/3. The factor
+            # sqrt(1.5) raises this average to 1.
+            shifts[k] += setup.misalignment_drift * math.sqrt(1.5) * (low + (high - low) * part)
 
 
 @kernel
@@ -263,13 +271,14 @@ def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: i
     """Add to each robot's misalignment its spread in this run, and its wander and drift until the first sample.
 
     Args:
-        swarm: (robots,), changed. run_spread: standard deviation of the spread; 0: none.
+        swarm: (robots,), as ``control_step.begin`` left it; changed. run_spread: standard deviation of the spread; 0:
+            none.
     """
     for i in range(swarm.size):
         row = swarm[i]
         if run_spread > 0.0:
             row.misalignment += run_spread * triangular(seed, run, i, FIRST, OF_DAY)
-        row.misalignment += veer_shift(setup, seed, run, i, 0)
+        row.misalignment += row.veer_shifts[0]
 
 
 @inner
