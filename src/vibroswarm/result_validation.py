@@ -80,7 +80,7 @@ def _not_given(scenario: Scenario) -> set[str]:
     if strategy is None:  # its code is not loaded
         return {"message", "alpha", "beta", "belief_below"}
     sensor = scenario.sensor
-    strategy = strategy.for_kinds(sensor.kinds, sensor.readings)
+    strategy = strategy.for_kinds(sensor)
     found = {"alpha", "beta"} - set(strategy.state_type.names or ())
     # For more than two kinds of tile there is no belief in one of two answers; of a sensor whose code is not loaded
     # their number is not known.

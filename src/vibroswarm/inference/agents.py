@@ -97,7 +97,7 @@ class Swarm(NamedTuple):
 
 def strategy_of_kinds(scenario: Scenario) -> Strategy:
     """Return the scenario's strategy for its number of kinds of tile and of classes of readings."""
-    return strategy_of(scenario.strategy.name).for_kinds(scenario.sensor.kinds, scenario.sensor.readings)
+    return strategy_of(scenario.strategy.name).for_kinds(scenario.sensor)
 
 
 def strategy_used(scenario: Scenario) -> Strategy:

@@ -128,7 +128,7 @@ def fault_curves(
 
 def _cases(entry: Entry, kinds: Sequence[str], most: int, sensor: Sensor) -> list[tuple[str, int]]:
     """Return kinds and numbers of faulty robots of an entry; the first, ("none", 0), serves all kinds."""
-    has_opposite = strategy(entry.strategy).for_kinds(sensor.kinds, sensor.readings).has_opposite
+    has_opposite = strategy(entry.strategy).for_kinds(sensor).has_opposite
     possible = [kind for kind in kinds if kind != "opposite" or has_opposite]
     return [("none", 0), *((kind, count) for kind in possible for count in range(1, most + 1))]
 

@@ -403,7 +403,7 @@ def _strategy_of(s: Sections) -> Strategy | None:
     known = strategies.known().get(s.strategy.name)
     if known is None or s.sensor.model not in sensors.known():
         return known
-    return known.for_kinds(s.sensor.kinds, s.sensor.readings)
+    return known.for_kinds(s.sensor)
 
 
 def is_neutral_at_half_only(s: Sections) -> bool:

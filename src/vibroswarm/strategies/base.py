@@ -199,9 +199,14 @@ class Strategy(Plugin):
     check: Callable[[Any, float], None] | None = None
     of_many: Strategy | None = None
 
-    def for_kinds(self, kinds: int, readings: int) -> Strategy:
-        """Return the strategy that runs with these numbers of kinds of tile and of classes of readings."""
-        return self if self.of_many is None or max(kinds, readings) == 2 else self.of_many
+    def for_kinds(self, sensor: Any) -> Strategy:
+        """Return the strategy that runs with the numbers of kinds of tile and of classes of readings of a sensor.
+
+        Args:
+            sensor: the section of a scenario.
+        """
+        # A user's sensor counts both; most strategies need not know.
+        return self if self.of_many is None or max(sensor.kinds, sensor.readings) == 2 else self.of_many
 
     def __post_init__(self) -> None:
         """Check name, message size and hooks, and replace the class of parameters (``Plugin``).
