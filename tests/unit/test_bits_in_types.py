@@ -89,7 +89,7 @@ def names_of(node: ast.AST) -> Iterator[str]:
     if isinstance(node, ast.Constant):
         if isinstance(node.value, str) and re.fullmatch(r"[a-z_]+", node.value):
             yield node.value
-    elif not (isinstance(node, ast.Attribute) and ast.unparse(node.value) == "np"):
+    elif not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "np"):
         for field in ("id", "attr", "arg", "name"):
             name = getattr(node, field, None)
             if isinstance(name, str) and not name.isupper():

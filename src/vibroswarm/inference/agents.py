@@ -405,7 +405,10 @@ def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
     ``cast``, because that uses threads, which a forked process lacks.
     """
     if values.dtype == np.float64 and kind != pl.Float64:
-        if np.isnan(values).any():
-            return pl.Series(name, [None if np.isnan(value) else int(value) for value in values], dtype=kind)
-        values = values.astype(np.int64)
+        missing = np.isnan(values)
+        values = np.where(missing, 0.0, values).astype(np.int64)
+        if missing.any():
+            numbers = values.astype(object)
+            numbers[missing] = None
+            return pl.Series(name, numbers.tolist(), dtype=kind)
     return pl.Series(name, values, dtype=kind, nan_to_null=values.dtype == np.float64)
