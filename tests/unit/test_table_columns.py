@@ -1,0 +1,30 @@
+"""Columns of whole numbers in which some are missing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibroswarm.inference.agents import as_column
+
+
+@pytest.mark.parametrize(("kind", "most"), [(pl.UInt8, 255), (pl.UInt32, 2**32 - 1), (pl.Int8, 127)])
+@given(st.data())
+def test_missing_numbers_are_null_and_the_others_as_they_were(
+    kind: type[pl.DataType], most: int, data: st.DataObject
+) -> None:
+    numbers = data.draw(st.lists(st.one_of(st.none(), st.integers(0, most)), max_size=20))
+    values = np.array([math.nan if one is None else one for one in numbers], dtype=np.float64)
+    column = as_column("of robots", values, kind)
+    assert column.to_list() == numbers
+    assert (column.name, column.dtype) == ("of robots", kind)
+
+
+def test_floats_stay_floats_with_null_for_nan() -> None:
+    column = as_column("belief", np.array([0.5, math.nan]), pl.Float64)
+    assert column.to_list() == [0.5, None]
