@@ -56,6 +56,24 @@ def test_it_stays_within_the_bound_that_motion_counts_on() -> None:
     assert 0.6 * widest(values) < found <= widest(values)
 
 
+@pytest.mark.parametrize("drift_samples", [1, 3, 8, 30])
+def test_a_robot_has_the_shift_of_its_latest_sample(drift_samples: int) -> None:
+    """At any sample of a block that is drawn at once, its first and its last one too."""
+    own = {"robot.misalignments": [0.01, -0.02], "swarm.robots": 2}
+    veer = {"robot.misalignment_wander": 0.02, "robot.misalignment_drift": 0.01}
+    values = own | veer | {"robot.misalignment_drift_samples": drift_samples}
+    state, met = EventRun(Scenario().with_values(values), 5, 0), set()
+    for time_s in range(0, 400, 4):
+        state.advance(float(time_s))
+        for robot, misalignment in enumerate(own["robot.misalignments"]):
+            samples = int(state.swarm["samples"][robot])
+            met.add(samples % AT_ONCE)
+            every = misalignment + shifts(values, robot, 400)
+            assert state.swarm["misalignment"][robot] == pytest.approx(every[samples], abs=1e-12)
+            assert abs(state.swarm["misalignment"][robot] - every[samples + 1]) > 1e-6, "not that of the next"
+    assert met == set(range(AT_ONCE))
+
+
 def test_a_run_has_another_veer_and_a_robot_of_the_paper_has_one() -> None:
     own = {"robot.misalignments": [0.01, -0.02], "swarm.robots": 2}
     days = Scenario().with_values(own | {"robot.misalignment_run_spread": 0.02})

@@ -14,12 +14,14 @@ from polars.testing import assert_series_equal
 from vibroswarm.inference.agents import as_column
 
 
-@pytest.mark.parametrize(("kind", "most"), [(pl.UInt8, 255), (pl.UInt32, 2**32 - 1), (pl.Int8, 127)])
+@pytest.mark.parametrize(
+    ("kind", "least", "most"), [(pl.UInt8, 0, 255), (pl.UInt32, 0, 2**32 - 1), (pl.Int8, -128, 127)]
+)
 @given(st.data())
 def test_missing_numbers_are_null_and_the_others_as_they_were(
-    kind: type[pl.DataType], most: int, data: st.DataObject
+    kind: type[pl.DataType], least: int, most: int, data: st.DataObject
 ) -> None:
-    numbers = data.draw(st.lists(st.one_of(st.none(), st.integers(0, most)), max_size=20))
+    numbers = data.draw(st.lists(st.one_of(st.none(), st.integers(least, most)), max_size=20))
     values = np.array([math.nan if one is None else one for one in numbers], dtype=np.float64)
     assert_series_equal(as_column("of robots", values, kind), pl.Series("of robots", numbers, dtype=kind))
 

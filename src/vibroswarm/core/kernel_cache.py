@@ -229,7 +229,8 @@ class KernelCache(FunctionCache):
             # Numba first loads all that it can compile, which takes a tenth of a short command. Machine code needs
             # only addresses: those of the runtime, and of the modules that its file names, which reading it loads.
             rtsys.initialize(target_context)
-            return self._load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
         except OSError as error:
             self._say(error)
         except Exception as error:  # the file is intact, but its content cannot be loaded
