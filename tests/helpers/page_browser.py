@@ -9,6 +9,7 @@ from typing import Any
 import polars as pl
 import pytest
 
+from helpers.browser import Tabs
 from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
 
@@ -33,26 +34,14 @@ def page_path(record: RunRecord, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 @pytest.fixture
-def open_page(browser: Any, page_path: Path) -> Iterator[Open]:
+def open_page(tabs: Tabs, page_path: Path) -> Iterator[Open]:
     """Opens a page; at the end, whatever it logged or asked for fails the test."""
-    noise: list[str] = []
-    contexts: list[Any] = []
 
     def opened(hash_: str = "#t=0", file: Path = page_path, **options: Any) -> Any:
-        options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
-        contexts.append(browser.new_context(**options))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
-        page.on("pageerror", lambda error: noise.append(f"error: {error}"))
-        own = file.as_uri()
-        page.on("request", lambda request: request.url.split("#")[0] == own or noise.append(request.url))
-        page.goto(own + hash_)
-        return page
+        return tabs.open(file.as_uri() + hash_, **{"viewport": {"width": 1280, "height": 800}} | options)
 
     yield opened
-    for context in contexts:
-        context.close()
-    assert noise == []
+    assert tabs.emptied() == []
 
 
 def state(page: Any) -> dict[str, Any]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import html
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 
+from helpers.browser import Tabs
 from helpers.page_browser import BLANK, Open, latest, settled, wait_until
 from helpers.page_records import make_record
 from vibroswarm import preset, simulate
@@ -18,30 +18,28 @@ from vibroswarm.run_page.payload import MapsOverTime, RunRecord
 from vibroswarm.run_page.write import write_page, write_run_page
 
 
-@pytest.mark.parametrize("way", ["src", "srcdoc"])
-def test_it_opens_in_a_hidden_frame_and_draws_once_shown(
-    browser: Any, page_path: Path, tmp_path: Path, way: str
-) -> None:
-    source = page_path.as_uri() if way == "src" else html.escape(page_path.read_text(encoding="utf-8"))
+def test_it_opens_in_hidden_frames_and_draws_once_shown(tabs: Tabs, page_path: Path, tmp_path: Path) -> None:
+    """By address and by content."""
+    written = html.escape(page_path.read_text(encoding="utf-8"))
+    ways = (f'src="{page_path.as_uri()}"', f'srcdoc="{written}"')
     around = tmp_path / "notebook.html"
     around.write_text(
-        f'<iframe {way}="{source}" style="display:none; width:900px; height:700px"></iframe>',
+        "".join(f'<iframe {way} style="display:none; width:900px; height:700px"></iframe>' for way in ways),
         encoding="utf-8",
     )
-    page = browser.new_page(reduced_motion="reduce")
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto(around.as_uri())
-    frame = page.frames[1]
-    wait_until(frame, "typeof vibroswarm === 'object'")
-    assert frame.evaluate("innerWidth") == 0
-    frame.evaluate("vibroswarm.seek(100)")
-    page.evaluate("document.querySelector('iframe').style.display = 'block'")
-    wait_until(frame, "document.getElementById('arena-frame').clientWidth > 250")
-    for canvas in ("floor", "past", "actors", "belief"):
-        assert not frame.evaluate(BLANK, canvas), canvas
-    assert errors == []
-    page.close()
+    page = tabs.open(around.as_uri(), viewport={"width": 1280, "height": 1500}, reduced_motion="reduce")
+    frames = page.frames[1:]
+    assert len(frames) == 2
+    for frame in frames:
+        wait_until(frame, "typeof vibroswarm === 'object'")
+        assert frame.evaluate("innerWidth") == 0
+        frame.evaluate("vibroswarm.seek(100)")
+    page.evaluate("document.querySelectorAll('iframe').forEach((frame) => { frame.style.display = 'block' })")
+    for frame in frames:
+        wait_until(frame, "document.getElementById('arena-frame').clientWidth > 250")
+        for canvas in ("floor", "past", "actors", "belief"):
+            assert not frame.evaluate(BLANK, canvas), canvas
+    assert [one for one in tabs.emptied() if one.startswith("error: ")] == []
 
 
 @pytest.mark.parametrize("gate", ["total", "received", "own"])
@@ -350,17 +348,13 @@ def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecor
     assert not plain.is_visible("#map-section")
 
 
-def test_it_shows_what_robots_report_as_time_goes_on(browser: Any, open_page: Open, tmp_path: Path) -> None:
+def test_it_shows_what_robots_report_as_time_goes_on(open_page: Open, tmp_path: Path) -> None:
     scenario = preset("paper").with_values(
         {"strategy.name": "mcp", "run.t_end_s": 200.0, "task.name": "share"}
     )
     result = simulate(scenario, 3, 1, segments=True)
     write_run_page(result, tmp_path / "run.html")
-    page = browser.new_page(reduced_motion="reduce")
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto((tmp_path / "run.html").as_uri())
-    wait_until(page, "typeof vibroswarm === 'object'")
+    page = open_page("", tmp_path / "run.html", reduced_motion="reduce")
     assert page.inner_text("#reports-title") == "What robots report"
     assert result.reports is not None
     times = result.motion.select("robot", "sample", "time_s")
@@ -381,6 +375,4 @@ def test_it_shows_what_robots_report_as_time_goes_on(browser: Any, open_page: Op
         chart.evaluate("canvas => { canvas.id = 'chart' }")
         assert not page.evaluate(BLANK, "chart")
         chart.evaluate("canvas => { canvas.id = '' }")
-    assert errors == []
-    page.close()
     assert open_page().locator("#reports-section").is_hidden()  # robots that report nothing

@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.browser import Tabs
 from helpers.page_browser import BLANK, Open, latest, settled, state, wait_until
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.run_page.payload import RunRecord
@@ -330,7 +331,7 @@ def test_a_recorded_session_can_be_watched(open_page: Open, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("policy", ["the page's", "none"])
 def test_a_script_that_was_put_into_the_page_does_not_run(
-    browser: Any, page_path: Path, tmp_path: Path, policy: str
+    tabs: Tabs, page_path: Path, tmp_path: Path, policy: str
 ) -> None:
     """Control: without the policy it runs. The page's own script runs in both."""
     text = page_path.read_text(encoding="utf-8")
@@ -341,12 +342,11 @@ def test_a_script_that_was_put_into_the_page_does_not_run(
         text = re.sub(r"<meta http-equiv=.Content-Security-Policy[^>]*>", "", text)
     changed = tmp_path / "changed.html"
     changed.write_text(text, encoding="utf-8")
-    page = browser.new_page()
-    page.goto(changed.as_uri())
+    page = tabs.open(changed.as_uri(), viewport={"width": 1280, "height": 800})
     wait_until(page, "typeof vibroswarm === 'object'")
     page.wait_for_timeout(200)
     assert page.evaluate("window.injected === 1") is (policy == "none")
-    page.close()
+    assert any("Content Security Policy" in one for one in tabs.emptied()) is (policy != "none")
 
 
 def test_robots_with_faults_are_marked_from_then_on(

@@ -15,7 +15,7 @@ from vibroswarm.run_page.write import write_page
 
 
 def test_layers_can_be_switched_off_and_on(open_page: Open) -> None:
-    page = open_page("#t=100.5")
+    page = open_page("#t=100.5", viewport={"width": 400, "height": 800})  # pictures as small as can be
     shown = "document.getElementById('actors').toDataURL()"
     times = (100.5, 101.5, 103.0, 105.0)
 

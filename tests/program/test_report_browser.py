@@ -12,6 +12,7 @@ from typing import Any
 import polars as pl
 import pytest
 
+from helpers.browser import Tabs
 from vibroswarm.documents.search import search_document
 from vibroswarm.optimize import Search, run_search, truth_of
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
@@ -31,6 +32,7 @@ FRAME = pl.DataFrame(
 )
 
 
+@cache
 def made() -> Document:
     table = Table(
         FRAME,
@@ -43,9 +45,9 @@ def made() -> Document:
     )
     values = pl.DataFrame({"cell": FRAME["cell"].to_list() * 10, "value": [float(n * 29) for n in range(40)]})
     grid = pl.DataFrame([{"x": x, "y": y, "value": x * y + 0.5} for x in range(4) for y in range(3)])
-    outcomes = Figure("outcomes", lambda style: draw_outcomes(counts, style=style))
-    times = Figure("times", lambda style: draw_boxes(values, t_end=1200, style=style))
-    heat = Figure("map", lambda style: draw_heat(grid, best="low", style=style))
+    outcomes = Figure("outcomes", cache(lambda style: draw_outcomes(counts, style=style)))
+    times = Figure("times", cache(lambda style: draw_boxes(values, t_end=1200, style=style)))
+    heat = Figure("map", cache(lambda style: draw_heat(grid, best="low", style=style)))
     return Document(
         f"A study {NASTY}",
         ("What was found.",),
@@ -69,16 +71,25 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def long_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report of many sections, each with two pictures beside each other and a folded table; and a table of claims."""
+    """A report of many sections, each with two parts beside each other and a folded table; and a table of claims.
+
+    The parts are pictures where tests look at them, else words, which are drawn sooner.
+    """
     counts = pl.DataFrame({"cell": ["a", "b"], "right": [5, 2], "wrong": [1, 1]})
     drawn = cache(lambda style: draw_outcomes(counts, style=style))
-    below = tuple(Section(f"Picture {n}", (Figure(f"p{n}", drawn),)) for n in (1, 2))
+    pictures = tuple(Section(f"Picture {n}", (Figure(f"p{n}", drawn),)) for n in (1, 2))
+    words = tuple(Section(f"Words {n}", (Text("Long. " * 200),)) for n in (1, 2))
     table = Section("All numbers", (Table(FRAME),), folded=True)
     prose, marked = Column(prose=True), Column(tones={"not": "bad"})
     kinds = {"says": prose, "measured": prose, "paper": marked, "text": marked, "calibrated": marked}
     claims = Table(pl.DataFrame([dict.fromkeys(kinds, "not so, but nearly all of it")]), kinds)
-    first = Section("Item 0", (Text("Text."), claims, *below, table), side_by_side=True)
-    others = (Section(f"Item {n}", (Text("Text."), *below, table), side_by_side=True) for n in range(1, 20))
+    first = Section("Item 0", (Text("Text."), claims, *words, table), side_by_side=True)
+    others = (
+        Section(
+            f"Item {n}", (Text("Text."), *(pictures if n in (1, 12) else words), table), side_by_side=True
+        )
+        for n in range(1, 20)
+    )
     file = tmp_path_factory.mktemp("long") / "report.html"
     write_page(file, Document("Long", (), parts=(first, *others)))
     return file
@@ -99,32 +110,15 @@ def search_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def open_report(browser: Any, path: Path, long_path: Path) -> Iterator[Open]:
+def open_report(tabs: Tabs, path: Path, long_path: Path) -> Iterator[Open]:
     """Opens the report, the long one, or another; at the end, whatever it logged or asked for fails the test."""
-    noise: list[str] = []
-    contexts: list[Any] = []
 
     def opened(hash_: str = "", *, long: bool = False, file: Path | None = None, **options: Any) -> Any:
-        options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"} | options
-        contexts.append(browser.new_context(**options))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: noise.append(f"{message.type}: {message.text}"))
-        page.on("pageerror", lambda error: noise.append(f"error: {error}"))
-        page.on("dialog", lambda dialog: noise.append(f"dialog: {dialog.message}"))
-        own = (file or (long_path if long else path)).as_uri()
-
-        def asked(request: Any) -> None:
-            if request.url.split("#")[0] != own and not request.url.startswith("data:"):
-                noise.append(request.url)
-
-        page.on("request", asked)
-        page.goto(own + hash_)
-        return page
+        address = (file or (long_path if long else path)).as_uri() + hash_
+        return tabs.open(address, **{"viewport": {"width": 1280, "height": 800}} | options)
 
     yield opened
-    for context in contexts:
-        context.close()
-    assert noise == []
+    assert tabs.emptied() == []
 
 
 IN_SIGHT = """() => {
