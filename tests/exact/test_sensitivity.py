@@ -9,6 +9,7 @@ import pytest
 
 from vibroswarm.documents.sensitivity import sensitivity_document
 from vibroswarm.errors import InputError
+from vibroswarm.optimize import sensitivity
 from vibroswarm.optimize.sensitivity import indices, saltelli, sobol_indices
 from vibroswarm.optimize.spec import Search
 from vibroswarm.show.data import document_data
@@ -28,6 +29,13 @@ def ishigami(u: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     return np.asarray(np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]))
 
 
+@pytest.fixture
+def no_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Almost no bootstrap, which takes nearly all of the time, for tests that read no limits."""
+    monkeypatch.setattr(sensitivity, "DRAWS", 2)
+
+
+@pytest.mark.usefixtures("no_limits")
 def test_shares_of_a_function_that_is_known() -> None:
     """Ishigami's: S = 0.314, 0.442, 0; S_T = 0.558, 0.442, 0.244."""
     u = saltelli(3, 5 * 4096, 1)
@@ -39,23 +47,31 @@ def test_shares_of_a_function_that_is_known() -> None:
 
 def test_the_noise_of_the_runs_is_taken_out() -> None:
     """Twice as much of the variance is noise as is not."""
-    shares, held, naive = {"a": 0.8, "b": 0.2, "c": 0.0}, 0, []
+    shares, held = {"a": 0.8, "b": 0.2, "c": 0.0}, 0
     totals: dict[str, list[float]] = {name: [] for name in shares}
     for seed in range(8):
-        u = saltelli(3, 5 * 1024, seed)
-        random = np.random.default_rng(1000 + seed)
-        costs = linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10))
-        found = indices(NAMES, costs)
+        found = indices(NAMES, noisy_costs(seed))
         assert found.noise_share == pytest.approx(0.9 / (0.9 + 5 / 12), abs=0.06)
         for one in found.fields:
             totals[one.name].append(one.total)
             held += one.total_low <= shares[one.name] <= one.total_high
             held += one.first_low <= shares[one.name] <= one.first_high
-        naive += [one.total for one in indices(NAMES, costs.mean(axis=1, keepdims=True)).fields]
     for name, share in shares.items():
         assert float(np.mean(totals[name])) == pytest.approx(share, abs=0.1)
     assert held >= 41  # of 48, 95 % each
-    assert min(naive) > 0.5  # the control: noise taken for an effect
+
+
+@pytest.mark.usefixtures("no_limits")
+def test_noise_that_stays_in_is_taken_for_an_effect() -> None:
+    """The control: the same means, as if each were of one run."""
+    means = [noisy_costs(seed).mean(axis=1, keepdims=True) for seed in range(8)]
+    assert min(one.total for costs in means for one in indices(NAMES, costs).fields) > 0.5
+
+
+def noisy_costs(seed: int) -> np.ndarray:  # type: ignore[type-arg]
+    u = saltelli(3, 5 * 1024, seed)
+    random = np.random.default_rng(1000 + seed)
+    return np.asarray(linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10)))
 
 
 def test_too_few_points_are_refused() -> None:
