@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import islice
 from typing import Any
 
 import pytest
@@ -98,12 +97,9 @@ def empty_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """A study's document has only its first figure: for tests of its words, tables and files."""
-    from vibroswarm.documents import study
+    from helpers.study_pictures import keep_first_picture
 
-    whole = study.outcome_figures
-    monkeypatch.setattr(study, "outcome_figures", lambda outcome: islice(whole(outcome), 1))
-    for name in ("time_figures", "comparison_figures", "front_figures", "sampling_figures"):
-        monkeypatch.setattr(study, name, lambda outcome: ())
+    keep_first_picture(monkeypatch)
 
 
 @pytest.fixture(autouse=True)

@@ -10,6 +10,10 @@ import polars as pl
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.documents.study_figures import time_figures
+from vibroswarm.study.run import run
+from vibroswarm.study.spec import Study
+from vibroswarm.study.summary import outcome_of
 
 pytestmark = pytest.mark.slow
 
@@ -22,7 +26,7 @@ run = { t_end_s = 120 }
 decision = { min_observations = 20 }
 swarm = { robots = 3 }
 [grid]
-"floor.source" = ["random:0.44", "random:0.48", "random:0.56"]
+"floor.source" = ["random:0.48", "random:0.56"]
 "strategy.name" = ["none", "soft"]
 """
 
@@ -60,7 +64,7 @@ def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
     wanted = {
         "outcomes",
         "decision_time_s",
-        "incidence-robots-1",
+        "incidence-robots",
         "consensus-box",
         "detection",
     }
@@ -73,7 +77,7 @@ def test_pictures_show_the_numbers_of_the_summary(swept: Path) -> None:
     assert sorted(drawn["estimate"]) == pytest.approx(sorted(summary["decision_time_s"]))
     outcomes = pl.read_csv(swept / "pictures" / "outcomes.csv")
     assert outcomes["right"].to_list() == pytest.approx(summary["swarm_right"].to_list())
-    assert outcomes["runs"].to_list() == [24] * 6
+    assert outcomes["runs"].to_list() == [24] * 4
 
 
 @pytest.mark.usefixtures("svg_alone")
@@ -90,10 +94,20 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
     assert {str(path) for path in before if before[path] != after[path]} == set()
 
 
+def test_decisions_over_time_have_a_picture_for_each_floor_where_one_would_be_crowded() -> None:
+    more = Study.from_toml(
+        STUDY.replace("runs = 24", "runs = 2").replace('["random', '["random:0.44", "random')
+    )
+    names = {figure.name for figure in time_figures(outcome_of(run(more)))}
+    assert {name for name in names if name.startswith("incidence-")} == {
+        f"incidence-{unit}-{number}" for unit in ("robots", "swarms") for number in (1, 2, 3)
+    }
+
+
 FEW = ["evaluate", "--runs", "4", "--no-confirm", *SMALL]
 
 
-@pytest.mark.usefixtures("empty_pictures")
+@pytest.mark.usefixtures("one_picture", "empty_pictures")
 def test_pictures_are_files_on_request_and_in_the_report_anyway(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,7 +116,7 @@ def test_pictures_are_files_on_request_and_in_the_report_anyway(
     assert "report.html, study.toml, tables (CSV, Parquet), " in " ".join(out.split())
     assert not (tmp_path / "a" / "pictures").exists()
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
-    assert page.count("<svg") > 5
+    assert page.count("<svg") == 2  # the mark of the page and the only picture here
     code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a", "--pictures")
     assert code == 0
     assert "pictures/, " in " ".join(out.split())
@@ -120,12 +134,12 @@ def test_pictures_and_none_conflict(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_references_stand_beside_every_strategy(swept: Path) -> None:
     table = pl.read_csv(swept / "references.csv")
-    assert table.height == 6
+    assert table.height == 4
     assert (table["known_time_s"] <= 120).all()
     assert (table["strategy_time_s"] <= 120).all()
-    assert table["packet_loss"].to_list() == [0.0] * 6
+    assert table["packet_loss"].to_list() == [0.0] * 4
     # What could be known does not depend on what is said, but on the floor.
-    assert table["known_time_s"][0] == table["known_time_s"][1] != table["known_time_s"][4]
+    assert table["known_time_s"][0] == table["known_time_s"][1] != table["known_time_s"][2]
 
 
 def test_the_report_in_a_browser(swept: Path, browser: Any) -> None:
@@ -218,8 +232,8 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]) -> None:
-    line = ["detect", "--fills", "0.01,0.1", "--tiles", "10x10", "--runs", "5"]
-    line += ["--set", "decision.decision_boundary=0.03"]
+    line = ["detect", "--fills", "0.01,0.1", "--tiles", "10x10", "--robots", "2", "--runs", "2"]
+    line += ["--set", "run.t_end_s=20", "--set", "decision.decision_boundary=0.03"]
     assert main([*line, "--boundary-of", "readings"]) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert (
@@ -235,12 +249,12 @@ def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]
 
 
 def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
-    line = ["detect", "--fills", "0.1", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60"]
-    assert main([*line, "--set", "decision.decision_boundary=0.03"]) == 0
+    line = ["detect", "--tiles", "10x10", "--robots", "2", "--runs", "2", "--set", "run.t_end_s=20"]
+    assert main([*line, "--fills", "0.1", "--set", "decision.decision_boundary=0.03"]) == 0
     assert "Fill ratios added to count false alarms: 0 %, 1 % and 2 %." in " ".join(
         capsys.readouterr().out.split()
     )
-    assert main(["detect", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60", "--json"]) == 0
+    assert main([*line, "--json"]) == 0
     fills = {row["fill_ratio"] for row in json.loads(capsys.readouterr().out)["tables"]["needed"]}
     assert min(fills) < 0.5 < max(fills)
 

@@ -17,6 +17,7 @@ from vibroswarm import sensors
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS
 from vibroswarm.cli.show import LAWFUL
+from vibroswarm.cli.show import _needs_kernels as needs_kernels
 from vibroswarm.result import TABLES, Result
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -354,18 +355,26 @@ EventRun.move_on = with_a_product
 """
 
 
-@pytest.mark.parametrize("first", ["", INVALID_PRODUCT], ids=["as it is", "control"])
-def test_plain_python_warns_of_nothing(first: str) -> None:
-    """What compiled code does without a word, NumPy warns of: "invalid value encountered"."""
+def test_plain_python_warns_of_nothing() -> None:
+    """What compiled code does without a word, NumPy warns of: "invalid value encountered". The control does so."""
     options = ["run", "--plain", "--robots", "10", "--set", "run.t_end_s=40"]
-    program = f"{first}\nimport sys\nfrom vibroswarm.cli import main\nsys.exit(main({options}))"
+    program = f"""
+import sys
+from vibroswarm.cli import main
+assert main({options}) == 0
+print("CONTROL", file=sys.stderr)
+{INVALID_PRODUCT}
+sys.exit(main({[*options[:-1], "run.t_end_s=1"]}))
+"""
     plain = os.environ | {"VIBROSWARM_PLAIN": "1"}
     process = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, env=plain, timeout=300, check=False
     )
     assert process.returncode == 0, process.stderr
-    warned = any("Warning" in line or "encountered" in line for line in process.stderr.splitlines())
-    assert warned == bool(first), process.stderr
+    told, control = process.stderr.split("CONTROL")
+    for words, is_control in ((told, False), (control, True)):
+        warned = any("Warning" in line or "encountered" in line for line in words.splitlines())
+        assert warned == is_control, words
 
 
 def test_help_and_version(capsys):
@@ -386,8 +395,10 @@ import contextlib, io, json, sys
 from vibroswarm.cli import main
 loaded = {{}}
 for line in {lines!r}:
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
-        assert main(line) == 0
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):
+        sys.argv = ["vibroswarm", *line]
+        assert main() == 0
+    assert said.getvalue().count("\\n") > (5 if "show" in line else 0)
     loaded[" ".join(line)] = sorted({packages!r} & set(sys.modules))
 print(json.dumps(loaded))
 """
@@ -398,44 +409,39 @@ print(json.dumps(loaded))
 def test_help_loads_nothing_heavy():
     lines = [["--help"], ["--version"], [], *([*words.split(), "--help"] for words in COMMANDS)]
     assert ["lab", "import", "--help"] in lines
-    loaded = loaded_by(*lines)
-    assert len(loaded) == len(lines)
+    loaded = loaded_by(*lines, ["scenario"])
+    assert len(loaded) == len(lines) + 1
+    assert "pydantic" in loaded.pop("scenario"), "what is loaded is seen"
     assert {line: packages for line, packages in loaded.items() if packages} == {}
 
 
-def loaded_by_show(folder: Path) -> set[str]:
-    """The modules that a process of its own has loaded when it has shown a folder."""
-    line = [sys.executable, "-X", "importtime", "-m", "vibroswarm", "show", str(folder)]
-    shown = subprocess.run(line, capture_output=True, text=True, check=True)
-    assert shown.stdout.count("\n") > 5
-    return {row.rpartition("|")[2].strip() for row in shown.stderr.splitlines()}
+RUN = "run --set run.t_end_s=30"
+STUDY = "evaluate --runs 2 --no-confirm --no-pictures --set run.t_end_s=30"
+LEAGUE = "league --strategy none,soft --patterns random --fills 0.4 --runs 2 --belief-runs 0 --fault-runs 0"
+SHOWN = {
+    "run": RUN,
+    "study": STUDY,
+    "run near edges": f"{RUN} --preset calibrated",
+    "study near edges": f"{STUDY} --preset calibrated",
+    "league near edges": f"{LEAGUE} --preset calibrated --set run.t_end_s=30",
+    "run at places": f"{RUN} --set sensor.model=acceleration",
+    "study at places": f"{STUDY} --set sensor.model=acceleration",
+}
 
 
-@pytest.mark.parametrize(
-    ("command", "is_computed"),
-    [
-        ("run", True),
-        ("evaluate --runs 2 --no-confirm --no-pictures", True),
-        ("league --strategy none,soft --patterns random --fills 0.4 --runs 2", False),
-    ],
-)
-def test_results_are_shown_without_compiling_but_readings_near_edges(tmp_path, command, is_computed):
-    for preset_name in ("paper", "calibrated"):
-        folder = tmp_path / preset_name
-        options = ["--preset", preset_name, "--set", "run.t_end_s=30", "--out", str(folder)]
-        assert main([*command.split(), *options]) == 0
-        loaded = loaded_by_show(folder)
-        assert "polars" in loaded
-        assert "scipy.stats" not in loaded
-        assert ("numba" in loaded) == (preset_name == "calibrated" and is_computed)
-
-
-@pytest.mark.parametrize("command", ["run", "evaluate --runs 2 --no-confirm --no-pictures"])
-def test_kernels_are_loaded_for_sensors_that_measure_at_a_place(tmp_path, command):
-    """Their error rates would take minutes without."""
-    line = ["--set", "sensor.model=acceleration", "--set", "run.t_end_s=30", "--out", str(tmp_path / "out")]
-    assert main([*command.split(), *line]) == 0
-    assert "numba" in loaded_by_show(tmp_path / "out")
+@pytest.mark.usefixtures("empty_pictures")
+def test_results_are_shown_without_compiling_but_readings_near_edges_or_at_places(tmp_path, monkeypatch):
+    """Error rates of such readings would take minutes without; a league is shown as its tables were saved."""
+    monkeypatch.chdir(tmp_path)
+    for name, words in SHOWN.items():
+        assert main([*words.split(), "--out", name]) == 0
+    without = [name for name in SHOWN if not needs_kernels(Path(name))]
+    assert without == ["run", "study", "league near edges"]
+    seen = {"polars", "numba", "scipy.stats"}
+    shown = loaded_by(*(["show", name] for name in without), packages=seen)
+    assert list(shown.values()) == [{"polars"}] * 3
+    with_kernels = loaded_by(["show", "run near edges"], packages=seen)
+    assert list(with_kernels.values()) == [{"polars", "numba"}]
 
 
 def test_sensors_with_a_formula_are_those_that_measure_no_place():
@@ -484,7 +490,3 @@ print(os.environ["OPENBLAS_NUM_THREADS"], most)
     asked, most = told.stdout.splitlines()[-1].split()
     assert asked == threads
     assert int(most) <= int(threads)  # fewer where the machine has fewer cores
-
-
-def test_what_a_command_loads_is_seen():
-    assert "pydantic" in loaded_by(["scenario"])["scenario"]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from helpers.study_pictures import keep_first_picture
 from vibroswarm.cli import main
 from vibroswarm.show import page, page_origin
 
@@ -15,6 +16,14 @@ OPTIONS = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "-
            "--strategy", "none,soft", "--runs", "20", "--quiet"]  # fmt: skip
 pytestmark = pytest.mark.slow
 LONG_AGO_S = 1_000_000_000
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_pictures() -> Iterator[None]:
+    """Pages have the first picture of a study alone: whether they are made again does not depend on their number."""
+    with pytest.MonkeyPatch.context() as patch:
+        keep_first_picture(patch)
+        yield
 
 
 @pytest.fixture(scope="module")
