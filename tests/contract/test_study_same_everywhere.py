@@ -6,8 +6,6 @@ import multiprocessing
 import os
 import random
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -19,8 +17,8 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-import vibroswarm
 from helpers.dask_cluster import Cluster
+from helpers.forked import FORKED, begin, begin_another, run_study
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.study import executors, runner
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
@@ -122,6 +120,7 @@ def look_whether_to_stop(begun: Path) -> None:
 def test_processes_that_die_while_they_look_whether_to_stop_block_nobody(tmp_path: Path) -> None:
     """A lock that the dead process held would never be released."""
     pools = executors.SingleProcessPools(1)
+    pools._context = FORKED
     for number in range(6):
         begun = tmp_path / str(number)
         call = pools.submit(look_whether_to_stop, begun)
@@ -142,7 +141,7 @@ def test_a_dask_worker_is_killed_in_the_middle(alone: StudyResult, tmp_path: Pat
     with Cluster(tmp_path, 2) as cluster:
         progress = once_done(0.2, cluster.workers[1].kill)
         result = STUDY.run(tmp_path / "s", executor=str(cluster.scheduler_file), progress=progress)
-        assert cluster.workers[1].poll() == -signal.SIGKILL
+        assert cluster.workers[1].exitcode == -signal.SIGKILL
         assert_same(result, alone)
         tables = STUDY.with_runs(50).run(tmp_path / "t", executor=cluster.address).runs()
         assert_frame_equal(tables, alone.runs().filter(pl.col("run") < 50), check_exact=True)
@@ -247,23 +246,16 @@ def test_order_and_size_of_the_batches_do_not_matter(alone: StudyResult, tmp_pat
     assert_same(result, alone)
 
 
-SCRIPT = """
-import sys
-from vibroswarm.study.spec import Study
-Study.read(sys.argv[1]).run(sys.argv[2], executor=sys.argv[3], workers=2)
-"""
-
-
-def killed(study: Path, folder: Path, executor: str, after_s: float) -> int:
+def killed(study: Path, folder: Path, executor: str, after_s: float) -> Any:
     """Begin the study, or go on with it, and kill it some time after it has added something; gives its exit code."""
-    env = {**os.environ, "PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
-    process = subprocess.Popen([sys.executable, "-c", SCRIPT, study, folder, executor], env=env)
+    process = begin(run_study, study, folder, executor)
     before = set((folder / SHARDS).glob("*"))
-    while process.poll() is None and not set((folder / SHARDS).glob("*")) - before:
+    while process.exitcode is None and not set((folder / SHARDS).glob("*")) - before:
         time.sleep(0.002)
     time.sleep(after_s)
     process.kill()
-    return process.wait()
+    process.join()
+    return process.exitcode
 
 
 @pytest.mark.slow
@@ -453,26 +445,12 @@ def test_too_few_workers(count: int) -> None:
         STUDY.run(workers=count)
 
 
-BEGINS_A_PROCESS = """
-import multiprocessing, time
-from vibroswarm.study.executors import SingleProcessPools
-
-if __name__ == "__main__":
-    SingleProcessPools(1).submit(time.sleep, 0).result()
-    print(multiprocessing.active_children()[0].pid, flush=True)
-    time.sleep(60)
-"""
-
-
-def test_a_process_ends_when_the_one_that_started_it_is_killed(tmp_path: Path) -> None:
-    (tmp_path / "s.py").write_text(BEGINS_A_PROCESS)
-    env = {**os.environ, "PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
-    with subprocess.Popen(
-        [sys.executable, tmp_path / "s.py"], stdout=subprocess.PIPE, env=env, text=True
-    ) as process:
-        assert process.stdout is not None
-        child = int(process.stdout.readline())
-        process.kill()
+def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
+    ours, theirs = FORKED.Pipe()
+    process = begin(begin_another, theirs)
+    child = ours.recv()
+    process.kill()
+    process.join()
     until_s = time.monotonic() + 20.0
     while Path(f"/proc/{child}").exists() and "zombie" not in Path(f"/proc/{child}/status").read_text():
         assert time.monotonic() < until_s

@@ -7,8 +7,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
-import vibroswarm
+from helpers.forked import begin, run_module
 
 PATIENCE_S = 60.0
 
@@ -17,25 +18,31 @@ class Cluster:
     """A scheduler with workers; a context manager. ``scheduler_file`` and ``address`` lead to it."""
 
     def __init__(self, folder: Path, workers: int, sources: Path | None = None) -> None:
-        self.folder, self.scheduler_file = folder, folder / "scheduler file.json"
-        sources = sources or Path(vibroswarm.__file__).parents[1]
-        self.env = {
-            **os.environ,
-            "PYTHONPATH": str(sources),
-            "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "critical",
-        }
+        self.folder, self.scheduler_file, self.sources = folder, folder / "scheduler file.json", sources
         self.scheduler = self.start("dask_scheduler", "--port", "0")
         self.wait_for(self.scheduler_file.is_file)
         self.workers = [self.start_worker() for _ in range(workers)]
 
-    def start(self, what: str, *options: str) -> subprocess.Popen[bytes]:
-        line = [sys.executable, "-m", f"distributed.cli.{what}", "--host", "127.0.0.1", "--no-dashboard",
-                "--scheduler-file", str(self.scheduler_file), *options]  # fmt: skip
-        log = (self.folder / "cluster.log").open("ab")
-        with log:
-            return subprocess.Popen(line, env=self.env, cwd=self.folder, stdout=log, stderr=log)
+    def start(self, what: str, *options: str) -> Any:
+        """A process that is forked, or one of its own where it has other sources than these."""
+        module = f"distributed.cli.{what}"
+        words = [
+            "--host",
+            "127.0.0.1",
+            "--no-dashboard",
+            "--scheduler-file",
+            str(self.scheduler_file),
+            *options,
+        ]
+        if self.sources is None:
+            return begin(run_module, module, words, self.folder)
+        env = {**os.environ, "PYTHONPATH": str(self.sources)}
+        with (self.folder / "cluster.log").open("ab") as log:
+            return OwnProcess(
+                [sys.executable, "-m", module, *words], env=env, cwd=self.folder, stdout=log, stderr=log
+            )
 
-    def start_worker(self) -> subprocess.Popen[bytes]:
+    def start_worker(self) -> Any:
         return self.start(
             "dask_worker", "--nthreads", "1", "--no-nanny", "--local-directory", str(self.folder)
         )
@@ -52,7 +59,7 @@ class Cluster:
         import distributed
 
         with distributed.Client(scheduler_file=str(self.scheduler_file), set_as_default=False) as client:
-            client.wait_for_workers(sum(w.poll() is None for w in self.workers), timeout=PATIENCE_S)
+            client.wait_for_workers(sum(w.exitcode is None for w in self.workers), timeout=PATIENCE_S)
 
     def add_worker(self) -> None:
         self.workers.append(self.start_worker())
@@ -72,4 +79,14 @@ class Cluster:
         for process in [*self.workers, self.scheduler]:
             process.kill()
         for process in [*self.workers, self.scheduler]:
-            process.wait()
+            process.join()
+
+
+class OwnProcess(subprocess.Popen[bytes]):
+    """A program, with the names that processes of ``multiprocessing`` have."""
+
+    join = subprocess.Popen.wait
+
+    @property
+    def exitcode(self) -> int | None:
+        return self.poll()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -46,8 +47,19 @@ def same(one: Found, other: Found) -> bool:
 
 
 @pytest.fixture(scope="module")
-def whole() -> Found:
-    return run_search(small(), workers=2)
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("done") / "s"
+
+
+@pytest.fixture(scope="module")
+def whole(done: Path) -> Found:
+    return run_search(small(), done, workers=2)
+
+
+@pytest.fixture
+def folder(whole: Found, done: Path, tmp_path: Path) -> Path:
+    """A copy of the folder of the whole search."""
+    return Path(shutil.copytree(done, tmp_path / "s"))
 
 
 class Stopped(Exception):  # noqa: N818
@@ -89,7 +101,7 @@ def test_on_a_cluster_that_loses_a_worker_it_is_the_same(
         def progress(told: Any) -> None:
             if told.runs > 30 and not killed:
                 cluster.workers[0].kill()
-                killed.append(cluster.workers[0].wait())
+                killed.append(cluster.workers[0].pid)
 
         assert same(whole, run_search(small(), executor=str(cluster.scheduler_file), progress=progress))
         assert killed
@@ -139,27 +151,24 @@ def test_stopped_and_resumed_it_gives_the_same_bit_by_bit(tmp_path: Path, whole:
     assert same(whole, run_search(small(), tmp_path / "s"))
 
 
-def test_steps_that_are_not_there_are_done_again(tmp_path: Path, whole: Found) -> None:
-    run_search(small(), tmp_path / "s")
-    before = steps_of(tmp_path / "s")
+def test_steps_that_are_not_there_are_done_again(folder: Path, whole: Found) -> None:
+    before = steps_of(folder)
     names = list(before)
     for lost in (names[:1], names[2:4], names[-1:], names):
         for name in lost:
-            (tmp_path / "s" / "steps" / name).unlink()
-        assert same(whole, run_search(small(), tmp_path / "s"))
-        assert steps_of(tmp_path / "s") == before
+            (folder / "steps" / name).unlink()
+        assert same(whole, run_search(small(), folder))
+        assert steps_of(folder) == before
 
 
 def test_a_search_that_is_done_runs_nothing_again(
-    tmp_path: Path, whole: Found, monkeypatch: pytest.MonkeyPatch
+    folder: Path, whole: Found, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_search(small(), tmp_path / "s")
-
     def never(*_: object) -> None:
         raise Stopped
 
     monkeypatch.setattr(evaluate, "outcomes_of", never)
-    assert same(whole, run_search(small(), tmp_path / "s"))
+    assert same(whole, run_search(small(), folder))
 
 
 @pytest.mark.parametrize(
@@ -172,33 +181,30 @@ def test_a_search_that_is_done_runs_nothing_again(
         ("[search]", "[objective]\ncost = 'printed'\n[search]", "objective.cost is 'authors_code' there"),
     ],
 )
-def test_a_changed_search_is_refused_with_what_differs(tmp_path: Path, old: str, new: str, told: str) -> None:
-    run_search(small(), tmp_path / "s")
+def test_a_changed_search_is_refused_with_what_differs(folder: Path, old: str, new: str, told: str) -> None:
     with pytest.raises(InputError, match=told):
-        run_search(small(SMALL.replace(old, new)), tmp_path / "s")
+        run_search(small(SMALL.replace(old, new)), folder)
 
 
-def test_folders_that_are_no_search(tmp_path: Path) -> None:
+def test_folders_that_are_no_search(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
     with pytest.raises(InputError, match="is not a search"):
         run_search(small(), tmp_path / "other")
-    run_search(small(), tmp_path / "s")
-    (tmp_path / "s" / "vibroswarm.json").write_text("{}")
+    (folder / "vibroswarm.json").write_text("{}")
     with pytest.raises(InputError, match="damaged"):
-        run_search(small(), tmp_path / "s")
+        run_search(small(), folder)
 
 
-def test_other_versions_are_refused_unless_mixed(tmp_path: Path, whole: Found) -> None:
-    run_search(small(), tmp_path / "s")
-    head = tmp_path / "s" / "vibroswarm.json"
+def test_other_versions_are_refused_unless_mixed(folder: Path, whole: Found) -> None:
+    head = folder / "vibroswarm.json"
     about = json.loads(head.read_text())
     about["versions"]["numba"] = "0.1"
     head.write_text(json.dumps(about))
     resealed(head)
     with pytest.raises(InputError, match=r"numba 0\.1 there"):
-        run_search(small(), tmp_path / "s")
-    assert same(whole, run_search(small(), tmp_path / "s", mixed=True))
+        run_search(small(), folder)
+    assert same(whole, run_search(small(), folder, mixed=True))
 
 
 @pytest.mark.parametrize("workers", [1, 8])
