@@ -8,9 +8,6 @@ rows; a third process that loads both would run the wrong one.
 from __future__ import annotations
 
 import gc
-import os
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -64,17 +61,13 @@ for which in sys.argv[1]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
-def test_kernels_kept_by_two_processes_go_together(tmp_path: Path) -> None:
+def test_kernels_kept_by_two_processes_go_together(tmp_path: Path, numba_programs: NumbaPrograms) -> None:
     (tmp_path / "rows_kernels.py").write_text(KERNELS, encoding="utf-8")
     (tmp_path / "call.py").write_text(CALL, encoding="utf-8")
-    cache = str(tmp_path / "cache")
-    environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
 
     def called(which: str) -> list[float]:
-        command = [sys.executable, str(tmp_path / "call.py"), which]
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=True, timeout=120
-        )
+        done = numba_programs.run(tmp_path / "call.py", which, cache=tmp_path / "cache")
+        assert done.returncode == 0, done.stderr
         return [float(word) for word in done.stdout.split()]
 
     assert called("a") == [7.0]
@@ -126,17 +119,17 @@ assert (gc.get_threshold(), numba.config.SLP_VECTORIZE) == before
 @pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 @pytest.mark.parametrize("first", ["ours", "the user's"])
-def test_a_users_own_compiled_function_and_our_kernels_call_each_other(first: str, tmp_path: Path) -> None:
+def test_a_users_own_compiled_function_and_our_kernels_call_each_other(
+    first: str, tmp_path: Path, numba_programs: NumbaPrograms
+) -> None:
     """What Python calls and what only kernels call, compiled at first and from the cache."""
     (tmp_path / "foreign.py").write_text(FOREIGN, encoding="utf-8")
-    cache = str(tmp_path / "cache")
-    environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
     for _ in ("compiled", "from the cache"):
-        done = subprocess.run(
-            [sys.executable, str(tmp_path / "foreign.py"), first],
-            env=environment, capture_output=True, text=True, check=True, timeout=120,
-        )  # fmt: skip
-        for line in done.stdout.splitlines():
+        done = numba_programs.run(tmp_path / "foreign.py", first, cache=tmp_path / "cache")
+        assert done.returncode == 0, done.stderr
+        lines = done.stdout.splitlines()
+        assert len(lines) == 2
+        for line in lines:
             compiled, plain = map(float, line.split())
             assert compiled == pytest.approx(plain, rel=1e-12)
             assert 100.0 < plain < 250.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,12 +42,24 @@ def result() -> Result:
     )
 
 
-@pytest.fixture
-def folder(result: Result, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def other() -> Result:
+    """One run, with less."""
+    return simulate(Scenario().with_values(SHORT), 9)
+
+
+@pytest.fixture(scope="module")
+def written(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result on disk, in a folder whose name is not a plain word."""
-    path = tmp_path / "two runs, über 60 s"
+    path = tmp_path_factory.mktemp("written") / "two runs, über 60 s"
     result.write(path)
     return path
+
+
+@pytest.fixture
+def folder(written: Path, tmp_path: Path) -> Path:
+    """A copy of the folder."""
+    return Path(shutil.copytree(written, tmp_path / written.name))
 
 
 def without_leftovers(path: Path) -> bool:
@@ -54,14 +67,14 @@ def without_leftovers(path: Path) -> bool:
     return [p for p in path.parent.iterdir() if p != path] == []
 
 
-def test_reading_gives_back_an_equal_result(result: Result, folder: Path) -> None:
-    again = Result.read(folder)
+def test_reading_gives_back_an_equal_result(result: Result, written: Path) -> None:
+    again = Result.read(written)
     assert again == result
     assert again.same_tables(result)
     assert (again.seed, again.scenario.hash, again.source) == (2**62 + 1, result.scenario.hash, result.source)
     assert dict(again.versions) == versions()
-    assert Result.read(str(folder)) == result
-    assert without_leftovers(folder)
+    assert Result.read(str(written)) == result
+    assert without_leftovers(written)
 
 
 QUICK = ("places", "dc")
@@ -122,10 +135,10 @@ def test_the_tables_have_their_columns(result: Result) -> None:
         assert dict(getattr(result, name).schema) == schema
 
 
-def test_each_table_says_what_it_is_of(result: Result, folder: Path) -> None:
+def test_each_table_says_what_it_is_of(result: Result, written: Path) -> None:
     """Scenario, seed and versions stand in each Parquet file's own metadata."""
     for name in TABLES:
-        metadata = pl.read_parquet_metadata(folder / f"{name}.parquet")
+        metadata = pl.read_parquet_metadata(written / f"{name}.parquet")
         about = json.loads(metadata["vibroswarm"])
         assert about["seed"] == result.seed
         assert about["versions"] == versions()
@@ -133,9 +146,9 @@ def test_each_table_says_what_it_is_of(result: Result, folder: Path) -> None:
         assert Scenario.from_toml(metadata["scenario"]) == result.scenario
 
 
-def test_the_folder_holds_the_scenario(result: Result, folder: Path) -> None:
-    assert Scenario.read(folder / "scenario.toml") == result.scenario
-    assert sorted(p.name for p in folder.iterdir()) == sorted(
+def test_the_folder_holds_the_scenario(result: Result, written: Path) -> None:
+    assert Scenario.read(written / "scenario.toml") == result.scenario
+    assert sorted(p.name for p in written.iterdir()) == sorted(
         ["scenario.toml", "vibroswarm.json", *(f"{name}.parquet" for name in TABLES)]
     )
 
@@ -147,8 +160,8 @@ def test_versions_name_what_made_the_result() -> None:
     assert all(versions().values())
 
 
-def test_the_floor_of_each_run_comes_back(result: Result, folder: Path) -> None:
-    again = Result.read(folder)
+def test_the_floor_of_each_run_comes_back(result: Result, written: Path) -> None:
+    again = Result.read(written)
     for run in (4, 2**31):
         floor = result.scenario.floor_for(result.seed, run)
         assert again.floor(run) == floor
@@ -181,8 +194,9 @@ def test_an_existing_folder_is_refused(result: Result, folder: Path) -> None:
     assert without_leftovers(folder)
 
 
-def test_a_result_may_be_replaced_and_nothing_else(result: Result, folder: Path, tmp_path: Path) -> None:
-    other = simulate(Scenario().with_values(SHORT), 9)
+def test_a_result_may_be_replaced_and_nothing_else(
+    result: Result, other: Result, folder: Path, tmp_path: Path
+) -> None:
     other.write(folder, replace=True)
     assert Result.read(folder) == other
     assert not (folder / "segments.parquet").exists()  # nothing of the old one is left in it
@@ -213,12 +227,16 @@ class OtherError(Exception):
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OtherError()])
 @pytest.mark.parametrize("replacing", [False, True])
 def test_nothing_half_written_is_left(
-    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, replacing: bool
+    result: Result,
+    other: Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+    replacing: bool,
 ) -> None:
     path = tmp_path / "r"
-    old = simulate(Scenario().with_values(SHORT), 9)
     if replacing:
-        old.write(path)
+        other.write(path)
     write, written = Path.write_bytes, []
 
     def fail_at_the_fourth(self: Path, data: bytes) -> int:
@@ -234,7 +252,7 @@ def test_nothing_half_written_is_left(
             result.write(path, replace=replacing)
     assert len(written) == 4
     if replacing:
-        assert Result.read(path) == old
+        assert Result.read(path) == other
     else:
         assert not path.exists()
     assert without_leftovers(path)

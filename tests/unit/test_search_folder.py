@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +12,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from helpers.forked import FORKED
 from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
@@ -28,6 +29,24 @@ SMALL = (
 ).read_text() + "iterations = 2\n[search]\nfinal = 0\n"
 
 
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pl.DataFrame]:
+    """A search that is done: its folder and its candidates."""
+    folder = tmp_path_factory.mktemp("done") / "s"
+    return folder, candidate_table(run_search(Search.from_toml(SMALL), folder))
+
+
+@pytest.fixture
+def whole(done: tuple[Path, pl.DataFrame]) -> pl.DataFrame:
+    return done[1]
+
+
+@pytest.fixture
+def folder(done: tuple[Path, pl.DataFrame], tmp_path: Path) -> Path:
+    """A copy of the folder."""
+    return Path(shutil.copytree(done[0], tmp_path / "s"))
+
+
 def hold(folder: Path, ready: object) -> None:
     with folder_lock(folder):
         ready.set()  # type: ignore[attr-defined]
@@ -42,9 +61,8 @@ def test_a_second_search_is_refused_in_words_and_may_begin_when_the_first_was_ki
     command = ["optimize", str(file), "--fresh", "10", "--no-pictures", "--out", str(folder)]
     assert main(command) == 0
     before = steps_of(folder)
-    spawn = multiprocessing.get_context("spawn")
-    ready = spawn.Event()
-    other = spawn.Process(target=hold, args=(folder, ready))
+    ready = FORKED.Event()
+    other = FORKED.Process(target=hold, args=(folder, ready))
     other.start()
     try:
         assert ready.wait(30)
@@ -72,10 +90,9 @@ def test_two_in_one_process_are_two(tmp_path: Path) -> None:
     assert not (tmp_path / LOCK_FILE).exists()
 
 
-def test_a_folder_that_was_begun_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_folder_that_was_begun_is_gone_on_with(whole: pl.DataFrame, tmp_path: Path) -> None:
     """The kill that was no longer gone on with: after the search, before the head."""
     search = Search.from_toml(SMALL)
-    whole = candidate_table(run_search(search, tmp_path / "whole"))
     for names in ([], ["search.toml"], [".search.toml.abc", ".lock"]):
         folder = tmp_path / f"begun {len(names)}{names[:1]}"
         folder.mkdir()
@@ -134,30 +151,32 @@ DAMAGES: dict[str, Callable[[Path], None]] = {
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_step_is_said_and_its_runs_repeated(
-    damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+    damage: str,
+    whole: pl.DataFrame,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     search = Search.from_toml(SMALL)
-    whole = candidate_table(run_search(search, tmp_path))
-    before, path = steps_of(tmp_path), tmp_path / "steps" / STEP
+    before, path = steps_of(folder), folder / "steps" / STEP
     DAMAGES[damage](path)
     with caplog.at_level(logging.WARNING):
-        assert held(tmp_path)["steps"] == len(before) - 1
+        assert held(folder)["steps"] == len(before) - 1
     assert str(path) in caplog.text
-    assert main(["show", str(tmp_path)]) == 0
+    assert main(["show", str(folder)]) == 0
     said = capsys.readouterr().out
     assert "to resume" in said
     if path.is_dir():
         with pytest.raises(InputError, match=r"is in the place of a file"):
-            run_search(search, tmp_path)
+            run_search(search, folder)
         path.rmdir()
-    assert candidate_table(run_search(search, tmp_path)).equals(whole)
-    assert steps_of(tmp_path) == before
+    assert candidate_table(run_search(search, folder)).equals(whole)
+    assert steps_of(folder) == before
 
 
-def test_a_step_of_other_requests_is_refused(tmp_path: Path) -> None:
+def test_a_step_of_other_requests_is_refused(folder: Path) -> None:
     search = Search.from_toml(SMALL)
-    run_search(search, tmp_path)
-    path = tmp_path / "steps" / STEP
+    path = folder / "steps" / STEP
     for change in (
         changed(candidate=pl.col("candidate") + 1),
         changed(origin=pl.lit("other")),
@@ -166,9 +185,9 @@ def test_a_step_of_other_requests_is_refused(tmp_path: Path) -> None:
         kept = pl.read_parquet(path)
         change(path)
         with pytest.raises(RunError, match="requests other runs than this folder holds"):
-            run_search(search, tmp_path)
+            run_search(search, folder)
         rewritten(lambda table, kept=kept: kept)(path)
-    run_search(search, tmp_path)  # control
+    run_search(search, folder)  # control
 
 
 @pytest.mark.parametrize("name", ["search.toml", "vibroswarm.json"])
