@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from helpers.scene import BLACK, OF_BOARD, PAPER, SAMPLES, Look, Scene, poses_at, scene_of
+from helpers.scene import BLACK, OF_BOARD, PAPER, Look, Scene, poses_at, scene_of
 from helpers.video_writer import VideoWriter
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.rng import Purpose, uniforms
@@ -32,6 +32,13 @@ TRUTH: Final = {
     "y_m": pl.Float64, "heading_rad": pl.Float64, "hidden": pl.Boolean,
 }  # fmt: skip
 """Columns of the truth: each robot's centre in each frame (time in the video), and whether a hand covers it."""
+
+BOARD: Final = (9, 6)
+"""Inner corners of the chessboard, across and down."""
+SQUARE_MM: Final = 40.0
+"""Edge of a square of the chessboard."""
+BOARD_FRAMES: Final = 40
+"""Frames of the video of the chessboard; the board has another place in each."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,7 @@ def write_rehearsal(
     duration_s: float | None = None,
     clock_offset_s: float = 0.0,
     chessboard: bool = False,
+    board_frames: int = BOARD_FRAMES,
     replace: bool = False,
 ) -> Rehearsal:
     """Render a run of a result as a video, and write the files that go with it.
@@ -70,7 +78,8 @@ def write_rehearsal(
         look: how the video is recorded. run, seed: number of the run, and seed of what is random in the video.
         start_s, duration_s: beginning and length of the part of the run that is filmed; None: to the run's end.
         clock_offset_s: time on the robots' clock when the time of the run is 0.
-        chessboard: whether a video of a chessboard, seen by the same camera, is written too.
+        chessboard, board_frames: whether a video of a chessboard, seen by the same camera, is written too, and how
+            many frames it has.
         replace: whether files that exist are replaced.
     Raises:
         InputError: the result has no paths or no such run; there are fewer than two frames in that time; or a file
@@ -92,7 +101,7 @@ def write_rehearsal(
         markers=names["markers.toml"],
         log=names["log.csv"],
         truth=names["truth.parquet"],
-        chessboard=_write_board(scene, out, replace) if chessboard else None,
+        chessboard=_write_board(scene, out, board_frames, replace) if chessboard else None,
         frames=times.size,
         marker_px=_px_per_m(scene) * markers.size_m,
     )
@@ -151,11 +160,11 @@ def _render(
     return middle, hidden
 
 
-def _write_board(scene: Scene, video: Path, replace: bool) -> Path:
+def _write_board(scene: Scene, video: Path, frames: int, replace: bool) -> Path:
     """Write the video of a chessboard beside the ``video`` of the camera that sees it; return its path."""
     board = video.with_name(f"{video.stem}.chessboard{video.suffix}")
     with whole_file(board, replace=replace) as part:
-        write_chessboard(scene, part)
+        write_chessboard(scene, part, frames)
     return board
 
 
@@ -232,14 +241,6 @@ def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float)
     )
 
 
-BOARD: Final = (9, 6)
-"""Inner corners of the chessboard, across and down."""
-SQUARE_MM: Final = 40.0
-"""Edge of a square of the chessboard."""
-BOARD_FRAMES: Final = 40
-"""Frames of the video of the chessboard; the board has another place in each."""
-
-
 def write_chessboard(scene: Scene, path: Path, frames: int = BOARD_FRAMES) -> None:
     """Write a video of a chessboard that is held in front of the scene's camera and tilted in all directions."""
     look = scene.look
@@ -279,13 +280,13 @@ def _board_frame(scene: Scene, k: int) -> NDArray[np.uint8]:
     if box is None:  # the board is outside the picture
         return scene.noisy(image, time_s=float(k))
     # Where the ray of each fine sample of the box meets the plane of the board, in the board's axes. The image is drawn
-    # with ``SAMPLES`` finer samples per pixel along each axis, and then averaged.
+    # with ``look.samples`` finer samples per pixel along each axis, and then averaged.
     rays = scene.rays_of(box)
     position = scene.camera.position_m.astype(np.float32)
     along = (axes[:, 2] @ (centre - position)) / (rays @ axes[:, 2])
     local = (position + rays * along[..., None] - centre) @ axes
     x, y = local[..., 0], local[..., 1]
-    part = np.repeat(np.repeat(image[box].astype(np.float32), SAMPLES, 0), SAMPLES, 1)
+    part = np.repeat(np.repeat(image[box].astype(np.float32), scene.look.samples, 0), scene.look.samples, 1)
     on_rim = (np.abs(x) < rim[0]) & (np.abs(y) < rim[1])
     on_board = (np.abs(x) < half[0]) & (np.abs(y) < half[1])
     dark = (np.floor((x + half[0]) / square) + np.floor((y + half[1]) / square)) % 2 == 0

@@ -36,8 +36,6 @@ BLACK: Final = 18.0
 PLATE: Final = 0.75
 """Least radius of the white plate that carries a robot's marker, as a share of the marker's edge: the marker's corners,
 at 0.71 of the edge, need a white rim."""
-SAMPLES: Final = 4
-"""Finer samples (rays) per pixel, along each axis."""
 MODULE_PX: Final = 8
 """Width of a marker's module (one of its small squares) in the image from which it is painted."""
 OF_NOISE, OF_SHIFT, OF_HAND, OF_BOARD = 0, 1, 2, 3
@@ -64,6 +62,8 @@ class Look:
     """How often a hand reaches in; 0: never."""
     hand_s: float = 2.5
     """How long it stays."""
+    samples: int = 4
+    """Finer samples (rays) per pixel, along each axis."""
     tiles_visible: bool = True
     """Whether vibrating and still tiles have different grey levels."""
 
@@ -73,7 +73,7 @@ class Scene:
     """Draws what a camera sees.
 
     ``background`` is the picture without robots, hand and noise, drawn once. A "box" is a part of the image, as slices
-    of rows and columns. "Fine samples" are rays: each pixel has ``SAMPLES`` of them along each axis.
+    of rows and columns. "Fine samples" are rays: each pixel has ``look.samples`` of them along each axis.
     """
 
     markers: Markers
@@ -174,7 +174,9 @@ class Scene:
             return
         rays = self.rays_of(box)
         # What was in the image before, with each pixel repeated for its fine samples.
-        under = np.repeat(np.repeat(image[box].astype(np.float32), SAMPLES, 0), SAMPLES, 1)
+        under = np.repeat(
+            np.repeat(image[box].astype(np.float32), self.look.samples, 0), self.look.samples, 1
+        )
         total = np.zeros_like(under)
         texture = self._textures[marker]
         for x, y, heading in instants:
@@ -211,16 +213,16 @@ class Scene:
         """Blur an image of fine samples, as the lens does, and average the samples of each pixel.
 
         Args:
-            fine: grey levels, (h * SAMPLES, w * SAMPLES).
+            fine: grey levels, (h * self.look.samples, w * self.look.samples).
         Returns: the pixels, uint8 (h, w).
         """
         cv2 = opencv()
         if self.look.blur_px > 0:
             # Kernel size (0, 0): OpenCV chooses the size from the standard deviation, which is in fine samples.
             fine = cv2.GaussianBlur(
-                fine, (0, 0), self.look.blur_px * SAMPLES, borderType=cv2.BORDER_REPLICATE
+                fine, (0, 0), self.look.blur_px * self.look.samples, borderType=cv2.BORDER_REPLICATE
             )
-        size = (fine.shape[1] // SAMPLES, fine.shape[0] // SAMPLES)
+        size = (fine.shape[1] // self.look.samples, fine.shape[0] // self.look.samples)
         pixels = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
         rounded: Gray = np.clip(np.rint(pixels), 0, 255).astype(np.uint8)
         return rounded
@@ -243,11 +245,11 @@ class Scene:
     def rays_of(self, box: tuple[slice, slice]) -> Any:
         """Return the directions, in world axes, of the rays of a box's fine samples, float32 (h, w, 3).
 
-        h and w are the height and width of the box, px, times ``SAMPLES``. The vectors are not of unit length.
+        h and w are the height and width of the box, px, times ``look.samples``. The vectors are not of unit length.
         """
         cv2 = opencv()
         coarse = self._tangents[box]  # one ray per pixel
-        size = (coarse.shape[1] * SAMPLES, coarse.shape[0] * SAMPLES)
+        size = (coarse.shape[1] * self.look.samples, coarse.shape[0] * self.look.samples)
         fine = cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR)
         rotation = self.camera.rotation.astype(np.float32)
         # The rows of the rotation are the camera's axes in the world.
