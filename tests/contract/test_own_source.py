@@ -131,7 +131,7 @@ def test_robots_may_sample_more_often_than_the_scenario_says(
 ) -> None:
     """Nobody decides at first, so a run in closed loop gets more samples than the scenario's own timer would allow."""
     monkeypatch.setitem(globals(), "EVERY_S", 0.2)
-    scenario = Scenario().with_values({"run.t_end_s": 60.0, "decision.min_observations": 250, **more})
+    scenario = Scenario().with_values({"run.t_end_s": 24.0, "decision.min_observations": 125, **more})
     whole = simulate(scenario, 3, [0, 2], motion="standing")
     closed = simulate(scenario.with_values({"run.stop": "all_decided"}), 3, [0, 2], motion="standing")
     assert closed.motion.height > 2 * max_samples(scenario)
