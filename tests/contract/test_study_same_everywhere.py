@@ -95,7 +95,10 @@ def test_another_seed_is_another_study(alone: StudyResult) -> None:
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_is_replaced(alone: StudyResult, tmp_path: Path) -> None:
+def test_a_process_that_dies_is_replaced(
+    alone: StudyResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors.multiprocessing, "get_context", lambda method: FORKED)
     killed: list[int | None] = []
 
     def kill_one() -> None:
@@ -210,7 +213,7 @@ def test_any_executor_may_be_passed_in(alone: StudyResult, tmp_path: Path) -> No
 
 
 def test_a_pool_of_processes_of_the_caller(alone: StudyResult, tmp_path: Path) -> None:
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(1, FORKED) as pool:
         some = STUDY.with_runs(100).run(tmp_path / "s", executor=pool)
         assert_frame_equal(some.runs(), alone.runs().filter(pl.col("run") < 100), check_exact=True)
         for process in multiprocessing.active_children():
