@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from helpers.dask_cluster import Cluster
+from helpers.forked import FORKED
 from helpers.manifests import resealed
 from helpers.search_functions import steps_of
 from vibroswarm.documents.search import search_document
@@ -86,7 +87,8 @@ def test_the_account_of_runs_holds(whole: Found) -> None:
     assert whole.archive[0].values == {"sample.sample_interval_ms": 2000.0, "decision.min_observations": 20}
 
 
-def test_no_result_depends_on_who_does_the_work(whole: Found) -> None:
+def test_no_result_depends_on_who_does_the_work(whole: Found, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors.multiprocessing, "get_context", lambda method: FORKED)
     assert same(whole, run_search(small(), workers=1))
     assert same(whole, run_search(small(), executor="processes", workers=1))
 
