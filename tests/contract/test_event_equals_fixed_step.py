@@ -315,7 +315,7 @@ for rays in (1, 2, 5, 9):
         "rays.side_m": [0.002 * k - 0.005 for k in range(rays)] if rays > 1 else [0.01],
         "rays.angle_deg": [20.0 * k - 50.0 for k in range(rays)] if rays > 1 else [80.0],
         "swarm.robots": 6, "arena.width_m": 0.3, "arena.height_m": 0.3, "swarm.start_margin_m": 0.0,
-        "run.t_end_s": 12.0,
+        "sample.sample_interval_ms": 1000.0, "sample.stop_ms": 500.0, "run.t_end_s": 6.0,
     }
     verdict = judge(preset("paper-empirical").with_values(values), 4, rays)
     print(verdict.found.same, verdict.found.samples)

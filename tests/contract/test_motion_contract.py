@@ -10,12 +10,22 @@ import polars as pl
 import pytest
 
 import helpers.walk_checks as suite
-from helpers.walk_checks import CASES, CHECKS, FOUR_RAYS, OF_THREE_RAYS, Check, check_in, motion_of
+from helpers.walk_checks import (
+    CASES,
+    CHECKS,
+    FOUR_RAYS,
+    OF_THREE_RAYS,
+    TABLE_CHECKS,
+    Check,
+    check_in,
+    motion_of,
+)
 from vibroswarm.motion.event.event_run import EVENT
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.source import Motion, MotionState, Source
 from vibroswarm.robot.walk import TIMERS
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.testing.motion_cases import same
 
 SOURCES = (FIXED_STEP, EVENT)
 """Every engine that is a source goes here."""
@@ -290,5 +300,9 @@ def test_the_suite_rejects_a_broken_engine(engine: Source, check: Check) -> None
 
 @pytest.mark.slow
 def test_the_wrapper_alone_breaks_nothing() -> None:
-    for check in CHECKS:
-        check(broken("unbroken"))
+    """Its tables are the engine's, of which all checks hold; those that run it in other ways are made of it too."""
+    unbroken = broken("unbroken")
+    for case in CASES:
+        same(motion_of(unbroken, case), motion_of(GOOD, case), case.name)
+    for check in (*TABLE_CHECKS, suite.check_the_walk_matters):
+        check(unbroken)

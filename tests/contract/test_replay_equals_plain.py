@@ -253,7 +253,7 @@ COLUMNS = ["run", "robot", "sample", "message", "alpha", "beta", "messages_recei
     ],
 )
 def test_inboxes_tell_the_same_story(draw: Draw) -> None:
-    scenario = draw.scenario(run__t_end_s=100.0)
+    scenario = draw.scenario(run__t_end_s=50.0)
     expected = [list(row) for row in simulate(scenario, 6, [2]).inference.select(COLUMNS).iter_rows()]
     assert with_inboxes(scenario, 6, 2) == expected
     assert len({row[7] for row in expected}) > 1

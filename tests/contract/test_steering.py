@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from helpers.walk_checks import CHECKS, Check
+from helpers.walk_checks import CASES, CHECKS, Check, check_in
 from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
@@ -260,7 +260,8 @@ STEERED = [
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("engine", STEERED, ids=lambda engine: engine.name)
 def test_a_source_that_steers_keeps_the_contract(engine: Source, check: Check) -> None:
-    check(engine)
+    """In all cases but that of a hundred robots, half of the time: steering asks each robot by itself."""
+    check_in(tuple(case for case in CASES if case.name != "hundred robots"), check, engine)
 
 
 @pytest.mark.parametrize("engine", [FixedStepRun, EventRun])

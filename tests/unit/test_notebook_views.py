@@ -216,7 +216,7 @@ def test_a_study_answers(studied: StudyResult, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("empty_pictures")
+@pytest.mark.usefixtures("one_picture", "empty_pictures")
 def test_a_study_writes_its_report_and_shows_it(studied: StudyResult, tmp_path: Path) -> None:
     report = studied.report(tmp_path / "report")
     document = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")

@@ -65,7 +65,7 @@ FIELDS: dict[str, st.SearchStrategy[Any]] = {
 
 @st.composite
 def studies(draw: st.DrawFn) -> Study:
-    fields = draw(st.lists(st.sampled_from(sorted(FIELDS)), min_size=1, max_size=4, unique=True))
+    fields = draw(st.lists(st.sampled_from(sorted(FIELDS)), min_size=1, max_size=3, unique=True))
     cut = draw(st.integers(0, len(fields)))
     blocks: dict[str, Any] = {}
     names = draw(st.permutations(["grid", "list", "zip"]))
