@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import polars as pl
 import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
@@ -92,6 +93,16 @@ def empty_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
     empty = {"svg": picture.picture_bytes(Figure(figsize=(1, 1)), "svg")}
     monkeypatch.setattr(picture, "picture_bytes", lambda figure, kind, **how: empty.get(kind, b"not drawn"))
+
+
+@pytest.fixture
+def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is drawn, and pages have blank pictures: for tests that look at no picture and no caption."""
+    from vibroswarm.plots.picture import Picture
+    from vibroswarm.show import document
+
+    blank = Picture(Figure(figsize=(1, 1)), pl.DataFrame({"blank": [0]}), "Blank.")
+    monkeypatch.setattr(document.Figure, "drawn", property(lambda self: blank))
 
 
 @pytest.fixture

@@ -64,6 +64,7 @@ def results(text: str) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_pictures")
 @pytest.mark.parametrize("name", RESUMED)
 def test_it_resumes_by_the_command_that_is_printed(name, here, monkeypatch, capsys):
     file = "settings.toml" if name == "league tune" else None

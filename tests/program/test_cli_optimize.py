@@ -178,7 +178,7 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     long.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 100\n')
     options = ["optimize", "compare", str(short), str(long), "--runs", "150"]
     assert main(options) == 0
-    assert "on other seeds" in capsys.readouterr().out
+    assert "on other seeds" in " ".join(capsys.readouterr().out.split())
     assert main([*options, "--cost", "decision_time", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     first, second = found["tables"]["differences"]

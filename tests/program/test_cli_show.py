@@ -76,6 +76,7 @@ def results(text: str) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_pictures")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
     printed = results(made(name, capsys))
@@ -98,6 +99,7 @@ def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_pictures")
 def test_an_empty_folder_is_used(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     for name in ("evaluate", "tradeoff"):

@@ -122,6 +122,7 @@ def test_a_command_is_one_call_with_the_same_words(
         assert other["tables"] != printed["tables"]
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_a_study_in_a_folder_is_that_of_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
