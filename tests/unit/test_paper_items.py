@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -57,16 +58,24 @@ def _made_up(cells: list[Cell], template: CellResult) -> CellResults:
 
 
 @pytest.fixture(scope="module")
-def tables(template: CellResult, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Tables]:
+def cells() -> dict[str, dict[Any, Cell]]:
+    """The cells of each item."""
+    return {item.name: item.cells(SETTINGS) for item in all_items()}
+
+
+@pytest.fixture(scope="module")
+def tables(
+    cells: dict[str, dict[Any, Cell]], template: CellResult, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Tables]:
     """The tables of all items but those that need recordings."""
     folder = tmp_path_factory.mktemp("work")
     found = {}
     for item in all_items():
         if item.skipped(SETTINGS):
             continue
-        cells = item.cells(SETTINGS)
-        results = _made_up(list(cells.values()), template)
-        found[item.name] = item.compute(Work(SETTINGS, cells, results, folder / item.name))
+        own = cells[item.name]
+        results = _made_up(list(own.values()), template)
+        found[item.name] = item.compute(Work(SETTINGS, own, results, folder / item.name))
     return found
 
 
@@ -155,12 +164,11 @@ def test_loss_changes_nothing_but_the_network() -> None:
     assert with_loss.floor.tiles is not None
 
 
-def test_cells_of_all_items_are_few_enough_and_share_motion() -> None:
+def test_cells_of_all_items_are_few_enough_and_share_motion(cells: dict[str, dict[Any, Cell]]) -> None:
     from vibroswarm.paper.cells import study_of
     from vibroswarm.study.plan import plan_of
 
-    cells = {c.key: c for item in all_items() for c in item.cells(SETTINGS).values() if c.block == 0}
-    first = {key: cell for key, cell in cells.items() if cell.motion == "event"}
+    first = {c.key: c for own in cells.values() for c in own.values() if c.block == 0 and c.motion == "event"}
     groups = plan_of(study_of(first, (1, "event", RUNS))).groups
     assert len(first) > 500
     assert len(groups) < 50
