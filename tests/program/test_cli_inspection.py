@@ -152,6 +152,7 @@ def test_without_a_grid_damage_is_called_and_certified(
     page.close()
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_robot_with_another_gain_is_not_certified(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -169,7 +170,7 @@ def test_a_robot_with_another_gain_is_not_certified(
         "--size",
         "1x1",
         "--replicates",
-        "39",
+        "19",
         "--out",
         tmp_path / "out",
     ]
@@ -201,7 +202,7 @@ def test_shapes_looks_and_who_stops_are_told(capsys: pytest.CaptureFixture[str])
         "--size",
         "1x1",
         "--replicates",
-        "39",
+        "19",
     ]
     more = [
         "--shapes",
@@ -394,14 +395,14 @@ def test_a_full_disk_leaves_a_folder_that_the_same_command_fills(
 
 
 def test_physics_on_another_floor_than_that_of_its_law_is_refused_with_the_reason() -> None:
-    physics = {"sensor.model": "acceleration", "floor.source": "random:0.08", "run.t_end_s": 600.0}
+    physics = {"sensor.model": "acceleration", "floor.source": "random:0.08", "run.t_end_s": 300.0}
     scenario = preset("optimised-places").with_values(physics)
     found = inspect(scenario, seed=2, question=Question(contrasts=(1.0,)), replicates=19)
     assert found.assessment is not None
     assert "law of still places" in found.assessment.refusals[0]
     assert any("depends on the tiles around it" in word for word in found.assessment.refusals)
     # The control: a wrong law of a sensor that feels the tile below alone is refused without that reason.
-    alone = preset("optimised-places").with_values({"floor.source": "random:0.08", "run.t_end_s": 600.0})
+    alone = preset("optimised-places").with_values({"floor.source": "random:0.08", "run.t_end_s": 300.0})
     wrong = alone.with_values({"sensor.still_scale": 1.5})
     found = inspect(wrong, seed=2, laws=alone, question=Question(contrasts=(1.0,)), replicates=19)
     assert found.assessment is not None

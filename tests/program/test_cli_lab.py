@@ -190,14 +190,20 @@ def test_compare(kept, tmp_path, capsys):
     shares = {one["recognised"]: one["share"] for one in found["told_apart"]}
     assert shares["simulated_by_robot"] < 0.7
     assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["calibrate", "compare", str(kept), str(kept)]) == 0
+    assert "ceiling" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("empty_pictures")
+def test_a_comparison_has_a_picture_of_each_feature(kept, tmp_path):
     several = tmp_path / "pictures"
     assert main(["calibrate", "compare", str(kept), str(kept), "--pictures", str(several)]) == 0
     names = {"avoidance", "vibrating", "still", "places", "distances", "steps", "together"}
     assert {one.stem for one in several.iterdir()} == names
+    picture = tmp_path / "side.png"
+    picture.write_bytes(b"")
     assert main(["calibrate", "compare", str(kept), str(kept), "--pictures", str(picture)]) == 2
-    capsys.readouterr()
-    assert main(["calibrate", "compare", str(kept), str(kept)]) == 0
-    assert "ceiling" in capsys.readouterr().out
 
 
 @pytest.mark.slow

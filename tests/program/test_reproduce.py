@@ -175,7 +175,7 @@ def test_the_page_of_a_control_says_so(tmp_path: Path) -> None:
     assert "negative control, not the reproduction" in reproduction_document(made).warnings[0]
 
 
-@pytest.mark.usefixtures("empty_pictures")
+@pytest.mark.usefixtures("blank_pictures", "empty_pictures")
 def test_pictures_are_files_on_request_and_in_the_report_anyway(tmp_path: Path) -> None:
     command = [
         "reproduce",
