@@ -125,7 +125,7 @@ def plain(scenario: Scenario, seed: int, result: Result) -> Any:
 @given(draws, st.sampled_from(STRATEGIES), st.integers(0, 2**63 - 1), st.integers(0, 2**32 - 1))
 def test_kernels_equal_the_plain_account(draw: Draw, strategy: str, seed: int, run: int) -> None:
     scenario = draw.scenario()
-    periods_s = 1500 * scenario.tick_s  # the account is slow
+    periods_s = 1000 * scenario.tick_s  # the account is slow
     scenario = scenario.with_values({"run.t_end_s": min(scenario.run.t_end_s, periods_s)})
     if strategy not in ("none", "positive", "soft"):
         scenario = scenario.with_values({"strategy.name": strategy, "decision.hold_s": 4.0})
