@@ -37,9 +37,9 @@ NO_ERRORS = {
 }
 SCENARIO = preset("paper").with_values(
     {
-        "floor.source": "random:0.48",
+        "floor.source": "random:0.4",
         "run.stop": "t_end",
-        "run.t_end_s": 700.0,
+        "run.t_end_s": 350.0,
         "strategy.name": "places",
         "localisation.method": "mixture",
         "localisation.assumed_level": "good",
@@ -81,7 +81,7 @@ def events(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
 
 
 def test_the_plain_program_does_what_the_simulation_did(inspection: Any, swarm: Swarm) -> None:
-    check_inspection(inspection, swarm, least=85)
+    check_inspection(inspection, swarm, least=55)
     assert sum(robot.decided_s is not None for robot in swarm.robots) >= 3
     for i, robot in enumerate(swarm.robots):
         assert robot.decided_s == inspection.robots["decision_time_s"][i]
@@ -110,14 +110,12 @@ def test_c_in_double_precision_is_the_plain_program_bit_by_bit(swarm: Swarm, tmp
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_work_that_takes_many_periods_gives_the_same_numbers(swarm: Swarm, tmp_path: Path) -> None:
     """Control periods pass while localisation and map are under way: walk and events stay the same, bit by bit."""
-    walk_at_once = built(SCENARIO, tmp_path, precision=3, rows=1)
-    events_at_once = built(SCENARIO, tmp_path, precision=3, rows=2)
-    walk = built(SCENARIO, tmp_path, precision=3, rows=1, polls=25)
-    events_later = built(SCENARIO, tmp_path, precision=3, rows=2, polls=25)
-    periods_late = built(SCENARIO, tmp_path, precision=3, rows=4, polls=25)
-    for fed in swarm.whole[:2]:
-        assert run_program(walk, fed) == run_program(walk_at_once, fed)
-        assert run_program(events_later, fed) == run_program(events_at_once, fed)
+    walk, events_later, periods_late = (
+        built(SCENARIO, tmp_path, precision=3, optimise="-O0", rows=rows, polls=25) for rows in (1, 2, 4)
+    )
+    for fed, walks, did in zip(swarm.whole, swarm.walks, swarm.events, strict=True):
+        assert run_program(walk, fed) == walks
+        assert run_program(events_later, fed) == did
         late = run_program(periods_late, fed)
         assert max(late) > 10
         assert np.mean(np.array(late) > 0) > 0.5
@@ -131,7 +129,7 @@ def test_robots_of_field_do_the_same_in_python_and_c(tmp_path: Path) -> None:
     inspection = simulate(scenario, SEED, [0])
     swarm = driven(scenario, inspection)
     check_inspection(inspection, swarm, least=8)
-    program = built(scenario, tmp_path / "double", precision=3)
+    program = built(scenario, tmp_path / "double", precision=3, optimise="-O0")
     mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
     for fed, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
@@ -148,7 +146,7 @@ def test_a_prior_that_tiles_share_does_the_same_in_python_and_c(tmp_path: Path) 
     assert not inspection.inference["belief_below"].equals(independent.inference["belief_below"])
     swarm = driven(scenario, inspection)
     check_inspection(inspection, swarm, least=18)
-    program = built(scenario, tmp_path / "double", precision=3)
+    program = built(scenario, tmp_path / "double", precision=3, optimise="-O0")
     mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
     for fed, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
@@ -174,7 +172,7 @@ def test_robots_that_map_three_kinds_do_the_same_in_python_and_c(tmp_path: Path)
     for i, robot in enumerate(swarm.robots):
         maps = inspection.reports.filter(name="by_kind", robot=i).sort("index")["value"]
         np.testing.assert_allclose(robot.arrays.by_kind, maps, rtol=0, atol=1e-6)
-    program = built(scenario, tmp_path / "double", precision=3)
+    program = built(scenario, tmp_path / "double", precision=3, optimise="-O0")
     mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
     for fed, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
@@ -208,8 +206,7 @@ def test_arrays_of_float_make_the_same_events_and_float_alone_does_not(
 @needs_arm
 def test_a_cortex_m0_makes_the_same_events(swarm: Swarm, tmp_path: Path) -> None:
     program = built_for_arm(SCENARIO, tmp_path)
-    for fed, did in zip(swarm.short[:2], swarm.did[:2], strict=True):  # the others take as long
-        check_events(run_on_arm(program, fed), did, swarm)
+    check_events(run_on_arm(program, swarm.short[0]), swarm.did[0], swarm)  # the others take as long
 
 
 @pytest.fixture(scope="module")
@@ -223,7 +220,7 @@ def test_the_plain_program_steers_as_the_simulation_does(
     exploring: tuple[Any, Swarm], inspection: Any
 ) -> None:
     explored, swarm = exploring
-    check_inspection(explored, swarm, least=85)
+    check_inspection(explored, swarm, least=55)
     assert [robot.decided_s for robot in swarm.robots] == explored.robots["decision_time_s"].to_list()
     assert not explored.motion["x_m"].head(200).equals(inspection.motion["x_m"].head(200))  # it did steer
 
@@ -283,7 +280,7 @@ def test_a_robot_with_too_much_work_stands_and_does_all_of_it() -> None:
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_robots_that_steer_do_the_same_in_python_and_c(exploring: tuple[Any, Swarm], tmp_path: Path) -> None:
     _, swarm = exploring
-    double = built(EXPLORE, tmp_path / "double", precision=3)
+    double = built(EXPLORE, tmp_path / "double", precision=3, optimise="-O0")
     mixed = built(EXPLORE, tmp_path / "mixed", precision=2, optimise="-O0")
     for fed, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(double, fed)).tobytes() == np.array(did).tobytes()
@@ -298,5 +295,4 @@ def test_a_cortex_m0_that_explores_makes_the_same_events(
 ) -> None:
     _, swarm = exploring
     program = built_for_arm(EXPLORE, tmp_path)
-    for fed, did in zip(swarm.short[:2], swarm.did[:2], strict=True):
-        check_events(run_on_arm(program, fed), did, swarm)
+    check_events(run_on_arm(program, swarm.short[0]), swarm.did[0], swarm)

@@ -28,7 +28,8 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
 HERE = Path(__file__).parent
-SOURCES = ("vibroswarm.c", "vibroswarm_radio.c", "robot_harness.c")
+SOURCES = ("vibroswarm.c", "robot_harness.c")
+LOG_SOURCE = "vibroswarm_radio.c"
 START, STEP, SAMPLE, RECEIVE, HEAR, TIMER, TICK, TOLD, MOVED, STOPPED, ACCELERATE, OBSERVED = range(12)
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")
 ARM = (
@@ -78,14 +79,25 @@ class SameMath:
         return getattr(math, name)
 
 
+GENERATED: dict[str, dict[str, str]] = {}
+"""Texts of the sources that are generated, by the hash of their scenario: a robot is compiled several times."""
+
+
+def generated(scenario: Scenario) -> dict[str, str]:
+    """Return the texts of the sources that are generated, by name."""
+    if scenario.hash not in GENERATED:
+        parts = parts_of(scenario)
+        sources = c_sources(parts, for_tests=True)
+        texts = {"vibroswarm.h": sources.header, "vibroswarm.c": sources.program}
+        GENERATED[scenario.hash] = texts | {HEADER_FILE: header_text(scenario, parts)}
+    return GENERATED[scenario.hash]
+
+
 def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     """Write the C sources and the harness; return the definitions that it needs."""
-    parts = parts_of(scenario)
-    sources = c_sources(parts, for_tests=True)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "vibroswarm.h").write_text(sources.header)
-    (folder / "vibroswarm.c").write_text(sources.program)
-    (folder / HEADER_FILE).write_text(header_text(scenario, parts))
+    for name, text in generated(scenario).items():
+        (folder / name).write_text(text)
     for name in COMMON:
         shutil.copy(ASSETS / name, folder)
     for name in ("robot_harness.c", "microbit.ld"):
@@ -122,6 +134,8 @@ def run_program(program: Path, events: list[float]) -> list[float]:
 def built_for_arm(scenario: Scenario, folder: Path, rows: int = 3) -> Path:
     """Compile the robot for a Cortex-M0; return the program."""
     defined = [*write_sources(scenario, folder), f"-DROWS={rows}"]
+    if rows & 8:
+        defined.append(LOG_SOURCE)
     command = [*ARM, *defined, *SOURCES, "-T", "microbit.ld", "-o", "m0.elf", "-lm"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     return folder / "m0.elf"
@@ -148,7 +162,8 @@ class Swarm:
     """An inspection by robots of the plain program that measure what those of a simulation measured.
 
     ``whole``: what each robot is fed, period by period. ``short``: the same without the walk, by what it heard, its
-    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``.
+    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``. ``walks``, ``events``:
+    what is of its walk in ``walked``, and what is not.
     """
 
     def __init__(
@@ -169,6 +184,8 @@ class Swarm:
         self.short: list[list[float]] = [[] for _ in readings]
         self.walked: list[list[float]] = [[] for _ in readings]
         self.did: list[list[float]] = [[] for _ in readings]
+        self.walks: list[list[float]] = [[] for _ in readings]
+        self.events: list[list[float]] = [[] for _ in readings]
         for i, robot in enumerate(self.robots):
             self.module.start(robot, seed, 0, i)
             for events in (self.whole[i], self.short[i]):
@@ -247,6 +264,7 @@ class Swarm:
         if (mode, legs, avoidances) != (walk.mode, walk.legs, walk.avoidances):
             row = [robot.tick, walk.mode, walk.legs, walk.avoidances, walk.leg_ms, walk.error_deg]
             self.walked[i] += row
+            self.walks[i] += row
         self.standing[robot.tick - 1, i], self.sampling[robot.tick - 1, i] = walk.mode == STOP, samples
         self.note_heard(i, robot.called)
         self.do_jobs(robot)
@@ -284,8 +302,8 @@ class Swarm:
         robot = self.robots[i]
         row = [kind, robot.tick, robot.sends, robot.decision, robot.belief, robot.heard]
         row += [float(getattr(robot.out, field)) for field in self.fields]
-        self.did[i] += row
-        self.walked[i] += row
+        for noted in (self.did, self.walked, self.events):
+            noted[i] += row
 
 
 def rows(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
