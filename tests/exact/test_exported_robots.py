@@ -1,7 +1,7 @@
 """Exported robots do what the simulated ones do: the plain program, C in double and single precision, on a Cortex-M0.
 
-One inspection of 500 s by five robots, of which all but a few of DC, DMVD and DMMD decide, for every strategy that needs no places (``test_exported_places``). Each
-exported robot is fed what one of them measured and heard.
+One inspection of 500 s by five robots, for every strategy that needs no places (``test_exported_places``). Each
+exported robot is fed what one of them measured and heard; all decide, but for a few under DC, DMVD and DMMD.
 """
 
 from __future__ import annotations

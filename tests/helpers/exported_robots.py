@@ -162,8 +162,8 @@ class Swarm:
     """An inspection by robots of the plain program that measure what those of a simulation measured.
 
     ``whole``: what each robot is fed, period by period. ``short``: the same without the walk, by what it heard, its
-    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``. ``walks``, ``events``:
-    what is of its walk in ``walked``, and what is not.
+    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``. ``walks`` and
+    ``events``: what in ``walked`` is of its walk, and what is not.
     """
 
     def __init__(
