@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,8 @@ from vibroswarm.calibrate.cross_validation import Fold, Reading, Score
 from vibroswarm.calibrate.fit import Fit, Fitted
 from vibroswarm.cli import main
 from vibroswarm.documents.fit import fit_document
+from vibroswarm.show import terminal
+from vibroswarm.show.document import Document
 from vibroswarm.show.terminal import print_document
 
 LAB = Path(__file__).parents[2] / "examples" / "lab"
@@ -47,21 +50,30 @@ def too_wide(printed: str, columns: int) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("columns", [60, 80])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_line_is_too_wide(
-    name: str,
-    columns: int,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """In a terminal of 60 columns, and the same documents at 80."""
+    documents: list[Document] = []
+
+    def noted(document: Document, *where: Any, **how: Any) -> None:
+        documents.append(document)
+        print_document(document, *where, **how)
+
+    monkeypatch.setattr(terminal, "print_document", noted)
     monkeypatch.chdir(folder)
-    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("COLUMNS", "60")
     assert main(COMMANDS[name]) == 0
     printed = capsys.readouterr().out
     assert printed
-    assert too_wide(printed, columns) == []
+    assert too_wide(printed, 60) == []
+    assert documents
+    for document in documents:
+        wider = io.StringIO()
+        print_document(document, wider, 80)
+        assert too_wide(wider.getvalue(), 80) == []
+        assert wider.getvalue() not in printed
 
 
 @pytest.mark.parametrize("columns", [60, 80])

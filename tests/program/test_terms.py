@@ -27,14 +27,14 @@ class Found(NamedTuple):
 
 def texts_of_a_program(program: str) -> Iterator[tuple[int, str]]:
     """Line and text of each literal of a program, and of docstrings of fields; not those of modules and functions."""
-    tree = ast.parse(program)
+    nodes = list(ast.walk(ast.parse(program)))
     internal = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and node.body:
             first = node.body[0]
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
                 internal.add(id(first.value))
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             parts = [part.value if isinstance(part, ast.Constant) else "0" for part in node.values]
             yield node.lineno, "".join(str(part) for part in parts)

@@ -71,6 +71,7 @@ def test_detection_asks_for_the_task_first(capsys: pytest.CaptureFixture[str]) -
     assert "must be fill_ratio to detect, not 'majority'" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_tables_name_the_kind_that_is_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = [
         *THREE,
