@@ -17,6 +17,8 @@ from vibroswarm.cli import main
 from vibroswarm.optimize import Search
 from vibroswarm.study.plan import plan_of
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = ("fill_ratios", "first_run", "own_cost", "own_floor", "replay_recording")
 
@@ -52,6 +54,8 @@ def test_experiments_of_others_run(run_example, folder, tmp_path, capsys):
     """All of their cells, for the beginning of one run; ``test_papers.py`` looks at whole ones."""
     study = tmp_path / "examples" / "papers" / folder / "study.toml"
     text = re.sub(r"t_end_s = [\d.]+", "t_end_s = 20.0", study.read_text(encoding="utf-8"))
+    if "t_end_s" not in text:
+        text = text.replace("[scenario]\n", "[scenario]\nrun.t_end_s = 20.0\n")
     study.write_text(re.sub(r"(?m)^runs = \d+", "runs = 1", text), encoding="utf-8")
     assert main(["evaluate", str(study), "--trust", "--no-pictures", "--no-confirm", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
