@@ -7,6 +7,7 @@ import re
 import shutil
 import struct
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -507,14 +508,26 @@ def test_every_shipped_strategy_is_exportable_as_documented() -> None:
     table = documented()
     assert list(table) == list(names())
     for name, (precision, _, _) in table.items():
-        header = c_sources(parts_of(scenario_for(name))).header
+        header = texts_of(scenario_for(name))["src/vibroswarm.h"]
         assert f"#define VS_PRECISION {precision} " in header, name
         assert ("vs_told_pose" in header) == (name in MAPPING), name
 
 
+TEXTS: dict[str, dict[str, str]] = {}
+"""Of the files of libraries, by the hash of their scenario."""
+
+
+def texts_of(scenario: Any, library_files: Any = c_library.library_files) -> dict[str, str]:
+    if scenario.hash not in TEXTS:
+        TEXTS[scenario.hash] = library_files(scenario)
+    return TEXTS[scenario.hash]
+
+
 def written(scenario: Any, folder: Path) -> Path:
     """Write a scenario's library; return the folder of its sources."""
-    c_library.write_library(scenario, folder)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(c_library, "library_files", texts_of)
+        c_library.write_library(scenario, folder)
     return folder / "src"
 
 
@@ -530,7 +543,28 @@ MAPPING = ("places", "explore", "field", "fading")
 """Strategies whose work would take many control periods at once."""
 
 
+@pytest.fixture
+def compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A library is compiled once for each choice of flags, and only the program around it for each measurement."""
+    whole = c_library.compile_with
+
+    def compile_around(sources: Path, around: str, flags: Sequence[str], program: Path) -> None:
+        chosen = [flag for flag in flags if flag.startswith(("-O", "-f"))]
+        folder = sources.parent / "".join(chosen)
+        if not folder.exists():
+            folder.mkdir()
+            for header in sources.glob("*.h"):
+                shutil.copy(header, folder)
+            command = [c_library.COMPILER, *c_library.FLAGS, *chosen, "-c"]
+            subprocess.run([*command, *map(str, sorted(sources.glob("*.c")))], cwd=folder, check=True)
+        whole(folder, around, [*flags, *map(str, sorted(folder.glob("*.o")))], program)
+
+    for module in (c_library, timing):
+        monkeypatch.setattr(module, "compile_with", compile_around)
+
+
 @needs_arm
+@pytest.mark.usefixtures("compiled_once")
 @pytest.mark.parametrize(
     "name",
     [
