@@ -48,10 +48,10 @@ def test_laws_are_as_wrong_as_they_say(laws: list[Law]) -> None:
     assert 0.4 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.6
 
 
-def false_calls(with_error: bool) -> float:
-    """Share of intact surfaces that are called at 5 %, by laws of 60 measured values of each kind."""
+def false_calls(with_error: bool, laws: int) -> float:
+    """Share of intact surfaces that are called at 5 %, by laws of 60 measured values of each kind, 4 by each law."""
     sensor, called = preset("paper").sensor, []
-    for seed in range(25):
+    for seed in range(laws):
         random = np.random.default_rng(seed)
         samples = replace(drawn_samples(seed, count=300, spread_m=0.0), law=Law(sensor, "the truth"))
         vibrating, still = (
@@ -69,13 +69,13 @@ def false_calls(with_error: bool) -> float:
 
 def test_intact_surfaces_are_seldom_called_by_a_law_of_few_values() -> None:
     """Drawn surfaces are judged as the surface is: by a law that has not seen the values that they measure."""
-    assert false_calls(True) * 100 <= binom.ppf(0.999, 100, 0.05)
-    assert false_calls(False) > 0.3  # the control: as if the law were exact
+    assert false_calls(True, 12) * 48 <= binom.ppf(0.999, 48, 0.05)
+    assert false_calls(False, 25) > 0.3  # the control: as if the law were exact
 
 
 def test_values_that_do_not_differ_are_refused_and_others_are_not() -> None:
     refused = [0, 0]
-    for seed in range(40):
+    for seed in range(20):
         random = np.random.default_rng(seed)
         for which, apart in enumerate((0.0, 0.5)):
             vibrating, still = random.normal(5.0 + apart, 0.5, 60), random.normal(5.0, 0.5, 60)
@@ -83,5 +83,5 @@ def test_values_that_do_not_differ_are_refused_and_others_are_not() -> None:
                 law_of_measured(vibrating, still, "60 values of each kind")
             except InputError as error:
                 refused[which] += "cannot be told apart" in str(error)
-    assert refused[0] >= 38  # of 40, at p = 1 %
-    assert refused[1] <= 10
+    assert refused[0] >= 19  # of 20, at p = 1 %
+    assert refused[1] <= 5
