@@ -55,8 +55,8 @@ def test_a90_is_that_of_an_isotonic_fit_to_many_inspections() -> None:
 
 
 def test_the_limit_covers_the_truth_and_a_fit_without_false_calls_does_not_fit() -> None:
-    trials = [drawn(100 + k, 15) for k in range(120)]
-    with_floor, without = [one.fit() for one in trials], [one.fit(floor=False) for one in trials[:40]]
+    trials = [drawn(100 + k, 15) for k in range(60)]
+    with_floor, without = [one.fit() for one in trials], [one.fit(floor=False) for one in trials[:30]]
     assert np.mean([fit.a90_95_m >= TRUE_A90_M for fit in with_floor]) >= 0.94
     assert np.mean([fit.a90_m for fit in with_floor]) == pytest.approx(TRUE_A90_M, rel=0.02)
     # The control: false calls are taken for detections. A curve in ln a, which begins at 0, is then far too flat; the
