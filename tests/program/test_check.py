@@ -16,7 +16,8 @@ from vibroswarm.scenario.plugins import load_file
 from vibroswarm.strategies.base import forget
 from vibroswarm.testing import motion as motion_checks
 from vibroswarm.testing import motion_tables
-from vibroswarm.testing.motion_cases import CASES, SHORT_CASE
+from vibroswarm.testing import network as network_checks
+from vibroswarm.testing.motion_cases import CASES
 from vibroswarm.testing.runs import require, run_check
 
 NETWORK = """from vibroswarm.networks import Network
@@ -122,7 +123,7 @@ def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_cases")
-@pytest.mark.parametrize("name", ["event", "fixed-step", "ideal", "loss", "fill_ratio", "none"])
+@pytest.mark.parametrize("name", ["event", "ideal", "loss", "fill_ratio", "none"])
 def test_what_is_of_the_package_passes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", name]) == 0
     shown = capsys.readouterr().out
@@ -145,14 +146,17 @@ RENUMBERED = """        here, tables = pl.lit(self.run, pl.UInt32).alias("run"),
 AT_ONCE = NETWORK.replace("tick + 1 + n.count % 40", "tick")
 SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_columns"
 MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
-FEW = (CASES[0], SHORT_CASE)
+FEW = CASES[:2]
 """Cases for motion: ``test_motion_contract.py`` holds our sources to all, and finds what is wrong, check by check."""
+FEW_SETTINGS = {name: network_checks.SETTINGS[name] for name in ("five robots, none", "one robot, positive")}
+"""Settings for networks: ``test_our_networks.py`` holds ours to more."""
 
 
 @pytest.fixture
 def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (motion_checks, motion_tables):
         monkeypatch.setattr(module, "CASES", FEW)
+    monkeypatch.setattr(network_checks, "SETTINGS", FEW_SETTINGS)
 
 
 KINDS = """

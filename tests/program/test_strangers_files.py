@@ -18,6 +18,8 @@ from vibroswarm import Result, Scenario, load_code, preset, sensors, simulate, s
 from vibroswarm.cli import main
 from vibroswarm.study.study_result import StudyResult
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 FILES: Final = {
     "hue": """
 import numpy as np
@@ -204,7 +206,7 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
         "strategy.tally.spreads" = [1.0, 3.0]
     """
     Path("study.toml").write_text(text, encoding="utf-8")
-    assert main(["evaluate", "study.toml", "--trust", "--no-confirm", "--out", "grid"]) == 0
+    assert main(["evaluate", "study.toml", "--trust", "--no-confirm", "--no-pictures", "--out", "grid"]) == 0
     summary = StudyResult.open(Path("grid")).summary()
     assert summary["swarm_wrong"].to_list() == [0.0] * 4
     assert summary["estimate"].to_list() == pytest.approx([0.22, 0.22, 0.09, 0.09], abs=0.04)
