@@ -153,6 +153,7 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
         "--out",
         str(out),
         "--trust",
+        "--no-confirm",
         "--no-pictures",
     ]
     assert main([*again, "--executor", "processes", "--workers", "1"]) == 0
@@ -252,6 +253,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     capsys.readouterr()
     assert main(["show", str(study)]) == 0
     again = ["evaluate", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
+    again += ["--no-confirm"]
     assert main(again) == 2
     assert "is not loaded" in capsys.readouterr().err
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0

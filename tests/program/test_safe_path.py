@@ -35,11 +35,13 @@ def test_control_the_files_are_executed_without_the_safe_path(hostile):
     assert executed(hostile)
 
 
-@pytest.mark.parametrize("option", [["-m", "vibroswarm"], ["-mvibroswarm"], ["-Bm", "vibroswarm"]])
-def test_python_m_vibroswarm_leaves_the_working_folder_out(option, hostile):
+@pytest.mark.parametrize(
+    "words", ["-m vibroswarm floors list", "-mvibroswarm --version", "-Bm vibroswarm --version"]
+)
+def test_python_m_vibroswarm_leaves_the_working_folder_out(words, hostile):
     """Of these, ``vibroswarm.py`` alone is Python's own choice: ``python -m`` looks for it before we are there."""
     (hostile / "vibroswarm.py").unlink()
-    done = ran(hostile, *option, "floors", "list")
+    done = ran(hostile, *words.split())
     assert done.returncode == 0, done.stderr
 
 
