@@ -24,7 +24,7 @@ ROBOTS = Scenario().with_values(
     {"strategy.name": "places", "localisation.method": "mixture", "run.t_end_s": 400.0}
 )
 RUNS = {"event": 60, "mujoco-planar": 8, "mujoco": 6}
-"""On wheels the ratio is 1.9, 14 % between runs: 9 of 10 sets of 6 runs keep the margin, and 1 of 16 with a wrong speed."""
+"""On wheels the ratio is 1.9, 14 % between runs: 9 of 10 sets of 6 keep the margin, and 1 of 16 with a wrong speed."""
 MARGIN = {"mujoco-planar": 0.2, "mujoco": 1.3}
 """How much larger than the event engine's the median error may be: no point of a robot on wheels is held in turns."""
 
