@@ -21,23 +21,42 @@ BLOCK = re.compile(
 
 SMALL = {
     "inspect --plan": ["--runs", "4", "--plates", "10", "--minutes", "5"],
+    "inspect --damage": ["--sizes", "20", "--replicates", "99"],
+    "inspect --out damage": ["--sizes", "14,28", "--contrasts", "1,0.5", "--replicates", "99"],
     "evaluate merge": ["--no-pictures"],
     "evaluate tradeoff": ["--runs", "4"],
-    "league tune": ["--runs", "2", "--patterns", "stripe", "--strategy", "none,soft", "--points", "4"],
+    "league tune": [
+        *(
+            "--runs",
+            "2",
+            "--patterns",
+            "stripe",
+            "--fills",
+            "0.48",
+            "--strategy",
+            "none,soft",
+            "--points",
+            "2",
+        ),
+    ],
     "optimize compare": ["--runs", "4"],
     "optimize sensitivity": ["--budget", "1120"],
     "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
+    "league --belief-runs": ["--runs", "4", "--patterns", "stripe", "--fills", "0.48"],
     "league": [
-        "--runs",
-        "4",
-        "--belief-runs",
-        "2",
-        "--fault-runs",
-        "2",
-        "--patterns",
-        "stripe",
-        "--strategy",
-        "none,soft",
+        *(
+            "--runs",
+            "4",
+            "--belief-runs",
+            "2",
+            "--fault-runs",
+            "2",
+            "--patterns",
+            "stripe",
+            "--fills",
+            "0.48",
+        ),
+        *("--strategy", "none,soft"),
     ],
     "detect": ["--runs", "4"],
     "optimize": ["--budget", "600", "--fresh", "20", "--no-pictures"],
@@ -46,7 +65,7 @@ SMALL = {
     "calibrate fit": ["--candidates", "40"],
     "calibrate effect": ["--runs", "100"],
 }
-"""What is put in place of what a command says, so that it takes a moment and not minutes."""
+"""What is put in place of what a command says that has these words, so that it takes a moment and not minutes."""
 
 
 YOURS = {
@@ -99,10 +118,11 @@ def exchanges(text: str) -> Iterator[tuple[str, str]]:
 
 def small(command: list[str]) -> list[str]:
     """The command with small numbers of runs."""
-    name = next((name for name in SMALL if command[: len(name.split())] == name.split()), "")
+    of_it = (name for name in SMALL if name.split()[0] == command[0] and set(name.split()) <= set(command))
+    name = next(of_it, "")
     changes = SMALL.get(name, [])
     if name == "optimize" and "grid" in command:
-        changes = ["--runs", "4", "--no-pictures"]
+        changes = ["--runs", "4", "--fresh", "20", "--no-pictures"]
     if name == "reproduce" and "--only" not in command:
         changes = [*changes, "--columns", "paper"]
     dropped = {"--until", *(word for word in changes if word.startswith("--"))}

@@ -10,7 +10,8 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -26,10 +27,12 @@ DOCS = ROOT / "docs"
 
 
 SPHINX = """
-import gc, sys
+import functools, gc, sys
 from sphinx.cmd.build import main
+from sphinx.domains.python import PythonDomain
 
 gc.disable()  # documents stay in memory: looking for garbage among them takes a fifth of the time
+PythonDomain.find_obj = functools.cache(PythonDomain.find_obj)  # another tenth: most names are on many pages
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -91,13 +94,18 @@ class Asked(HTMLParser):
             self.loads.append(found["src"])
 
 
+@cache
+def asked_of(page: Path) -> Asked:
+    return Asked(page)
+
+
 def pages(site: Path) -> list[Path]:
     return sorted(site.rglob("*.html"))
 
 
 def dead(site: Path) -> Iterator[str]:
     """Links within the site that lead nowhere."""
-    known: dict[Path, Asked] = {page.resolve(): Asked(page) for page in pages(site)}
+    known = {page.resolve(): asked_of(page) for page in pages(site)}
     for page, asked in known.items():
         for link in [*asked.links, *asked.loads]:
             if re.match(r"[a-z]+:", link):
@@ -128,7 +136,7 @@ def test_links_of_the_site_lead_somewhere(site, tmp_path):
 
 def test_the_site_asks_no_other_host_for_anything(site):
     for page in pages(site):
-        outside = [load for load in Asked(page).loads if re.match(r"([a-z]+:)?//", load)]
+        outside = [load for load in asked_of(page).loads if re.match(r"([a-z]+:)?//", load)]
         assert outside == [], page
     for sheet in site.rglob("*.css"):
         assert not re.search(r"(url\(|@import)\s*[\"']?(https?:)?//", sheet.read_text(encoding="utf-8")), (
@@ -212,28 +220,38 @@ def test_every_module_of_the_reference_is_one(site):
         assert importlib.import_module(module).__doc__, module
 
 
-def opened(browser: Any, page: Path, **how: Any) -> tuple[Any, list[str]]:
-    """A page from disk, and what went wrong in it or came from elsewhere."""
-    wrong: list[str] = []
-    tab = browser.new_context(**how).new_page()
-    tab.on("console", lambda message: wrong.append(message.text))
-    tab.on("pageerror", lambda error: wrong.append(str(error)))
-    tab.on("request", lambda request: request.url.startswith(("file:", "data:")) or wrong.append(request.url))
-    tab.goto(page.as_uri())
-    return tab, wrong
+@pytest.fixture
+def opened(browser: Any) -> Iterator[Callable[..., tuple[Any, list[str]]]]:
+    """Opens a page from disk, and tells what went wrong in it or came from elsewhere; closed after the test."""
+    contexts = []
+
+    def of(page: Path, **how: Any) -> tuple[Any, list[str]]:
+        wrong: list[str] = []
+        contexts.append(browser.new_context(**how))
+        tab = contexts[-1].new_page()
+        tab.on("console", lambda message: wrong.append(message.text))
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.on(
+            "request", lambda request: request.url.startswith(("file:", "data:")) or wrong.append(request.url)
+        )
+        tab.goto(page.as_uri())
+        return tab, wrong
+
+    yield of
+    for context in contexts:
+        context.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("name", ["index", "tutorial", "commands", "api/vibroswarm"])
-def test_pages_are_whole_on_a_phone(site, browser, name, scheme):
-    tab, wrong = opened(
-        browser, site / f"{name}.html", viewport={"width": 375, "height": 800}, color_scheme=scheme
-    )
-    assert tab.locator("h1").first.is_visible()
-    assert tab.evaluate("document.documentElement.scrollWidth") <= 375
-    assert all(tab.evaluate("[...document.images].map(image => image.naturalWidth > 0)"))
-    shade = tab.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
-    assert (sum(shade) > 600) == (scheme == "light")
+def test_pages_are_whole_on_a_phone(site, opened, name):
+    tab, wrong = opened(site / f"{name}.html", viewport={"width": 375, "height": 800})
+    for scheme in ("light", "dark"):
+        tab.emulate_media(color_scheme=scheme)
+        assert tab.locator("h1").first.is_visible()
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 375
+        assert all(tab.evaluate("[...document.images].map(image => image.naturalWidth > 0)"))
+        shade = tab.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+        assert (sum(shade) > 600) == (scheme == "light")
     assert wrong == []
 
 
@@ -251,8 +269,8 @@ SOUGHT = {
 """What readers look for, and the beginning of the first result."""
 
 
-def test_the_search_finds_the_right_page_first_with_an_excerpt(site, browser):
-    tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 800})
+def test_the_search_finds_the_right_page_first_with_an_excerpt(site, opened):
+    tab, wrong = opened(site / "index.html", viewport={"width": 1200, "height": 800})
     first = {}
     for query in SOUGHT:
         tab.goto((site / "search.html").as_uri() + "?q=" + query.replace(" ", "+"))
@@ -266,8 +284,8 @@ def test_the_search_finds_the_right_page_first_with_an_excerpt(site, browser):
     assert wrong == []
 
 
-def test_the_front_page_plays_an_inspection(site, browser):
-    tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 900})
+def test_the_front_page_plays_an_inspection(site, opened):
+    tab, wrong = opened(site / "index.html", viewport={"width": 1200, "height": 900})
     player = tab.frame_locator(".replay iframe")
     player.locator("#actors").wait_for()
     assert "0.48" in player.locator("body").inner_text()
@@ -275,8 +293,8 @@ def test_the_front_page_plays_an_inspection(site, browser):
     assert wrong == []
 
 
-def test_the_search_works_from_disk(site, browser):
-    tab, wrong = opened(browser, site / "index.html", viewport={"width": 1200, "height": 800})
+def test_the_search_works_from_disk(site, opened):
+    tab, wrong = opened(site / "index.html", viewport={"width": 1200, "height": 800})
     tab.fill("input[name=q]", "moran")
     tab.keyboard.press("Enter")
     found = tab.locator("#search-results li a")
