@@ -82,11 +82,21 @@ def decided(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Found]:
     return made
 
 
-# One test for all that is known of a control: the processes that pass tests compute each once, and not each all.
-@pytest.mark.parametrize("control", list(CONTROLS))
+# One test for all controls of motion, and one for all others: what they are compared with, runs without a control, is
+# then computed once, and not by each of the processes that pass tests.
+@pytest.mark.parametrize(
+    "controls",
+    [MOTION, tuple(one for one in CONTROLS if one not in MOTION)],
+    ids=["motion", "sensor and losses"],
+)
 def test_a_control_turns_what_hangs_on_it_and_nothing_else(
-    control: str, decided: Callable[..., Found]
+    controls: tuple[str, ...], decided: Callable[..., Found]
 ) -> None:
+    for control in controls:
+        turns_what_hangs_on_it_and_nothing_else(control, decided)
+
+
+def turns_what_hangs_on_it_and_nothing_else(control: str, decided: Callable[..., Found]) -> None:
     plain, turned = decided(None, control in MOTION), decided(control, control in MOTION)
     for key in TURNED[control]:
         assert plain[key].verdict == "reproduced", key
