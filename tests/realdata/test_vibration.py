@@ -39,9 +39,9 @@ def recorded() -> tuple[Dataset, Scenario]:
 def test_a_fit_to_the_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
     """One test for all that is known of the fit, which takes long: a process for each would make it again.
 
-    Its searches are cut short: whole ones begin in the same way, and find no larger misfit.
+    Its searches are cut short; misfits are within 0.002 of those of whole ones, which ``test_fit_vibration`` makes.
     """
-    monkeypatch.setattr(fit_module, "EVALUATIONS", (30, 80))
+    monkeypatch.setattr(fit_module, "EVALUATIONS", (20, 40))
     sessions, base = recorded()
     found = fit_vibration(sessions, base, draws=20)
     the_misfit_is_at_most_12_percent_in_sessions_not_seen(found)
