@@ -45,7 +45,19 @@ def test_words_and_layout_change_nothing(tmp_path: Path, old: str, new: str) -> 
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("LIMIT = 3", "LIMIT = 4"), ("a + b", "b + a"), ("b=1", "b=1.0"), ("def add", "def sum_")],
+    [
+        ("LIMIT = 3", "LIMIT = 4"),
+        ("LIMIT = 3", "LIMIT = 0.0"),
+        ("LIMIT = 3", "LIMIT = -0.0"),
+        ("a + b", "b + a"),
+        ("a + b", "a - b"),
+        ("a + b", "(lambda: a + b)()"),
+        ("a + b", "a in {'x', 'y'}"),
+        ("b=1", "b=1.0"),
+        ("b=1", "b=True"),
+        ("b=1", "*, b=1"),
+        ("def add", "def sum_"),
+    ],
 )
 def test_code_changes_it(tmp_path: Path, old: str, new: str) -> None:
     assert old in BEFORE
