@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial, wraps
 from typing import Any
 
 import numba
 import numpy as np
 import pytest
-from numba.core import compiler, ir
+from numba.core import base, compiler, ir
 from numba.core.compiler import Flags
 
 from vibroswarm.core import whole_kernels
@@ -29,7 +30,7 @@ pytestmark = [
 
 
 def mixed(values: Any, limit: int) -> Any:
-    """What shortcuts are about: operators on several types, branches, loops, tuples, calls."""
+    """What shortcuts are about: operators on several types, branches, loops, tuples, lists, calls."""
     total, least = 0.0, math.inf
     for k in range(values.size):
         x, y = values[k] + k, (values[k] * 2 if k > limit else values[k] / 3)
@@ -37,16 +38,17 @@ def mixed(values: Any, limit: int) -> Any:
             total += math.sqrt(abs(x - y)) + np.minimum(x, y)
         else:
             least = min(least, float(int(y) % 7), x)
-    return total, least, -limit
+    weights = np.array([1.5, 2.5, least])  # a list that becomes an array
+    return total, weights[limit % 3], -limit
 
 
 def machine_code(values: Any) -> str:
-    """Compile ``mixed``; names differ in a counter of compiled functions."""
+    """Compile ``mixed``; names, and so the lengths of texts, differ in a counter of compiled functions."""
     compiled = numba.njit(mixed)
     expected = mixed(values, 3)
     assert compiled(values, 3) == pytest.approx(expected)
     (text,) = compiled.inspect_llvm().values()
-    return re.sub(r"v\d+B", "", str(text))
+    return re.sub(r"B\d+v\d+|\[\d+ x i8\]", "", str(text))
 
 
 def test_the_code_is_that_which_numba_makes() -> None:
@@ -78,6 +80,22 @@ def test_settings_are_equal_if_all_entries_are() -> None:
     assert one != other
     assert not equal_settings(one, other)
     assert not equal_settings(one, None)
+    assert hash_of_settings(one) != hash_of_settings(other)
+
+
+def test_functions_with_and_without_loc_are_told_apart() -> None:
+    def with_loc(builder: Any, loc: Any = None) -> None: ...
+
+    def without(builder: Any) -> None: ...
+
+    @wraps(with_loc)
+    def wrapped(*args: Any) -> None: ...
+
+    functions = [with_loc, without, wrapped, partial(with_loc), partial(without), len]
+    numbas = [base._has_loc(function) for function in functions]
+    assert numbas == [True, False, True, True, False, False]
+    with shortcuts():
+        assert [base._has_loc(function) for function in functions * 2] == numbas * 2
 
 
 def test_numba_is_as_it_was_outside_of_our_kernels() -> None:

@@ -11,11 +11,12 @@ Numba's lock and only while one of our kernels is compiled, so a user's own comp
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
+from types import CodeType, FunctionType
 from typing import Any, Final
 
-from numba.core import dispatcher, event, ir
+from numba.core import base, dispatcher, event, inline_closurecall, ir
 from numba.core.postproc import PostProcessor, VariableLifetime
 from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.transforms import canonicalize_cfg
@@ -30,7 +31,7 @@ def list_variables(self: Any, value: Any) -> list[Any]:
     """Return the variables in a value of an instruction; in place of ``ir.Inst._rec_list_vars``."""
     del self
     found: list[Any] = []
-    _collect(value, found)
+    _collect((value,), found)
     return found
 
 
@@ -41,6 +42,8 @@ WITHOUT_VARIABLES: Final = {
     float,
     bool,
     type(None),
+    type(len),
+    type(ir.UNDEFINED),
     ir.Const,
     ir.Global,
     ir.FreeVar,
@@ -49,19 +52,22 @@ WITHOUT_VARIABLES: Final = {
 """Types of values that hold no variable; most values are of one of these."""
 
 
-def _collect(value: Any, found: list[Any]) -> None:
-    """Append the variables in a value to ``found``, in order."""
-    if isinstance(value, ir.Var):
-        found.append(value)
-    elif isinstance(value, ir.Inst):
-        found.extend(value.list_vars())  # type: ignore[no-untyped-call]
-    elif isinstance(value, list | tuple | dict):
-        for each in value.values() if isinstance(value, dict) else value:
-            kind = type(each)
-            if kind is ir.Var:
-                found.append(each)
-            elif kind not in WITHOUT_VARIABLES:
-                _collect(each, found)
+def _collect(values: Iterable[Any], found: list[Any]) -> None:
+    """Append the variables in some values to ``found``, in order."""
+    for value in values:
+        kind = type(value)
+        if kind is ir.Var:
+            found.append(value)
+        elif kind in WITHOUT_VARIABLES:
+            continue
+        elif kind is ir.Expr:
+            _collect(value._kws.values(), found)
+        elif isinstance(value, list | tuple):
+            _collect(value, found)
+        elif isinstance(value, dict):
+            _collect(value.values(), found)
+        elif isinstance(value, ir.Inst):
+            found.extend(value.list_vars())  # type: ignore[no-untyped-call]
 
 
 def equal_settings(self: Any, other: Any) -> bool:
@@ -78,9 +84,13 @@ def equal_settings(self: Any, other: Any) -> bool:
     )
 
 
+TELLING: Final = ("nrt", "forceinline", "no_cpython_wrapper", "no_cfunc_wrapper")
+"""Settings in which our kernels, their parts and Numba's own functions differ."""
+
+
 def hash_of_settings(self: Any) -> int:
-    """Return a hash for settings, which need not tell them apart; in place of ``TargetConfig.__hash__``."""
-    return hash(type(self))
+    """Return a hash that tells most settings apart; in place of ``TargetConfig.__hash__``."""
+    return hash(tuple(getattr(self, name, None) for name in TELLING))
 
 
 def remembering(numbas: Callable[..., Any], signatures: Signatures) -> Callable[..., Any]:
@@ -127,6 +137,40 @@ def post_process(numbas: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
+def without_lists(numbas: Callable[..., Any]) -> Callable[..., Any]:
+    """Return ``inline_closurecall._inline_const_arraycall`` that looks only into blocks that make a list.
+
+    Numba turns a list made in a block, and passed to ``numpy.array`` there, into an array.
+    """
+
+    def inline(block: Any, *others: Any) -> Any:
+        makes_list = any(
+            isinstance(each, ir.Assign) and isinstance(each.value, ir.Expr) and each.value.op == "build_list"
+            for each in block.body
+        )
+        return numbas(block, *others) if makes_list else None
+
+    return inline
+
+
+def has_loc(numbas: Callable[[Any], bool], known: dict[CodeType, bool]) -> Callable[[Any], bool]:
+    """Return ``base._has_loc``, whether a function takes ``loc``, that looks at the parameters of a function once.
+
+    Args:
+        numbas: Numba's own. known: what was found, by the code of functions; extended.
+    """
+
+    def of(function: Any) -> bool:
+        if not isinstance(function, FunctionType) or "__wrapped__" in vars(function):
+            return numbas(function)
+        code = function.__code__
+        if code not in known:
+            known[code] = numbas(function)
+        return known[code]
+
+    return of
+
+
 def no_timer(kind: str, callback: Callable[[float], None]) -> Any:
     """Measure nothing; in place of ``event.install_timer`` in dispatchers, which time all calls of LLVM."""
     del kind, callback
@@ -143,6 +187,7 @@ class _Events:
 
 
 _signatures: Final[Signatures] = {}
+_with_loc: Final[dict[CodeType, bool]] = {}
 _depth = 0
 """How many of our kernels are being compiled, one for the other."""
 
@@ -155,6 +200,12 @@ def replacements() -> list[tuple[Any, str, Any]]:
         (TargetConfig, "__hash__", hash_of_settings),
         (BaseFunction, "get_call_type", remembering(BaseFunction.get_call_type, _signatures)),
         (PostProcessor, "run", post_process(PostProcessor.run)),
+        (
+            inline_closurecall,
+            "_inline_const_arraycall",
+            without_lists(vars(inline_closurecall)["_inline_const_arraycall"]),
+        ),
+        (base, "_has_loc", has_loc(vars(base)["_has_loc"], _with_loc)),
         (dispatcher, "ev", _Events()),
     ]
 
