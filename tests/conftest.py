@@ -113,14 +113,6 @@ def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     keep_first_picture(monkeypatch)
 
 
-@pytest.fixture
-def untried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """How long a study will take is guessed, not tried on 26 runs of it: for small studies, of which that is most."""
-    from vibroswarm.study import runner
-
-    monkeypatch.setattr(runner, "LONG_S", -1.0)
-
-
 @pytest.fixture(autouse=True)
 def nothing_of_others_stays() -> Iterator[None]:
     """What a test makes known, of strategies, sensors, networks, tasks and motion, is unknown again after it."""

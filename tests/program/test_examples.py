@@ -17,8 +17,6 @@ from vibroswarm.cli import main
 from vibroswarm.optimize import Search
 from vibroswarm.study.plan import plan_of
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = ("fill_ratios", "first_run", "own_cost", "own_floor", "replay_recording")
 

@@ -15,8 +15,6 @@ from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.scenario import plugins
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ERROR = "estimate_error"
 

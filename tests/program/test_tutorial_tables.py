@@ -12,8 +12,6 @@ import pytest
 from vibroswarm.cli import main
 from vibroswarm.show import terminal
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 COMMANDS = re.findall(
     r"^(?:\$ )?vibroswarm (.*?)(?: +#.*)?$", TUTORIAL.read_text(encoding="utf-8"), re.MULTILINE

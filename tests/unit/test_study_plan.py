@@ -10,8 +10,9 @@ from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import BLOCKS_OF_A_SIZE, Group, missing, plan_of
-from vibroswarm.study.runner import Job
+from vibroswarm.study.runner import TRIAL, Job, expected
 from vibroswarm.study.spec import Study
+from vibroswarm.study.store import Store
 from vibroswarm.study.work import Work, parts_of, results_of
 
 RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted).map(tuple), max_size=8)
@@ -52,6 +53,14 @@ def test_blocks_grow_so_that_a_long_study_has_few_files():
     assert sizes[:BLOCKS_OF_A_SIZE] == [GROUPS[1].block] * BLOCKS_OF_A_SIZE
     assert sizes[:-1] == sorted(sizes[:-1])
     assert len(blocks) < 2000
+
+
+@pytest.mark.parametrize(("runs", "tried"), [(TRIAL, 0), (TRIAL + 1, TRIAL)])
+def test_runs_are_tried_where_they_are_fewer_than_those_of_the_study(tmp_path, runs, tried):
+    study = Study(preset("paper").with_values({"run.t_end_s": 60.0}), runs=runs)
+    left = expected(Store(tmp_path, study), plan_of(study))
+    assert (left.runs, left.tried) == (runs, tried)
+    assert 0.0 < left.core_s < 60.0
 
 
 def test_blocks_of_many_cells_and_robots_are_small_enough_for_the_memory():

@@ -278,6 +278,9 @@ FEW: Final = 2
 """Number of runs in the small trial batches. Two sizes separate the cost of a batch from the cost of a run."""
 MORE: Final = 22
 """Number of runs in the large trial batches."""
+TRIAL: Final = 2 * FEW + MORE
+"""Number of runs that are tried in a group, some of them twice. If no more are missing in a group, none are tried: the
+study itself would be done as soon."""
 LONG_S: Final = 1.0
 """If a run of a group is expected to take longer, s, the group is not tried; if ``FEW`` runs took longer, ``MORE`` runs
 are not tried."""
@@ -299,9 +302,9 @@ def expected(store: Store, plan: Plan) -> Expected:
 
     Trial batches of two sizes in up to ``TRIED_GROUPS`` groups give two figures: the time of a run relative to the
     group's estimate ``Group.run_s``, and the time that a batch costs besides its runs, per replay
-    (``Group.inferences``). Their means over the tried groups are applied to all groups. A group whose runs are expected
-    to take longer than ``LONG_S`` is not tried: it enters the means with a run that takes ``Group.run_s`` and a batch
-    that costs nothing besides.
+    (``Group.inferences``). Their means over the tried groups are applied to all groups. A group of which few runs are
+    missing (``TRIAL``), or whose runs are expected to take longer than ``LONG_S``, is not tried: it enters the means
+    with a run that takes ``Group.run_s`` and a batch that costs nothing besides.
     """
     runs = plan.study.runs or FIRST_LOOK
     missing_blocks = {group.number: store.missing(group, runs) for group in plan.groups}
@@ -315,7 +318,7 @@ def expected(store: Store, plan: Plan) -> Expected:
     # Time of a run in units of run_s, and time of a batch per replay, s: means over the tried groups.
     relative_run, batch_s, count_tried = 0.0, 0.0, 0
     for group in tried:
-        if group.run_s > LONG_S:
+        if group.run_s > LONG_S or missing_runs[group.number] <= TRIAL:
             relative_run += 1.0 / len(tried)  # a trial would take too long: run_s is taken as it is
             continue
         _time_s(plan, group, FEW)  # the time is not used: it includes the loading of tables and kernels
