@@ -29,8 +29,7 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from scipy.stats import betabinom, binom
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from vibroswarm.analysis.intervals import columns_of, jackknife_error
 from vibroswarm.floors.source import source_of
@@ -147,6 +146,8 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
         prior: ``OWN`` or ``COMMON``. entry: the entry that has its own prior. league: its base scenario has the fields
             that the entry does not set.
     """
+    from scipy.stats import betabinom, binom  # whose import takes as long as showing a league
+
     if prior == COMMON:
         prior_of_all = binom.pmf(ALL, TILES, 0.5)
     else:
@@ -202,5 +203,5 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
     if top.size < 2 or (rest <= 0.0).any():
         return estimate, np.nan, np.nan
     without = (top.sum() - top) / rest  # the ratio without each unit
-    reach = float(student.ppf(0.975, top.size - 1)) * jackknife_error(without)
+    reach = float(stdtrit(top.size - 1, 0.975)) * jackknife_error(without)
     return estimate, max(estimate - reach, 0.0), min(estimate + reach, 1.0)
