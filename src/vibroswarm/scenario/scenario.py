@@ -299,12 +299,13 @@ def _preset(name: str) -> Scenario:
 
 def field_names() -> list[str]:
     """Return the dotted names of all fields, those of all strategies, networks and tasks included."""
-    names_of = []
-    for section, info in Scenario.model_fields.items():
-        kind: Any = info.annotation
-        names = kind.field_names() if issubclass(kind, Choice) else list(kind.model_fields)
-        names_of += [f"{section}.{name}" for name in names]
-    return names_of
+    return [name for section in Scenario.model_fields for name in _names_in(section)]
+
+
+def _names_in(section: str) -> list[str]:
+    kind: Any = Scenario.model_fields[section].annotation
+    names = kind.field_names() if issubclass(kind, Choice) else list(kind.model_fields)
+    return [f"{section}.{name}" for name in names]
 
 
 def value_of(scenario: Scenario, name: str) -> Any:
@@ -336,17 +337,30 @@ def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
     The values are for TOML (``--set``, a study's file): tuples become lists, and fields that are None in the scenario
     are left out. If such a field has a value in the base, the base plus the differences is not the scenario.
     """
+    return {name: value for name, value in changes(scenario, base).items() if value is not None}
+
+
+def changes(scenario: Scenario, base: Scenario) -> dict[str, Any]:
+    """Return what ``differences`` does, and None for the fields that are None in the scenario and not in the base."""
     changed: dict[str, Any] = {}
-    for name in _fields_of_unequal_sections(scenario, base):
-        value = value_of(scenario, name)
-        if value is not None and value != value_of(base, name):
-            changed[name] = list(value) if isinstance(value, tuple) else value
+    for section in Scenario.model_fields:
+        one, other = getattr(scenario, section), getattr(base, section)
+        if one == other:
+            continue
+        # Most strategies, networks and tasks have the same parameters in both.
+        equal = (
+            {table for table in type(one).known() if one.table(table) == other.table(table)}
+            if isinstance(one, Choice)
+            else ()
+        )
+        for name in _names_in(section):
+            _, table, *parameter = name.split(".")
+            if parameter and table in equal:
+                continue
+            value = value_of(scenario, name)
+            if value != value_of(base, name):
+                changed[name] = list(value) if isinstance(value, tuple) else value
     return changed
-
-
-def _fields_of_unequal_sections(scenario: Scenario, base: Scenario) -> list[str]:
-    unequal = {name for name in Scenario.model_fields if getattr(scenario, name) != getattr(base, name)}
-    return [name for name in field_names() if name.partition(".")[0] in unequal]
 
 
 def kind_of(name: str) -> Any:

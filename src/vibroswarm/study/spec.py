@@ -47,11 +47,9 @@ from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import (
     Scenario,
+    changes,
     check_pixel_tiles,
-    differences,
-    field_names,
     threshold_of,
-    value_of,
 )
 from vibroswarm.study.factors import (
     BLOCKS,
@@ -262,12 +260,16 @@ class Study(NotebookView):
         """
         base = base or next(iter(scenarios.values()))
         sections = base.model_dump(exclude_none=True)
-        # A point cannot set a field to None, so the base has no value of a field that is None in a scenario.
-        for field_name in field_names():
-            if any(value_of(scenario, field_name) is None for scenario in scenarios.values()):
+        changed = {label: changes(scenario, base) for label, scenario in scenarios.items()}
+        points: list[Point] = []
+        for label, values in changed.items():
+            points.append(
+                {LABEL: label} | {name: value for name, value in values.items() if value is not None}
+            )
+            # A point cannot set a field to None, so the base has no value of a field that is None in a scenario.
+            for field_name in values.keys() - points[-1].keys():
                 section, _, last = field_name.partition(".")
                 sections.get(section, {}).pop(last, None)
-        points = [{LABEL: label, **differences(scenario, base)} for label, scenario in scenarios.items()]
         # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
         # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
         floors = {
@@ -525,7 +527,7 @@ class Study(NotebookView):
         """Return all fields of the base, so that other defaults change nothing; the given ones if presets vary."""
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):
-                return self._scenario({}).model_dump(exclude_none=True)
+                return self._shared_base.model_dump(exclude_none=True)
         return dict(self._sections)
 
     @cached_property
@@ -533,27 +535,41 @@ class Study(NotebookView):
         """The values of the varied fields in each cell."""
         return points_of(self.vary)
 
+    @cached_property
+    def _shared_base(self) -> Scenario:
+        """The base of all points that name no preset of their own."""
+        return self._base({})
+
+    def _base(self, preset: dict[str, Any]) -> Scenario:
+        """Return the scenario in which a point replaces values.
+
+        Args:
+            preset: of the point, by ``PRESET``; empty: the study's own.
+        Raises:
+            InputError: the scenario is invalid.
+        """
+        base = copy_of(self._sections) | preset
+        # The study's own floors are put in as tiles, since the scenario cannot find them by name.
+        floor = base.get("floor")
+        if isinstance(floor, dict) and "tiles" not in floor:
+            name = floor.get("source")
+            if isinstance(name, str) and name in self._named_floors:
+                floor["tiles"] = self._named_floors[name]
+        return Scenario.from_base(base)
+
     def _scenario(self, point: Point) -> Scenario:
         """Return the scenario of a cell: the base with the values of its point.
 
         Raises:
             InputError: the scenario is invalid; the message names the point.
         """
-        base = copy_of(self._sections)
-        if PRESET in point:
-            base[PRESET] = point[PRESET]
         values = {k: v for k, v in point.items() if k not in (PRESET, LABEL)}
         try:
-            # The study's own floors are put in as tiles, since the scenario cannot find them by name.
-            floor = base.get("floor")
-            if isinstance(floor, dict) and "tiles" not in floor:
-                name = floor.get("source")
-                if isinstance(name, str) and name in self._named_floors:
-                    floor["tiles"] = self._named_floors[name]
             if isinstance(values.get(SOURCE), str):
                 # None for a random floor or a pattern: it removes tiles of the base, which are those of another floor.
                 values.setdefault("floor.tiles", self._named_floors.get(values[SOURCE]))
-            return Scenario.from_base(base).with_values(values)
+            base = self._base({PRESET: point[PRESET]}) if PRESET in point else self._shared_base
+            return base.with_values(values)
         except InputError as error:
             if not point:
                 raise
