@@ -20,8 +20,6 @@ from vibroswarm.documents import study
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 SCRIPT, IMAGE, ENTITY = "<script>alert(1)<!--", "<img src=x onerror=alert(2)>", "&lt;b&gt;\"'`{{7*7}}</b"
 TEXTS = (SCRIPT, IMAGE, ENTITY)
 CONTROL = "\x1b[31mred\x07\x9b2J"

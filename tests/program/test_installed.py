@@ -148,9 +148,7 @@ def here(tmp_path: Path) -> Path:
 RUN = """
 import contextlib, io, json, sys
 from vibroswarm.cli import main
-from vibroswarm.study import runner
 
-runner.LONG_S = -1.0  # as the fixture untried has it
 outcomes = []
 for command in json.loads(sys.argv[1]):
     said, errors = io.StringIO(), io.StringIO()

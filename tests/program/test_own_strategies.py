@@ -25,8 +25,6 @@ from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.study_result import StudyResult
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
 VOTER, AVOIDER = (f"{EXAMPLES / name}.py:{name}" for name in ("voter", "avoider"))
 SHORT = ("--set", "run.t_end_s=120", "--set", "decision.min_observations=20", "--set", "decision.hold_s=5")

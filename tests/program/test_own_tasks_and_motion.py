@@ -17,8 +17,6 @@ from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
 from vibroswarm.study.study_result import StudyResult
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 SHORT = ("--set", "run.t_end_s=200", "--set", "decision.min_observations=10")
 HALVES = '''"""Does the left part of the floor vibrate more than the right?"""
 

@@ -18,8 +18,6 @@ from vibroswarm import Result, Scenario, load_code, preset, sensors, simulate, s
 from vibroswarm.cli import main
 from vibroswarm.study.study_result import StudyResult
 
-pytestmark = pytest.mark.usefixtures("untried")
-
 FILES: Final = {
     "hue": """
 import numpy as np
