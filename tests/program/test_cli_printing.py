@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS
 
@@ -14,6 +16,11 @@ def test_all_commands_and_tasks_take_the_options():
         options = command.parser().format_help()
         for option in ("--wide", "-q, --quiet", "-v, --verbose"):
             assert option in options, command.words
+
+
+def test_quiet_tries_no_runs_to_tell_how_long_they_take(monkeypatch):
+    monkeypatch.setattr("vibroswarm.study.runner.expected", lambda *_: pytest.fail("nobody is told"))
+    assert main([*STUDY, "--quiet"]) == 0
 
 
 def test_quiet_leaves_results_and_errors(capsys):

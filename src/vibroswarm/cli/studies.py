@@ -12,7 +12,7 @@ from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.output import print_line, print_saved
 from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
-from vibroswarm.cli.terminal import report, say
+from vibroswarm.cli.terminal import printing, report, say
 from vibroswarm.core.folders import REPORT
 
 if TYPE_CHECKING:
@@ -168,5 +168,6 @@ def print_plan(
         # a warning, so it is not printed by `report`, which --quiet silences
         say(f"damaged, will be recomputed: {damage}")
     say_compiling()  # before `expected`, whose trial runs compile kernels
-    left = expected(store, plan)
-    report(work_sentence(plan, left, job, again=again, page_cells=page_cells, tests=tests))
+    if not printing.quiet:
+        left = expected(store, plan)
+        report(work_sentence(plan, left, job, again=again, page_cells=page_cells, tests=tests))
