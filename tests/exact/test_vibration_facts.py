@@ -31,7 +31,7 @@ def dataset() -> Dataset:
     }  # fmt: skip
     floor = Floor(TILES.astype(np.uint8), 0.2, 0.2, 0.0, 0.0)
     frame, empty = pl.DataFrame(columns), pl.DataFrame()
-    return Dataset(frame, empty, empty, empty, empty, (floor,) * SESSIONS, (1.0, 1.0), ())
+    return Dataset(frame, empty, empty, (floor,) * SESSIONS, (1.0, 1.0), (), lambda: (empty, empty))
 
 
 def energies(found: Dataset, tiles: float, robots: float, held_s: float) -> np.ndarray:

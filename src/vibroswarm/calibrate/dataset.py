@@ -5,8 +5,9 @@ An edge is a border between a vibrating and a still tile. Each run of each recor
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import polars as pl
@@ -34,10 +35,6 @@ class Dataset(NotebookView):
     tile below and of that nearest tile."""
     drives: pl.DataFrame
     """One row per undisturbed drive between two samples, with its speed and veer (columns ``drive.DRIVES``)."""
-    approaches: pl.DataFrame
-    """One row per turn away from a wall (columns ``wall_approach.APPROACHES``)."""
-    turns: pl.DataFrame
-    """One row per turn at the end of a leg (columns ``wall_approach.TURNS``)."""
     exchange: pl.DataFrame
     """One row per session: messages addressed and received, and the share lost (``analysis.sampling.packet_loss``)."""
     floors: tuple[Floor, ...]
@@ -47,6 +44,19 @@ class Dataset(NotebookView):
     """Width and height of the arena."""
     results: tuple[Result, ...]
     """The recordings or simulations from which the dataset was made; also those of sessions that ``only`` removed."""
+    at_walls: Callable[[], tuple[pl.DataFrame, pl.DataFrame]]
+    """Returns ``approaches`` and ``turns`` of all sessions, also of those that ``only`` removed. The first call
+    computes them: only the fit of rays needs them, and they take longer than all the rest."""
+
+    @property
+    def approaches(self) -> pl.DataFrame:
+        """One row per turn away from a wall (columns ``wall_approach.APPROACHES``)."""
+        return self.at_walls()[0].filter(pl.col("run").is_in(self.sessions))
+
+    @property
+    def turns(self) -> pl.DataFrame:
+        """One row per turn at the end of a leg (columns ``wall_approach.TURNS``)."""
+        return self.at_walls()[1].filter(pl.col("run").is_in(self.sessions))
 
     @property
     def sessions(self) -> list[int]:
@@ -103,7 +113,7 @@ class Dataset(NotebookView):
         sessions in the order of the results: without some of the results, the other sessions would get other numbers.
         """
         chosen = pl.col("run").is_in(list(sessions))
-        tables = ("samples", "drives", "approaches", "turns", "exchange")
+        tables = ("samples", "drives", "exchange")
         return replace(self, **{name: getattr(self, name).filter(chosen) for name in tables})
 
 
@@ -123,6 +133,9 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         raise InputError("nothing to fit; give at least one recording", field="REAL")
     floors: list[Floor] = []
     tables: list[dict[str, pl.DataFrame]] = []
+    moved: list[
+        tuple[Result, pl.DataFrame, pl.Expr]
+    ] = []  # results, with their samples and the numbers of sessions
     sizes = {(result.scenario.arena.width_m, result.scenario.arena.height_m) for result in results}
     if len(sizes) > 1:
         raise InputError("the recordings have arenas of different sizes; fit them separately", field="REAL")
@@ -132,21 +145,36 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         session_of = {int(run): len(floors) + k for k, run in enumerate(runs)}
         table = sample_table(result)
         parts = [_with_edges(table.filter(pl.col("run") == run), result.floor(run)) for run in runs]
-        approaches, turns = approach_tables(result, table)
         frames = {
-            "samples": pl.concat(parts), "drives": drive_table(result), "approaches": approaches, "turns": turns,
+            "samples": pl.concat(parts),
+            "drives": drive_table(result),
             "exchange": packet_loss(result),
-        }  # fmt: skip
+        }
         numbered = pl.col("run").replace_strict(session_of, return_dtype=pl.UInt32)
+        moved.append((result, table, numbered))
         tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
         floors += [result.floor(run) for run in runs]
     for floor in floors:
         refuse_changes(floor)
+
+    @cache
+    def at_walls() -> tuple[pl.DataFrame, pl.DataFrame]:
+        """Return the tables of ``Dataset.at_walls``."""
+        approaches, turns = zip(
+            *(
+                [frame.with_columns(numbered) for frame in approach_tables(result, table)]
+                for result, table, numbered in moved
+            ),
+            strict=True,
+        )
+        return pl.concat(approaches), pl.concat(turns)
+
     return Dataset(
         **{name: pl.concat([of_result[name] for of_result in tables]) for name in tables[0]},
         floors=tuple(floors),
         arena_m=next(iter(sizes)),
         results=tuple(results),
+        at_walls=at_walls,
     )
 
 
