@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from vibroswarm.documents.sensitivity import sensitivity_document
 from vibroswarm.errors import InputError
@@ -68,7 +69,7 @@ def test_noise_that_stays_in_is_taken_for_an_effect() -> None:
     assert min(one.total for costs in means for one in indices(NAMES, costs).fields) > 0.5
 
 
-def noisy_costs(seed: int) -> np.ndarray:  # type: ignore[type-arg]
+def noisy_costs(seed: int) -> NDArray[np.float64]:
     u = saltelli(3, 5 * 1024, seed)
     random = np.random.default_rng(1000 + seed)
     return np.asarray(linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10)))

@@ -19,7 +19,7 @@ def test_all_commands_and_tasks_take_the_options():
 
 
 def test_quiet_tries_no_runs_to_tell_how_long_they_take(monkeypatch):
-    monkeypatch.setattr("vibroswarm.study.runner.expected", lambda *_: pytest.fail("nobody is told"))
+    monkeypatch.setattr("vibroswarm.study.runner.expected", lambda *_: pytest.fail("runs are tried"))
     assert main([*STUDY, "--quiet"]) == 0
 
 

@@ -133,9 +133,8 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         raise InputError("nothing to fit; give at least one recording", field="REAL")
     floors: list[Floor] = []
     tables: list[dict[str, pl.DataFrame]] = []
-    moved: list[
-        tuple[Result, pl.DataFrame, pl.Expr]
-    ] = []  # results, with their samples and the numbers of sessions
+    # Each result with its samples and the expression that numbers its sessions, for ``at_walls``.
+    parts_of: list[tuple[Result, pl.DataFrame, pl.Expr]] = []
     sizes = {(result.scenario.arena.width_m, result.scenario.arena.height_m) for result in results}
     if len(sizes) > 1:
         raise InputError("the recordings have arenas of different sizes; fit them separately", field="REAL")
@@ -151,7 +150,7 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
             "exchange": packet_loss(result),
         }
         numbered = pl.col("run").replace_strict(session_of, return_dtype=pl.UInt32)
-        moved.append((result, table, numbered))
+        parts_of.append((result, table, numbered))
         tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
         floors += [result.floor(run) for run in runs]
     for floor in floors:
@@ -163,7 +162,7 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         approaches, turns = zip(
             *(
                 [frame.with_columns(numbered) for frame in approach_tables(result, table)]
-                for result, table, numbered in moved
+                for result, table, numbered in parts_of
             ),
             strict=True,
         )

@@ -319,7 +319,9 @@ def expected(store: Store, plan: Plan) -> Expected:
     relative_run, batch_s, count_tried = 0.0, 0.0, 0
     for group in tried:
         if group.run_s > LONG_S or missing_runs[group.number] <= TRIAL:
-            relative_run += 1.0 / len(tried)  # a trial would take too long: run_s is taken as it is
+            relative_run += 1.0 / len(
+                tried
+            )  # a trial would take longer than it is worth: run_s is taken as it is
             continue
         _time_s(plan, group, FEW)  # the time is not used: it includes the loading of tables and kernels
         few_s = _time_s(plan, group, FEW)
