@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import permutations
 
+import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -76,8 +77,8 @@ THRESHOLD = 1e-3 / (2 * len(PARTS) * len(BASES))
 def test_philox_gives_the_published_answers(
     counter: tuple[int, ...], key: tuple[int, ...], answer: tuple[int, ...]
 ) -> None:
-    assert tuple(int(word) for word in philox4x32(*counter, *key)) == answer
-    assert tuple(int(word) for word in plain(philox4x32)(*counter, *key)) == answer  # type: ignore[attr-defined]
+    assert tuple(int(word) for word in philox4x32(*counter, *key)) == answer  # plain Python, as it is inlined
+    assert tuple(int(word) for word in numba.njit(plain(philox4x32))(*counter, *key)) == answer
 
 
 def test_uniform_is_made_of_the_first_52_bits(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,6 +188,14 @@ def test_checks_see_a_part_of_the_address_that_is_ignored() -> None:
 def test_uniforms_are_the_numbers_of_consecutive_indices() -> None:
     expected = [uniform(3, 4, 5, int(Purpose.LOSS), 7 + k, 0) for k in range(20)]
     assert uniforms(3, 4, 5, Purpose.LOSS, 20, first=7).tolist() == expected
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 16, 31, 64, 257])
+def test_numbers_drawn_in_vectors_are_those_drawn_one_by_one(count: int) -> None:
+    """Whole vectors and what is left over, across the index at which the counter starts again."""
+    for first in (0, 5, 2**32 - 9):
+        expected = [uniform(2**62 + 3, 9, 4, Purpose.SPEED, first + k, 0) for k in range(count)]
+        assert uniforms(2**62 + 3, 9, 4, Purpose.SPEED, count, first=first).tolist() == expected
 
 
 def permutation_p(orders: list[tuple[int, ...]]) -> float:

@@ -12,14 +12,14 @@ from vibroswarm.scenario.scenario import Scenario, preset
 
 
 @kernel
-def fill(setup, speeds, robot, out):
+def fill(setup, speeds, robot, drawn, out):
     for first in range(0, out.size, AT_ONCE):
-        draw_speed_factors(out[first : first + AT_ONCE], setup, speeds, 5, 0, robot, first)
+        draw_speed_factors(out[first : first + AT_ONCE], drawn, setup, speeds, 5, 0, robot, first)
 
 
 def factors(scenario: Scenario, robot: int = 0, count: int = 4000) -> np.ndarray:
     out = np.empty(-(-count // AT_ONCE) * AT_ONCE)
-    fill(setup_of(scenario), speed_quantiles(scenario.robot), robot, out)
+    fill(setup_of(scenario), speed_quantiles(scenario.robot), robot, np.empty((2, AT_ONCE)), out)
     return out[:count]
 
 

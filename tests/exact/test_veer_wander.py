@@ -14,14 +14,14 @@ from vibroswarm.scenario.validation import widest_veer_shift
 
 
 @kernel
-def fill(setup, seed, robot, out):
+def fill(setup, seed, robot, drawn, out):
     for first in range(0, out.size, AT_ONCE):
-        draw_veer_shifts(out[first : first + AT_ONCE], setup, seed, 0, robot, first)
+        draw_veer_shifts(out[first : first + AT_ONCE], drawn, setup, seed, 0, robot, first)
 
 
 def shifts(values: dict[str, float], robot: int = 0, count: int = 6000) -> np.ndarray:
     out = np.empty(count)
-    fill(setup_of(Scenario().with_values(values)), 5, robot, out)
+    fill(setup_of(Scenario().with_values(values)), 5, robot, np.empty((2, AT_ONCE)), out)
     return out
 
 

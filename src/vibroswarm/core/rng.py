@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import kernel
+from vibroswarm.core.jit import inlined, kernel
 
 SEED_LIMIT: Final = 2**63
 """Seeds are whole numbers in [0, 2^63)."""
@@ -159,7 +159,7 @@ _SCALE: Final = 2.0**-52
 """Distance between neighbouring uniform numbers: they have 52 random bits."""
 
 
-@kernel
+@inlined
 def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[int, int, int, int]:
     """Return the four pseudo-random 32-bit words of Philox4x32-10 for a counter and a key.
 
@@ -179,13 +179,9 @@ def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[in
     return a, b, c, d  # type: ignore[return-value]
 
 
-@kernel
-def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the uniform number in (0, 1) at this address; see the module's text for what each part means.
-
-    Args:
-        seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
-    """
+@inlined
+def inlined_uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """Return the number that ``uniform`` returns; inlined, so that a loop over numbers becomes vectors."""
     high, low, _, _ = philox4x32(
         index & _LOW, robot | (purpose << 16), run & _LOW, peer & _LOW, seed & _LOW, (seed >> 32) & _LOW
     )
@@ -194,9 +190,25 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
 
 
 @kernel
-def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int) -> None:
+def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """Return the uniform number in (0, 1) at this address; see the module's text for what each part means.
+
+    Args:
+        seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
+    """
+    return inlined_uniform(seed, run, robot, purpose, index, peer)
+
+
+@kernel
+def fill_uniform(
+    out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int, peer: int
+) -> None:
+    """Write the uniform numbers at the indices first, first + 1, ... into ``out``, made several at a time, in vectors.
+
+    It is not inlined: with a length that is known, LLVM would write out the loop instead.
+    """
     for i in range(out.size):
-        out[i] = uniform(seed, run, robot, purpose, first + i, ALONE)
+        out[i] = inlined_uniform(seed, run, robot, purpose, first + i, peer)
 
 
 def uniforms(
@@ -204,7 +216,7 @@ def uniforms(
 ) -> NDArray[np.float64]:
     """Return the uniform numbers at the indices first, ..., first + count - 1 (and peer 0), shape (count,)."""
     out = np.empty(count, dtype=np.float64)
-    _fill(out, seed, run, robot, int(purpose), first)
+    fill_uniform(out, seed, run, robot, int(purpose), first, ALONE)
     return out
 
 

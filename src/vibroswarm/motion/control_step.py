@@ -43,6 +43,7 @@ ROBOT = np.dtype(
     + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
     + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
     + [(name, np.float64, (AT_ONCE,)) for name in ("speed_factors", "veer_shifts")]
+    + [("drawn", np.float64, (2, AT_ONCE))]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
     + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
     + [(name, np.int64) for name in ("fails_tick", "silent_tick", "failed")]
@@ -60,7 +61,7 @@ ROBOT = np.dtype(
 * ``stop_tick``: when its latest stop began; for a robot that has failed, see ``fail``. ``drive_ticks`` to
   ``stop_ticks``: control periods spent in each mode since its latest sample.
 * ``dice_``: its ``Dice``. ``speed_factors``, ``veer_shifts``: its speed factors, and the shifts of its
-  misalignment, from AT_ONCE consecutive samples on.
+  misalignment, from AT_ONCE consecutive samples on. ``drawn``: room for their random numbers.
 * ``mode`` to ``samples``, ``leg_ms`` to ``next_leg_ms``: the ``WalkState`` of its program. ``sees_from_ms``: driving
   time from which it uses its rays.
 * ``fails_tick``, ``silent_tick``: ticks from which it stands for good, and from which it is silent too (NEVER_FAILS:
@@ -441,12 +442,14 @@ def refresh(
     """
     index = swarm[i].samples % AT_ONCE
     if index == 0:  # all of the AT_ONCE factors drawn before are used up
-        draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
+        draw_speed_factors(
+            swarm[i].speed_factors, swarm[i].drawn, setup, speeds, seed, run, i, swarm[i].samples
+        )
     swarm[i].speed_factor = swarm[i].speed_factors[index]
     if setup.misalignment_wander + setup.misalignment_drift > 0.0:
         before = swarm[i].veer_shifts[index - 1 if index > 0 else AT_ONCE - 1]
         if index == 0:
-            draw_veer_shifts(swarm[i].veer_shifts, setup, seed, run, i, swarm[i].samples)
+            draw_veer_shifts(swarm[i].veer_shifts, swarm[i].drawn, setup, seed, run, i, swarm[i].samples)
         # Before the first sample the misalignment stays: ``robot_params.begin_veer`` adds the first shift.
         if swarm[i].samples > 0:
             swarm[i].misalignment += swarm[i].veer_shifts[index] - before

@@ -49,6 +49,7 @@ from vibroswarm.core.rng import (
     OF_WANDER,
     SPEED,
     VEER,
+    fill_uniform,
     uniform,
 )
 from vibroswarm.core.ticks import tick_at
@@ -226,40 +227,64 @@ def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
 
 
 @inner
-def triangular(seed: int, run: int, robot: int, index: int, peer: int) -> float:
-    """Return a random number of a robot's veer, of mean 0 and variance 1: the sum of two uniform numbers, scaled.
+def triangular(both: float) -> float:
+    """Return a random number of mean 0 and variance 1: the sum of two uniform numbers, which is triangular, scaled.
 
-    The two uniform numbers have the addresses (VEER, index, peer) and (VEER, index, peer + 1). Their sum has mean 1 and
-    variance 1/6.
+    The sum has mean 1 and variance 1/6.
     """
-    both = uniform(seed, run, robot, VEER, index, peer) + uniform(seed, run, robot, VEER, index, peer + 1)
     return math.sqrt(6.0) * (both - 1.0)
 
 
 @inner
+def two_uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """Return the sum of the uniform numbers of the addresses (purpose, index, peer) and (purpose, index, peer + 1)."""
+    return uniform(seed, run, robot, purpose, index, peer) + uniform(
+        seed, run, robot, purpose, index, peer + 1
+    )
+
+
+@inner
+def draw_sums(
+    drawn: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int, peer: int
+) -> None:
+    """Write ``two_uniform`` at the indices first, first + 1, ... into ``drawn[0]``; ``drawn``: (2, AT_ONCE)."""
+    fill_uniform(drawn[0], seed, run, robot, purpose, first, peer)
+    fill_uniform(drawn[1], seed, run, robot, purpose, first, peer + 1)
+    for k in range(AT_ONCE):
+        drawn[0, k] += drawn[1, k]
+
+
+@inner
 def draw_veer_shifts(
-    shifts: NDArray[np.float64], setup: Setup, seed: int, run: int, robot: int, first: int
+    shifts: NDArray[np.float64],
+    drawn: NDArray[np.float64],
+    setup: Setup,
+    seed: int,
+    run: int,
+    robot: int,
+    first: int,
 ) -> None:
     """Draw by how much wander and drift change a robot's misalignment after ``first``, first + 1, ... samples.
 
     Args:
-        shifts: (AT_ONCE,), written; 0 if the scenario has neither wander nor drift.
+        shifts: (AT_ONCE,), written; 0 if the scenario has neither wander nor drift. drawn: (2, AT_ONCE), room.
     """
     for k in range(AT_ONCE):
         shifts[k] = 0.0
     if setup.misalignment_wander > 0.0:
+        draw_sums(drawn, seed, run, robot, VEER, first, ALONE)
         for k in range(AT_ONCE):
-            shifts[k] += setup.misalignment_wander * triangular(seed, run, robot, first + k, ALONE)
+            shifts[k] += setup.misalignment_wander * triangular(drawn[0, k])
     if setup.misalignment_drift > 0.0:
         # The drift is drawn at every ``misalignment_drift_samples``-th sample (a node) and is linear in between. Each
         # sample is at the fraction ``part`` of the way from one node to the next.
-        drawn, low, high = -1, 0.0, 0.0
+        latest, low, high = -1, 0.0, 0.0
         for k in range(AT_ONCE):
             node = (first + k) // setup.misalignment_drift_samples
-            if node != drawn:
-                drawn = node
-                low = triangular(seed, run, robot, node, OF_DRIFT)
-                high = triangular(seed, run, robot, node + 1, OF_DRIFT)
+            if node != latest:
+                latest = node
+                low = triangular(two_uniform(seed, run, robot, VEER, node, OF_DRIFT))
+                high = triangular(two_uniform(seed, run, robot, VEER, node + 1, OF_DRIFT))
             part = (first + k) / setup.misalignment_drift_samples - node
             # Between two nodes of variance 1, the variance is (1 - part)^2 + part^2, on average 2/3. The factor
             # sqrt(1.5) raises this average to 1.
@@ -277,13 +302,14 @@ def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: i
     for i in range(swarm.size):
         row = swarm[i]
         if run_spread > 0.0:
-            row.misalignment += run_spread * triangular(seed, run, i, FIRST, OF_DAY)
+            row.misalignment += run_spread * triangular(two_uniform(seed, run, i, VEER, FIRST, OF_DAY))
         row.misalignment += row.veer_shifts[0]
 
 
 @inner
 def draw_speed_factors(
     factors: NDArray[np.float64],
+    drawn: NDArray[np.float64],
     setup: Setup,
     speeds: NDArray[np.float64],
     seed: int,
@@ -294,14 +320,16 @@ def draw_speed_factors(
     """Draw a robot's speed factors s_d after ``first``, first + 1, ..., first + AT_ONCE - 1 samples.
 
     Args:
-        factors: (AT_ONCE,), written. speeds: ``speed_quantiles``.
+        factors: (AT_ONCE,), written. drawn: (2, AT_ONCE), room. speeds: ``speed_quantiles``.
     """
     if setup.speed_each:
         factors[:] = speeds[robot % speeds.size]  # the list repeats if there are more robots than entries
     else:
-        # Uniform numbers in the first loop, their quantiles in the second: compilers vectorise separate loops.
-        for k in range(AT_ONCE):
-            factors[k] = uniform(seed, run, robot, SPEED, first + k if setup.speed_redrawn else FIRST, ALONE)
+        # Uniform numbers first, their quantiles in a loop of its own: compilers vectorise separate loops.
+        if setup.speed_redrawn:
+            fill_uniform(factors, seed, run, robot, SPEED, first, ALONE)
+        else:
+            factors[:] = uniform(seed, run, robot, SPEED, FIRST, ALONE)
         for k in range(AT_ONCE):
             # Interpolate linearly in the table of quantiles. The uniform number is below 1, so node + 1 exists.
             position = factors[k] * (speeds.size - 1)
@@ -309,25 +337,18 @@ def draw_speed_factors(
             low = speeds[node]
             factors[k] = low + (speeds[node + 1] - low) * (position - node)
     if setup.speed_run_spread > 0.0:
-        of_run = varied(setup.speed_run_spread, seed, run, robot, FIRST, OF_DAY)
+        of_run = varied(setup.speed_run_spread, two_uniform(seed, run, robot, SPEED, FIRST, OF_DAY))
         for k in range(AT_ONCE):
             factors[k] = clipped(setup, factors[k] * of_run)
     if setup.speed_wander > 0.0:
+        draw_sums(drawn, seed, run, robot, SPEED, first, OF_WANDER)
         for k in range(AT_ONCE):
-            factors[k] = clipped(
-                setup, factors[k] * varied(setup.speed_wander, seed, run, robot, first + k, OF_WANDER)
-            )
+            factors[k] = clipped(setup, factors[k] * varied(setup.speed_wander, drawn[0, k]))
 
 
 @inner
-def varied(spread: float, seed: int, run: int, robot: int, index: int, peer: int) -> float:
-    """Return a random factor of a robot's speed: triangular, with mean 1 and the standard deviation ``spread``.
-
-    It is made of the uniform numbers of the addresses (SPEED, index, peer) and (SPEED, index, peer + 1).
-    """
-    # The sum of two uniform numbers has a triangular distribution of mean 1 and variance 1/6.
-    both = uniform(seed, run, robot, SPEED, index, peer)
-    both += uniform(seed, run, robot, SPEED, index, peer + 1)
+def varied(spread: float, both: float) -> float:
+    """Return a random factor of a robot's speed, of mean 1 and standard deviation ``spread``, from ``two_uniform``."""
     return 1.0 + spread * math.sqrt(6.0) * (both - 1.0)
 
 
