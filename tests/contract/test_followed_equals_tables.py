@@ -20,7 +20,7 @@ from vibroswarm.inference.closed_loop import ClosedLoop
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.event.event_run import EVENT, EventRun
 from vibroswarm.motion.pose import pose
-from vibroswarm.motion.source import Source
+from vibroswarm.motion.source import Source, source
 from vibroswarm.optimize import outcomes as simulated
 from vibroswarm.optimize.outcomes import PIECE_S, Outcomes, outcomes_of
 from vibroswarm.scenario import plugins
@@ -133,6 +133,27 @@ def test_where_a_run_stops_does_not_matter() -> None:
     one, other = outcomes_of([scenario, early], 4, [0, 1, 2])
     equal(one, other)
     assert (one.end_s < 150.0).any()
+
+
+@pytest.mark.parametrize("engine", ["event", "fixed-step"])
+def test_a_run_that_ends_with_the_last_decision_is_one_whole(engine: str) -> None:
+    """Made of pieces, its tables are those of a run that is moved to its end at once."""
+    scenario = preset("paper").with_values({"run.stop": "all_decided", "run.t_end_s": 700.0})
+    result = simulate(scenario, 3, [0, 2], motion=engine, segments=True, moves=True)
+    for run in (0, 2):
+        end_s = float(result.ends.filter(run=run)["end_s"][0])
+        whole = source(engine).init(scenario, 3, run, segments=True, moves=True).advance(end_s)
+        for name, expected in (("motion", whole.samples), ("ends", whole.ends)):
+            assert getattr(result, name).filter(run=run).equals(expected), name
+        assert result.segments is not None
+        assert whole.segments is not None
+        assert result.segments.filter(run=run).equals(whole.segments)
+        assert result.moves is not None
+        assert whole.moves is not None
+        assert result.moves.filter(run=run).equals(whole.moves)
+        # There were several pieces; the first run's first one ended within moves, whose rows must not appear twice.
+        assert end_s > 200.0
+        assert whole.moves.filter(start_s=100.0).height < scenario.swarm.robots
 
 
 def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.closed_loop import ClosedLoop, add_piece
 from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.recorder import Rows, SampleColumns, joined, with_samples
+from vibroswarm.motion.recorder import Rows, SampleColumns, joined, one_run, tables, with_samples
 from vibroswarm.motion.source import Motion, MotionState, join, source
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.scenario import plugins
@@ -29,6 +29,10 @@ from vibroswarm.scenario.scenario import Scenario
 
 Take = Callable[[NDArray[np.void]], None]
 """Function that is called with new rows, which may be overwritten after the call."""
+
+
+State = TypeVar("State", bound=MotionState)
+Piece = TypeVar("Piece", Rows, Motion)
 
 
 class Wanted(NamedTuple):
@@ -216,38 +220,74 @@ def until_all_decided(
         runs: run numbers, at least one. floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     """
+    loop, t_end_s = ClosedLoop(scenario, seed), scenario.run.t_end_s
+    # Our engines give rows, of which tables are made once, for all runs; other sources give tables.
+    state = source(motion).init(scenario, seed, runs[0], *wanted)
+    rows, pieces = list[Rows](), list[Motion]()
     # first_s: length of a run's first piece. A run is likely to take at least the share LIKELY of the shortest run so
     # far, so its first piece is that long.
-    loop, pieces, first_s = ClosedLoop(scenario, seed), list[Motion](), PIECE_S
-    shortest_s = scenario.run.t_end_s
+    first_s, shortest_s = PIECE_S, t_end_s
     for done, (run, ground) in enumerate(zip(runs, sensed_floors(scenario, seed, runs, floors), strict=True)):
         loop.begin(run, ground)
-        moved = _run(source(motion).init(scenario, seed, run, *wanted), loop, first_s)
-        pieces.append(moved)
-        shortest_s = min(shortest_s, float(moved.ends["end_s"].to_numpy().max()))
+        if isinstance(state, KernelRun):
+            state.start(seed, run)
+            of_run, end_s = _run(state, loop, first_s, KernelRun.rows, _replay_rows)
+            rows.append(one_run(of_run))
+        else:
+            if done > 0:  # a new state for each run: only our engines can begin another run in the same state
+                state = source(motion).init(scenario, seed, run, *wanted)
+            more, end_s = _run(
+                state, loop, first_s, lambda state, until_s: state.advance(until_s), _replay_tables
+            )
+            pieces += more
+        shortest_s = min(shortest_s, end_s)
         first_s = max(LIKELY * shortest_s, scenario.tick_s)  # at least one tick, so that the run advances
         if progress is not None:
             progress((done + 1) / len(runs))
-    return join(pieces)
+    return tables(rows, loop.tick_ms) if rows else join(pieces)
 
 
-def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:
-    """Advance one run until one tick after all robots have decided, or to ``run.t_end_s``; return its motion.
+def _run(
+    state: State,
+    loop: ClosedLoop,
+    first_s: float,
+    advance: Callable[[State, float], Piece],
+    replay: Callable[[Piece, State, ClosedLoop], None],
+) -> tuple[list[Piece], float]:
+    """Advance one run until one tick after all robots have decided, or to ``run.t_end_s``.
 
     Motion advances in pieces. The piece in which the last robot decides is repeated from a copy of the state at its
     beginning, up to one tick after the decision.
 
     Args:
         state: the run at its start, changed. loop: the run's closed loop, begun. first_s: length of the first piece.
+        advance: simulates a state to a time, s, and returns the new motion. replay: replays that motion in the loop.
+    Returns: the pieces, and the time at which the run ends, s.
     """
-    t_end_s, pieces, length_s = loop.scenario.run.t_end_s, list[Motion](), first_s
+    pieces: list[Piece] = []
+    t_end_s, length_s = loop.scenario.run.t_end_s, first_s
     while not reached(state.time_s, t_end_s, loop.tick_ms):
         before = state.copy()
-        piece = state.advance(min(state.time_s + length_s, t_end_s))
-        loop.catch_up(*add_piece(piece, [loop], loop.tick_ms))
+        piece = advance(state, min(state.time_s + length_s, t_end_s))
+        replay(piece, state, loop)
         decided_s = loop.first_all_decided_s
         if decided_s is not None:
-            return join([*pieces, before.advance(min(decided_s + loop.scenario.tick_s, t_end_s))])
+            end_s = min(decided_s + loop.scenario.tick_s, t_end_s)
+            pieces.append(advance(before, end_s))
+            return pieces, end_s
         pieces.append(piece)
         length_s = PIECE_S
-    return join(pieces)
+    return pieces, t_end_s
+
+
+def _replay_rows(rows: Rows, state: KernelRun, loop: ClosedLoop) -> None:
+    """Replay the rows by which one of our engines has advanced ``state``."""
+    loop.add_samples(rows.samples)
+    if loop.needs_moves and rows.moves is not None:
+        loop.add_moves(rows.moves)
+    loop.catch_up(state.tick, state.stop_ticks)
+
+
+def _replay_tables(piece: Motion, _: MotionState, loop: ClosedLoop) -> None:
+    """Replay the tables that any other source of motion has returned."""
+    loop.catch_up(*add_piece(piece, [loop], loop.tick_ms))

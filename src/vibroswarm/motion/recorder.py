@@ -398,6 +398,29 @@ def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
     return with_samples(sample_frame([piece.samples for piece in pieces], tick_ms), pieces, tick_ms)
 
 
+def one_run(pieces: Sequence[Rows]) -> Rows:
+    """Join consecutive pieces of one run, at least one.
+
+    A move that was under way at the end of a piece is also in the next piece, as it went on: that row is taken.
+    """
+    segments = [piece.segments for piece in pieces if piece.segments is not None]
+    moves = [piece.moves for piece in pieces if piece.moves is not None]
+    return pieces[-1]._replace(
+        samples=joined([piece.samples for piece in pieces]),
+        segments=joined(segments) if segments else None,
+        moves=_latest_moves(joined(moves)) if moves else None,
+    )
+
+
+def _latest_moves(moves: NDArray[np.void]) -> NDArray[np.void]:
+    """Return rows of moves sorted by start and robot; of rows with the same start and robot, the last one."""
+    moves = moves[
+        np.lexsort((moves["robot"], moves["tick"]))
+    ]  # stable: the later row stays behind the earlier one
+    goes_on = (moves["tick"][1:] == moves["tick"][:-1]) & (moves["robot"][1:] == moves["robot"][:-1])
+    return moves[np.append(~goes_on, True)]
+
+
 def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) -> Motion:
     """Return one ``Motion`` of one or more runs, from their table of samples and their rows of all other tables.
 

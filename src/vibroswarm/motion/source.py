@@ -47,7 +47,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ class MotionState(Protocol):
             and the ends at the new ``time_s``.
         """
 
-    def copy(self) -> MotionState:
+    def copy(self) -> Self:
         """Return an independent state from which motion continues in the same way."""
 
 
