@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import re
 from functools import partial, wraps
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from numba.core import base, compiler, ir
 from numba.core.compiler import Flags
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from vibroswarm.core import whole_kernels
 from vibroswarm.core.jit import PLAIN, kernel
@@ -96,6 +98,51 @@ def test_functions_with_and_without_loc_are_told_apart() -> None:
     assert numbas == [True, False, True, True, False, False]
     with shortcuts():
         assert [base._has_loc(function) for function in functions * 2] == numbas * 2
+
+
+def scaled(x: float, by: int, down: bool) -> float:
+    return x / by if down else x * by
+
+
+def first_of(x: Any, count: int) -> Any:
+    return to_fixed_tuple(x, count)[0]
+
+
+def compiled_calls() -> tuple[Any, Any]:
+    """The dispatcher of ``scaled``, which is called with several numbers written out, and the compiled caller."""
+    part: Any = numba.njit(scaled)
+    needs_number: Any = numba.njit(first_of)
+
+    def calls(x: Any, k: int) -> float:
+        return part(x[0], 2, True) + part(x[0], 3, False) + part(x[0], k, k > 3) + needs_number(x, 2)
+
+    return part, numba.njit(calls)
+
+
+def test_a_function_is_compiled_once_for_all_numbers_that_are_written_out() -> None:
+    """But for a function that must know the number; Numba itself compiles for each."""
+    values = np.array([1.5, 2.5, 3.5])
+    expected = 1.5 / 2 + 1.5 * 3 + 1.5 / 7 + 1.5
+    with shortcuts():
+        part, calls = compiled_calls()
+        assert calls(values, 7) == expected
+        assert len(part.signatures) == 1
+    part, calls = compiled_calls()
+    assert calls(values, 7) == expected
+    assert len(part.signatures) == 3
+
+
+def test_garbage_is_collected_again_as_it_was() -> None:
+    with shortcuts(), shortcuts():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with shortcuts():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
 
 
 def test_numba_is_as_it_was_outside_of_our_kernels() -> None:

@@ -3,7 +3,8 @@
 Numba types and translates a function in Python; LLVM takes less than a third of the time. Much of the rest is spent on
 repetition: the type of ``a + b`` is looked for among dozens of templates at each addition, settings are compared entry
 by entry, the variables of every statement are listed some twenty times, and events are sent that nobody listens to.
-What is computed here is what Numba computes, so the compiled kernels are the same.
+What is computed here is what Numba computes, so the compiled kernels are the same; but Numba compiles a function again
+for each number that is written out in a call of it, and here it is compiled once.
 
 These are inner parts of Numba, used with the versions that ``whole_kernels.KNOWN`` lists. They are replaced under
 Numba's lock and only while one of our kernels is compiled, so a user's own compilations are as they were.
@@ -11,12 +12,13 @@ Numba's lock and only while one of our kernels is compiled, so a user's own comp
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from types import CodeType, FunctionType
 from typing import Any, Final
 
-from numba.core import base, dispatcher, event, inline_closurecall, ir
+from numba.core import base, dispatcher, errors, event, inline_closurecall, ir, types
 from numba.core.postproc import PostProcessor, VariableLifetime
 from numba.core.targetconfig import ConfigStack, TargetConfig
 from numba.core.transforms import canonicalize_cfg
@@ -117,6 +119,27 @@ def remembering(numbas: Callable[..., Any], signatures: Signatures) -> Callable[
     return get_call_type
 
 
+def without_literals(numbas: Callable[..., Any]) -> Callable[..., Any]:
+    """Return ``types.Dispatcher.get_call_type`` that takes a literal argument as any number of its type.
+
+    Numba compiles a function again for each number and truth value that is written out in a call of it.
+    """
+
+    def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        plain = tuple(_without_literal(kind) for kind in args)
+        if plain == args:
+            return numbas(self, context, args, kws)
+        try:
+            return numbas(self, context, plain, kws)
+        except errors.TypingError:  # a function may need to know the number
+            return numbas(self, context, args, kws)
+
+    return get_call_type
+
+
+_without_literal: Final[Callable[[Any], Any]] = types.unliteral
+
+
 def post_process(numbas: Callable[..., None]) -> Callable[..., None]:
     """Return ``PostProcessor.run`` without the lists of variables at the beginning of each block.
 
@@ -199,6 +222,7 @@ def replacements() -> list[tuple[Any, str, Any]]:
         (TargetConfig, "__eq__", equal_settings),
         (TargetConfig, "__hash__", hash_of_settings),
         (BaseFunction, "get_call_type", remembering(BaseFunction.get_call_type, _signatures)),
+        (types.Dispatcher, "get_call_type", without_literals(types.Dispatcher.get_call_type)),
         (PostProcessor, "run", post_process(PostProcessor.run)),
         (
             inline_closurecall,
@@ -212,8 +236,13 @@ def replacements() -> list[tuple[Any, str, Any]]:
 
 @contextmanager
 def shortcuts() -> Iterator[None]:
-    """Context manager: take the shortcuts. The caller holds Numba's lock."""
+    """Context manager: take the shortcuts, and collect no garbage meanwhile. The caller holds Numba's lock.
+
+    The many objects of a compilation live until its end, so that looking for garbage among them finds little.
+    """
     global _depth
+    collects = gc.isenabled()
+    gc.disable()
     ours = replacements() if _depth == 0 else []  # inside another one they are taken already
     numbas = [(owner, name, vars(owner)[name]) for owner, name, _ in ours]
     _depth += 1
@@ -225,3 +254,5 @@ def shortcuts() -> Iterator[None]:
         _depth -= 1
         for owner, name, part in numbas:
             setattr(owner, name, part)
+        if collects:
+            gc.enable()

@@ -124,14 +124,15 @@ def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -
     swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
 
 
-@allocating_kernel
-def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> None:
+@kernel
+def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> bool:
     """Set the state at tick 0: the robots are placed, stand, and have drawn their first leg.
 
     Args:
         swarm: all zero; written. speeds: ``robot_params.speed_quantiles``.
+    Returns: whether all robots have found a place; if not, they are to be placed by ``place_on_lattice``. It is a
+        kernel of its own, as few swarms need it.
     """
-    place(swarm, setup, seed, run)
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
         swarm[i].misalignment = misalignment(setup, seed, run, i)
@@ -149,13 +150,14 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
         first = Dice(uniform(seed, run, i, WALK, FIRST, ALONE), 0.5, 0.5)
         store(swarm, i, begin_walk(setup, first))
         roll(swarm, i, seed, run, swarm[i].legs, swarm[i].avoidances)
+    return place(swarm, setup, seed, run)
 
 
-@allocating_kernel
-def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
+@inner
+def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> bool:
     """Place the robots one after the other at random in the start region, without overlap.
 
-    If one of them finds no free place in 1000 attempts, place all robots on a lattice instead.
+    Returns: False if one of them finds no free place in 1000 attempts.
     """
     # Bounds of the start region: x from left to right, y from low to high.
     left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
@@ -169,8 +171,8 @@ def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
                 placed = True
                 break
         if not placed:
-            place_on_lattice(swarm, setup, seed, run)
-            return
+            return False
+    return True
 
 
 @allocating_kernel

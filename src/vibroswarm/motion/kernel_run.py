@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inlined, kernel, zero_rows
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError, whole_number_of
-from vibroswarm.motion.control_step import NEVER_FAILS, Swarm, begin, load, store
+from vibroswarm.motion.control_step import NEVER_FAILS, Swarm, begin, load, place_on_lattice, store
 from vibroswarm.motion.event.trajectory import Planners, ticks_to_sample
 from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
 from vibroswarm.motion.recorder import (
@@ -176,7 +176,8 @@ class KernelRun(ABC):
         self.seed, self.run, self.tick, self.failure = seed, run, 0, None
         self.swarm.view(np.uint8).fill(0)
         clear(self.record)
-        begin(self.swarm, self.setup, self.speeds, seed, run)
+        if not begin(self.swarm, self.setup, self.speeds, seed, run):
+            place_on_lattice(self.swarm, self.setup, seed, run)
         give_each(self.swarm, self.scenario, self.setup, seed, run)
 
     @property

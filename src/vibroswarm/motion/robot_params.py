@@ -327,7 +327,7 @@ def draw_speed_factors(
     else:
         # Uniform numbers first, their quantiles in a loop of its own: compilers vectorise separate loops.
         if setup.speed_redrawn:
-            fill_uniform(factors, seed, run, robot, SPEED, first, ALONE)
+            fill_uniform(factors[:], seed, run, robot, SPEED, first, ALONE)
         else:
             factors[:] = uniform(seed, run, robot, SPEED, FIRST, ALONE)
         for k in range(AT_ONCE):

@@ -32,23 +32,20 @@ from vibroswarm.robot.walk import STOP
 
 
 @kernel
-def write_ends(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void]) -> None:
+def write_ends(
+    planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void], headings: NDArray[np.float64]
+) -> None:
     """Write the robots' poses at ``tick``, and ``stop_tick``, into rows of ``END_ROW``; the caller sets other fields.
+
+    ``headings``, (robots,): written too, rad, not wrapped.
 
     ``stop_tick`` is the tick from which the robot stands and hears nothing, or -1 if it moves, or has failed but still
     hears (``control_step.fail`` then sets -1 in its row).
     """
     for i in range(planners.size):
-        ends[i].x_m, ends[i].y_m, heading = pose_at(planners[i], setup, tick)
-        ends[i].heading_rad = wrapped_rad(heading)
+        ends[i].x_m, ends[i].y_m, headings[i] = pose_at(planners[i], setup, tick)
+        ends[i].heading_rad = wrapped_rad(headings[i])
         ends[i].stop_tick = planners[i].stop_tick if planners[i].mode == STOP else -1
-
-
-@kernel
-def headings_at(planners: Planners, setup: Setup, tick: int, headings: NDArray[np.float64]) -> None:
-    """Write the robots' headings at ``tick``, rad, not wrapped, into ``headings``, shape (robots,)."""
-    for i in range(planners.size):
-        _, _, headings[i] = pose_at(planners[i], setup, tick)
 
 
 class EventRun(KernelRun):
@@ -137,13 +134,13 @@ class EventRun(KernelRun):
         """Return the robots' current poses (``END_ROW``), shape (robots,)."""
         ends = zero_rows(self.swarm.size, END_ROW)
         ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
-        write_ends(self.swarm, self.setup, self.tick, ends)
+        write_ends(self.swarm, self.setup, self.tick, ends, np.empty(self.swarm.size))
         return ends
 
     def headings(self) -> NDArray[np.float64]:
         """Return the robots' current headings, rad, not wrapped, shape (robots,)."""
         headings = np.empty(self.swarm.size)
-        headings_at(self.swarm, self.setup, self.tick, headings)
+        write_ends(self.swarm, self.setup, self.tick, zero_rows(headings.size, END_ROW), headings)
         return headings
 
 
