@@ -85,7 +85,7 @@ from vibroswarm.core.rng import uniform
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.strategies.soft import weight
 
-before = gc.get_threshold(), numba.config.SLP_VECTORIZE
+before = gc.isenabled(), numba.config.SLP_VECTORIZE
 
 @numba.njit
 def total(n):
@@ -112,7 +112,7 @@ def ours(n):
 # In either order, since a function is compiled once for kernels of ours and once for the user's.
 for called in (ours, total) if "ours" in sys.argv else (total, ours):
     print(called(100), called.py_func(100))
-assert (gc.get_threshold(), numba.config.SLP_VECTORIZE) == before
+assert (gc.isenabled(), numba.config.SLP_VECTORIZE) == before
 """
 
 
@@ -197,7 +197,7 @@ def test_threads_that_compile_at_once_leave_the_users_settings() -> None:
 
     from vibroswarm.core.jit import _settings
 
-    before = gc.get_threshold(), config.SLP_VECTORIZE
+    before = gc.isenabled(), config.SLP_VECTORIZE
     began = threading.Event()
 
     def first() -> None:
@@ -215,4 +215,20 @@ def test_threads_that_compile_at_once_leave_the_users_settings() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert (gc.get_threshold(), config.SLP_VECTORIZE) == before
+    assert (gc.isenabled(), config.SLP_VECTORIZE) == before
+    assert gc.isenabled()
+
+
+def test_collection_that_the_user_has_turned_off_stays_off() -> None:
+    from vibroswarm.core.jit import _settings
+
+    with _settings(True), _settings(True):
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with _settings(True):
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import re
 from functools import partial, wraps
@@ -130,19 +129,6 @@ def test_a_function_is_compiled_once_for_all_numbers_that_are_written_out() -> N
     part, calls = compiled_calls()
     assert calls(values, 7) == expected
     assert len(part.signatures) == 3
-
-
-def test_garbage_is_collected_again_as_it_was() -> None:
-    with shortcuts(), shortcuts():
-        assert not gc.isenabled()
-    assert gc.isenabled()
-    gc.disable()
-    try:
-        with shortcuts():
-            pass
-        assert not gc.isenabled()
-    finally:
-        gc.enable()
 
 
 def test_numba_is_as_it_was_outside_of_our_kernels() -> None:

@@ -446,17 +446,13 @@ def add_compile_listener(listener: Callable[[str], None]) -> None:
     _compile_listeners.append(listener)
 
 
-OBJECTS_BETWEEN: Final = 50_000
-"""Garbage-collection threshold while Numba compiles. At the default of 700 Python would collect a thousand times,
-find almost nothing, and take 5 % of the time."""
-
-
 @contextmanager
 def _settings(side_by_side: bool) -> Iterator[None]:
-    """Set LLVM's superword-level vectorisation, collect garbage less often and take shortcuts, while a kernel compiles.
+    """Set LLVM's superword-level vectorisation, collect no garbage and take shortcuts, while a kernel compiles.
 
     Superword-level vectorisation combines equal operations on several numbers. It is off in Numba by default, and
-    speeds most kernels up by 5 to 10 %. Both settings are process-wide; they are restored afterwards. Numba compiles
+    speeds most kernels up by 5 to 10 %. The many objects of a compilation live until its end, so that looking for
+    garbage among them finds little. Both settings are process-wide; they are restored afterwards. Numba compiles
     one kernel at a time; its lock is taken here already, so that no other thread takes these settings for the user's.
     """
     from numba import config
@@ -466,16 +462,16 @@ def _settings(side_by_side: bool) -> Iterator[None]:
 
     numba_config: Any = config
     with global_compiler_lock:
-        vectorize, gc_threshold = numba_config.SLP_VECTORIZE, gc.get_threshold()
+        vectorize, collects = numba_config.SLP_VECTORIZE, gc.isenabled()
         numba_config.SLP_VECTORIZE = int(side_by_side)
-        # A threshold of 0 means that the user has turned collection off: it stays off.
-        gc.set_threshold(max(gc_threshold[0], OBJECTS_BETWEEN) if gc_threshold[0] else 0, *gc_threshold[1:])
+        gc.disable()
         try:
             with whole_kernels.faster():
                 yield
         finally:
             numba_config.SLP_VECTORIZE = vectorize
-            gc.set_threshold(*gc_threshold)
+            if collects:
+                gc.enable()
 
 
 def _disable_caching() -> None:

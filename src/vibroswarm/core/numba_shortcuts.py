@@ -12,7 +12,6 @@ Numba's lock and only while one of our kernels is compiled, so a user's own comp
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from types import CodeType, FunctionType
@@ -236,13 +235,8 @@ def replacements() -> list[tuple[Any, str, Any]]:
 
 @contextmanager
 def shortcuts() -> Iterator[None]:
-    """Context manager: take the shortcuts, and collect no garbage meanwhile. The caller holds Numba's lock.
-
-    The many objects of a compilation live until its end, so that looking for garbage among them finds little.
-    """
+    """Context manager: take the shortcuts. The caller holds Numba's lock."""
     global _depth
-    collects = gc.isenabled()
-    gc.disable()
     ours = replacements() if _depth == 0 else []  # inside another one they are taken already
     numbas = [(owner, name, vars(owner)[name]) for owner, name, _ in ours]
     _depth += 1
@@ -254,5 +248,3 @@ def shortcuts() -> Iterator[None]:
         _depth -= 1
         for owner, name, part in numbas:
             setattr(owner, name, part)
-        if collects:
-            gc.enable()
