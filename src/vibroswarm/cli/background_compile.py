@@ -25,10 +25,11 @@ EXCEPT: Final = "vibroswarm.inference.closed_loop"
 WAIT_S: Final = 60.0
 """Longest wait of this process for the end of the second process."""
 COMMAND: Final = (
-    "import sys; from vibroswarm.cli.background_compile import end_with_parent, compile_later; "
+    "import gc, sys; gc.disable(); from vibroswarm.cli.background_compile import end_with_parent, compile_later; "
     "end_with_parent(); compile_later(*sys.argv[1:])"
 )
-"""Python program that the second process runs; its arguments are those of ``compile_later``."""
+"""Python program that the second process runs; its arguments are those of ``compile_later``. It collects no garbage,
+as it soon ends: looking for some while it hashes the code takes as long as half of the hash."""
 
 
 def begin(scenario: Scenario | None = None) -> bool:
