@@ -414,9 +414,8 @@ def one_run(pieces: Sequence[Rows]) -> Rows:
 
 def _latest_moves(moves: NDArray[np.void]) -> NDArray[np.void]:
     """Return rows of moves sorted by start and robot; of rows with the same start and robot, the last one."""
-    moves = moves[
-        np.lexsort((moves["robot"], moves["tick"]))
-    ]  # stable: the later row stays behind the earlier one
+    order = np.lexsort((moves["robot"], moves["tick"]))  # stable: a later row stays behind an earlier one
+    moves = moves[order]
     goes_on = (moves["tick"][1:] == moves["tick"][:-1]) & (moves["robot"][1:] == moves["robot"][:-1])
     return moves[np.append(~goes_on, True)]
 
