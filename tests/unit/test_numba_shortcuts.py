@@ -107,13 +107,19 @@ def first_of(x: Any, count: int) -> Any:
     return to_fixed_tuple(x, count)[0]
 
 
+def asks_for_number(x: Any, count: int) -> Any:
+    return x[numba.literally(count)]
+
+
 def compiled_calls() -> tuple[Any, Any]:
     """The dispatcher of ``scaled``, which is called with several numbers written out, and the compiled caller."""
     part: Any = numba.njit(scaled)
     needs_number: Any = numba.njit(first_of)
+    asks: Any = numba.njit(asks_for_number)
 
     def calls(x: Any, k: int) -> float:
-        return part(x[0], 2, True) + part(x[0], 3, False) + part(x[0], k, k > 3) + needs_number(x, 2)
+        scales = part(x[0], 2, True) + part(x[0], 3, False) + part(x[0], k, k > 3)
+        return scales + needs_number(x, 2) + asks(x, 1)
 
     return part, numba.njit(calls)
 
@@ -121,7 +127,7 @@ def compiled_calls() -> tuple[Any, Any]:
 def test_a_function_is_compiled_once_for_all_numbers_that_are_written_out() -> None:
     """But for a function that must know the number; Numba itself compiles for each."""
     values = np.array([1.5, 2.5, 3.5])
-    expected = 1.5 / 2 + 1.5 * 3 + 1.5 / 7 + 1.5
+    expected = 1.5 / 2 + 1.5 * 3 + 1.5 / 7 + 1.5 + 2.5
     with shortcuts():
         part, calls = compiled_calls()
         assert calls(values, 7) == expected

@@ -125,18 +125,15 @@ def without_literals(numbas: Callable[..., Any]) -> Callable[..., Any]:
     """
 
     def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-        plain = tuple(_without_literal(kind) for kind in args)
+        plain = tuple(map(types.unliteral, args))
         if plain == args:
             return numbas(self, context, args, kws)
         try:
             return numbas(self, context, plain, kws)
-        except errors.TypingError:  # a function may need to know the number
+        except errors.NumbaError:  # a function may need to know the number
             return numbas(self, context, args, kws)
 
     return get_call_type
-
-
-_without_literal: Final[Callable[[Any], Any]] = types.unliteral
 
 
 def post_process(numbas: Callable[..., None]) -> Callable[..., None]:
