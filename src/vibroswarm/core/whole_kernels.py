@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import numba
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import compiler, typed_passes
+from numba.core import compiler, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager, _pass_registry, register_pass
 from numba.core.errors import new_error_context as error_context  # type: ignore[attr-defined]
@@ -30,6 +30,7 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.targetconfig import ConfigStack
 from numba.core.transforms import canonicalize_cfg
 
+from vibroswarm.core.compiled_code import is_ours
 from vibroswarm.core.numba_shortcuts import shortcuts
 
 KNOWN: Final = ((0, 68),)
@@ -207,6 +208,16 @@ class _Passes(PassManager):
                 function.blocks = canonicalize_cfg(function.blocks)
 
 
+IDLE: Final = (
+    untyped_passes.InlineClosureLikes,
+    untyped_passes.InlineInlinables,
+    typed_passes.InlineOverloads,
+    typed_passes.NopythonRewrites,
+)
+"""Passes that change no function of this package, and are left out there: none has closures, lists, or arithmetic with
+whole arrays, and none calls what Numba takes in by itself."""
+
+
 class _OurCompiler(compiler.CompilerBase):
     """Compiles by Numba's passes, with ``lowering`` in place of Numba's last step."""
 
@@ -223,14 +234,15 @@ class _OurCompiler(compiler.CompilerBase):
         """Return the one list of passes; the flags of this function are on top of Numba's stack by now."""
         _under_way.append(ConfigStack.top_or_none())
         numbas: Any = compiler.DefaultPassBuilder
-        passes = _Passes("vibroswarm")
+        passes, left_out = _Passes("vibroswarm"), IDLE if is_ours(self.state.func_id.modname) else ()
         for define in (
             numbas.define_untyped_pipeline,
             numbas.define_typed_pipeline,
             numbas.define_nopython_lowering_pipeline,
         ):
             for each, about in define(self.state).passes:
-                passes.add_pass(self.lowering if each is typed_passes.NativeLowering else each, about)
+                if each not in left_out:
+                    passes.add_pass(self.lowering if each is typed_passes.NativeLowering else each, about)
         passes.finalize()
         return [passes]
 

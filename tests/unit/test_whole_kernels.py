@@ -1,0 +1,142 @@
+"""``core.whole_kernels``: the passes of Numba that it leaves out."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+import pytest
+from numba.core.typed_passes import InlineOverloads, NopythonRewrites
+from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables
+
+from vibroswarm import preset, simulate
+from vibroswarm.core import whole_kernels
+from vibroswarm.core.jit import PLAIN
+from vibroswarm.inference.closed_loop import record_samples
+from vibroswarm.motion.event.engine import events
+
+pytestmark = [
+    pytest.mark.skipif(PLAIN, reason="nothing is compiled"),
+    pytest.mark.skipif(
+        not whole_kernels.is_known(), reason="no passes are left out with this version of Numba"
+    ),
+]
+
+
+def watched(patches: pytest.MonkeyPatch) -> dict[type, dict[str, bool]]:
+    """For each pass that is left out, the functions for which it runs, and whether it changes them."""
+    seen: dict[type, dict[str, bool]] = {each: {} for each in whole_kernels.IDLE}
+    run = whole_kernels._Passes._runPass
+
+    def compared(self: Any, index: int, each: Any, state: Any) -> None:
+        before = instructions(state)
+        run(self, index, each, state)
+        if type(each) in seen:
+            seen[type(each)][state.func_id.func_name] = instructions(state) != before
+
+    patches.setattr(whole_kernels._Passes, "_runPass", compared)
+    return seen
+
+
+@pytest.fixture
+def changes(monkeypatch: pytest.MonkeyPatch) -> dict[type, dict[str, bool]]:
+    return watched(monkeypatch)
+
+
+def instructions(state: Any) -> str:
+    """What a function is so far, in Numba's form."""
+    if state.func_ir is None:
+        return ""
+    text = io.StringIO()
+    state.func_ir.dump(text)
+    return text.getvalue()
+
+
+def compiled(function: Callable[..., Any], signature: tuple[Any, ...], nrt: bool = False) -> None:
+    """Compile a function anew, with all that it calls."""
+    whole_kernels.declare(function, True, _nrt=nrt).compile(signature)
+
+
+OURS = """
+from test_whole_kernels import changed_of_ours
+
+print(changed_of_ours())
+"""
+
+
+def changed_of_ours() -> dict[str, list[str]]:
+    """Compile the kernel of motion anew, leaving no pass out; return what each of these passes changed.
+
+    It needs a process of its own, in which no function that the kernel calls has been compiled before.
+    """
+    kernel: Any = events
+    with pytest.MonkeyPatch.context() as patches:
+        seen = watched(patches)
+        patches.setattr(whole_kernels, "is_ours", lambda module: False)
+        # This compiles the kernel already if it is not in the cache.
+        simulate(preset("paper").with_values({"run.t_end_s": 60.0}), 1)
+        for signature in kernel.signatures:
+            compiled(kernel.py_func, signature)
+    assert all(len(functions) > 50 for functions in seen.values()), seen
+    return {each.__name__: [name for name in names if names[name]] for each, names in seen.items()}
+
+
+@pytest.mark.slow
+def test_they_change_none_of_our_functions() -> None:
+    here = Path(__file__)
+    done = subprocess.run(
+        [sys.executable, "-c", OURS], env=os.environ | {"PYTHONPATH": f"{here.parent}{os.pathsep}{here.parents[1]}"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout == f"{ {each.__name__: [] for each in whole_kernels.IDLE} }\n", done.stderr
+
+
+def whole_arrays(values: Any) -> Any:
+    return values * 2.0 + 1.0
+
+
+def closes(x: float) -> Any:
+    def inner(y: float) -> float:
+        return y + x
+
+    return inner(2.0)
+
+
+@numba.njit(inline="always")
+def taken_in(x: float) -> float:
+    return x + 1.0
+
+
+def calls(x: float) -> float:
+    return taken_in(x) * 2.0
+
+
+@pytest.mark.parametrize(
+    ("function", "argument", "changed"),
+    [
+        (whole_arrays, numba.float64[::1], NopythonRewrites),
+        (closes, numba.float64, InlineClosureLikes),
+        (calls, numba.float64, InlineInlinables),
+    ],
+)
+def test_they_change_functions_of_users(
+    function: Callable[..., Any], argument: Any, changed: type, changes: dict[type, dict[str, bool]]
+) -> None:
+    compiled(function, (argument,), nrt=True)
+    found = {each: functions.get(function.__name__) for each, functions in changes.items()}
+    assert found[changed], "as seen by the comparison"
+    assert None not in found.values(), "none is left out"
+    assert found[InlineOverloads] is False
+
+
+def test_they_are_left_out_of_our_functions(changes: dict[type, dict[str, bool]]) -> None:
+    simulate(preset("paper").with_values({"run.t_end_s": 60.0, "run.stop": "all_decided"}), 1)
+    kernel: Any = record_samples
+    compiled(kernel.py_func, kernel.signatures[0])
+    assert not any(changes.values())
