@@ -267,7 +267,9 @@ def test_means_of_shares_stay_shares_with_two_runs_too(shares: list[float]) -> N
     )
 
 
-@pytest.mark.parametrize("name", [name for name, one in BY_NAME.items() if one.is_share])
+@pytest.mark.parametrize(
+    "name", ["belief_in_truth", *(name for name, one in BY_NAME.items() if one.is_share)]
+)
 def test_no_share_of_two_runs_is_above_one_or_below_zero(name: str) -> None:
     figure = BY_NAME[name]
     by_run = {figure.by_run: np.array([0.0, 1.0]), "robots": np.array([10.0, 10.0])}

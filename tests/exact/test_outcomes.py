@@ -381,6 +381,6 @@ def test_limits_of_a_mean_time_stay_within_a_run() -> None:
     assert outside.low < 0.0 < 1200.0 < outside.high  # the control: Student's limits
     found = figures.BY_NAME["decision_time_s"].mean(times_s, t_end_s=1200.0)
     assert (found.estimate, found.low, found.high) == (outside.estimate, 0.0, 1200.0)
-    assert figures.BY_NAME["belief_in_truth"].mean(times_s, t_end_s=1200.0) == outside  # no time
+    assert figures.BY_NAME["estimate"].mean(times_s, t_end_s=1200.0) == outside  # no time
     alone = figures.BY_NAME["consensus_time_s"].mean([300.0], t_end_s=1200.0)
     assert (alone.low, alone.high) == (-np.inf, np.inf)  # one run has no limits

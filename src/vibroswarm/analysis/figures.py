@@ -435,6 +435,8 @@ FIGURES: Final = (
         better=1,
         compared=True,
         picture="Belief in the truth (the paper's accuracy)",
+        least=0.0,
+        most=1.0,
     ),
     _robots(
         "robots_right",
