@@ -20,8 +20,12 @@ from vibroswarm.inspection.damage import (
     random_places,
     ratios_at,
     sensed,
+    tables_of,
     values_at,
 )
+from vibroswarm.inspection.laws import law_of_measured
+from vibroswarm.inspection.missed import SIDES_M as DRAWN_M
+from vibroswarm.inspection.missed import lengths_within
 from vibroswarm.inspection.patches import (
     LEAST_SHARE,
     declared,
@@ -33,7 +37,7 @@ from vibroswarm.inspection.patches import (
     told_risk,
 )
 from vibroswarm.inspection.samples import Draw, Law, ratios_of_values
-from vibroswarm.inspection.scan import intact_statistics, scan
+from vibroswarm.inspection.scan import critical_value, intact_statistics, looks_of, p_value, scan
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.scenario import preset
 
@@ -130,6 +134,23 @@ def test_tables_are_the_laws() -> None:
         assert ratios_at(law, value) == pytest.approx(ratios_of_values(law, value), abs=0.03)
 
 
+def test_tables_of_values_with_a_long_tail_are_the_law() -> None:
+    """Energies over several decades, or one value that is far from all others: most values are close together."""
+    random = np.random.default_rng(7)
+    still, vibrating = (np.exp(random.normal(mean, 2.0, 150)) for mean in (0.0, 3.0))
+    with_one = np.exp(random.normal(1.2, 0.6, 150))
+    with_one[0] = 1e5
+    for law in (
+        law_of_measured(vibrating, still, "two decades").law,
+        law_of_measured(with_one, still**0.3, "one value").law,
+    ):
+        value = values_at(law, random.random(2000), random.random(2000) < 0.5)
+        apart = np.abs(ratios_at(law, value) - ratios_of_values(law, value))
+        assert apart.mean() < 0.03
+        at = tables_of(law).value
+        np.testing.assert_array_equal(interpolated(value, at, np.cos(at)), np.interp(value, at, np.cos(at)))
+
+
 def test_ratios_of_contrasts_go_from_none_to_that_of_the_law() -> None:
     value = values_at(LAW, np.linspace(0.05, 0.95, 19), np.full(19, True))
     nearly = contrast_ratios(LAW, value, 0.9999)
@@ -209,3 +230,39 @@ def test_a_threshold_from_the_plates_that_are_judged_says_nothing_of_others() ->
     critical = np.quantile(own, 0.95, axis=1)[:, None]
     assert np.unique((own >= critical).mean(axis=1)) == pytest.approx([0.05])
     assert (fresh >= critical).mean() > 0.06
+
+
+def test_looks_are_evenly_spaced_over_the_samples_whenever_the_clock_was_started() -> None:
+    samples = drawn_samples(5, count=240, spread_m=0.0)
+    times_s, look = looks_of(samples, 8)
+    assert (np.bincount(look, minlength=8) > 0).all()
+    assert times_s[0] == pytest.approx(times_s[-1] / 8)
+    later = samples.with_columns(time_s=samples.column("time_s") + 36_000.0)  # seconds of the day
+    times_s, look = looks_of(later, 8)
+    assert (np.bincount(look, minlength=8) > 0).all()
+    assert later.column("time_s").min() < times_s[0] < times_s[-1] == later.column("time_s").max()
+
+
+@pytest.mark.parametrize(("surfaces", "level"), [(999, 0.05), (199, 0.1), (19, 0.05), (150, 0.07)])
+def test_what_reaches_the_critical_value_has_a_p_value_of_the_level_at_most(
+    surfaces: int, level: float
+) -> None:
+    """Readings of few samples give few different statistics, so that many surfaces have the same."""
+    random = np.random.default_rng(surfaces)
+    for drawn in (random.standard_normal(surfaces), random.integers(0, 6, surfaces).astype(np.float64)):
+        critical = critical_value(drawn, level)
+        for statistic in np.concatenate([drawn, [critical, drawn.max() + 1.0]]):
+            assert (statistic >= critical) == (p_value(statistic, drawn) <= level)
+
+
+@pytest.mark.parametrize("size_m", [(1.0, 1.0), (1.5, 0.2), (0.12, 1.2), (0.04, 0.04)])
+def test_damage_that_is_drawn_fits_a_surface_of_any_size(size_m: tuple[float, float]) -> None:
+    random = np.random.default_rng(1)
+    for shape in ("square", "disc", "crack"):
+        lengths_m = lengths_within(size_m, shape)
+        assert len(lengths_m) >= 3
+        patch = drawn_patches(random, np.repeat(lengths_m, 50), size_m, 1.0, shape)
+        for centre_m, side_m, whole_m in zip(patch[:2], patch[2:4], size_m, strict=True):
+            assert (centre_m - 0.5 * side_m >= -1e-9).all()
+            assert (centre_m + 0.5 * side_m <= whole_m + 1e-9).all()
+    assert lengths_within((1.0, 1.0)) == list(DRAWN_M)

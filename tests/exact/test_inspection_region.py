@@ -10,6 +10,7 @@ import pytest
 
 from helpers.inspections import drawn_samples
 from vibroswarm.inspection.damage import drawn_values, patch_of
+from vibroswarm.inspection.laws import law_of_measured
 from vibroswarm.inspection.patches import Form, declared, raster, shares_of, strips_of
 from vibroswarm.inspection.region import HELD, design_effect, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
@@ -111,3 +112,23 @@ def test_factors_that_samples_share_make_a_region_wider() -> None:
     rho = 0.3**2 / (0.3**2 + log_value.var())
     m = float(shares.share[: shares.first[1]].sum())
     assert design_effect(alone, shares, 0) == pytest.approx(1.0 + rho * (m - 1.0), rel=0.01)
+
+
+def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_values() -> None:
+    samples = drawn_samples(8, count=300, spread_m=0.0)
+    shares = shares_of(samples, declared(samples.size_m, [0.3]))
+    still, vibrating = np.random.default_rng(8).gamma(4.0, ([0.5], [1.5]), (2, 100))
+    effects = [
+        design_effect(
+            replace(samples, law=law_of_measured(unit * vibrating, unit * still, "", (0.1, 0.1)).law),
+            shares,
+            0,
+        )
+        for unit in (1.0, 1e-6, 1e6)
+    ]
+    assert effects[0] > 1.01
+    assert effects == pytest.approx([effects[0]] * 3, rel=1e-6)
+    saturated = law_of_measured(
+        np.full(100, 5.0), still, ""
+    ).law  # a sensor that is at its limit where it vibrates
+    assert design_effect(replace(samples, law=saturated), shares, 0) == 1.0

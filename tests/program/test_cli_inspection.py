@@ -13,7 +13,9 @@ import pytest
 
 from helpers.documents import ROOT
 from vibroswarm import cli, preset, simulate
+from vibroswarm.inspection import missed
 from vibroswarm.inspection.inspection import inspect
+from vibroswarm.inspection.missed import pooled_trials
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.observation.energy_model import energy_of
 
@@ -67,6 +69,17 @@ def test_a_csv_becomes_a_map(plate: Path, capsys: pytest.CaptureFixture[str], tm
     assert "plate.csv" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
+def test_names_of_csvs_may_be_in_capitals(
+    plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    samples, laws = (tmp_path / name for name in ("PLATE.CSV", "REFERENCE.CSV"))
+    samples.write_bytes((plate / "plate.csv").read_bytes())
+    laws.write_bytes((plate / "reference.csv").read_bytes())
+    given = ("--size", "1x1", "--tiles", "5x5", "--robot-spread", "10%")
+    assert run("inspect", samples, "--laws", laws, *given) == 0
+    assert "tiles vibrate" in capsys.readouterr().out
+
+
 def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = [plate / "plate.csv", "--laws", plate / "reference.csv", "--size", "1x1"]
     assert run("inspect", *given, "--tiles", "5x5", "--spread-mm", "10") == 0
@@ -74,6 +87,9 @@ def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) 
     assert "tiles vibrate" in out
     assert "true floor" not in out
     assert "10 mm" in out
+    still = ROOT / "examples" / "inspection" / "plate.csv"  # the mean of its only tile is that of a still one
+    assert run("inspect", *small(still, "--tiles", "1x1")) == 0
+    assert "0 of 1 tiles vibrate and 1 is still, each" in capsys.readouterr().out
 
 
 def test_a_saved_run_is_inspected_as_it_was_simulated(
@@ -238,6 +254,33 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     assert rows[1]["sweep_a90_m"] is None or rows[1]["sweep_a90_m"] > 0
     assert "25 cm" in document["answer"][0]
     assert "leave out the result or file" in error_of(capsys, "plate.csv", "--plan", "3")
+    for option, value in (("--minutes", "5"), ("--want-cm", "10"), ("--plates", "20"), ("--runs", "10")):
+        assert f"{option}: needs --plan" in error_of(capsys, "--floor", "random:0.48", option, value)
+
+
+@pytest.mark.parametrize("option", [("--network", "tree"), ("--task", "mean"), ("--energies", "own.csv")])
+def test_no_option_of_a_simulation_is_passed_over(
+    option: tuple[str, str], plate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "leave the options of a simulation out" in error_of(capsys, *small(plate / "plate.csv"), *option)
+
+
+@pytest.mark.parametrize(("runs", "plates", "drawn"), [(8, 10, 8), (5, 10, 10), (30, 10, 15)])
+def test_a_plan_says_how_many_surfaces_were_drawn(
+    runs: int, plates: int, drawn: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials = []
+
+    def kept(*given: Any, **more: Any) -> Any:
+        trials.append(pooled_trials(*given, **more))
+        return trials[-1]
+
+    monkeypatch.setattr(missed, "pooled_trials", kept)
+    assert run("inspect", "--plan", "2", "--minutes", "1", "--runs", str(runs), "--plates", str(plates)) == 0
+    assert trials[0].found.size == drawn * len(missed.SIDES_M)
+    assert f"; {trials[0].found.size} surfaces with" in " ".join(capsys.readouterr().out.split())
+    none = ("--preset", "paper", "--plan", "1", "--minutes", "0.01,4", "--runs", "4", "--plates", "10")
+    assert "not all inspections have a sample after 0.6 s" in error_of(capsys, *none)
 
 
 def small(csv: Path, *words: str) -> tuple[str | Path, ...]:
@@ -254,6 +297,9 @@ def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(
     assert run("inspect", *given) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "1 row of the file without a value left out" in said
+    serials = [line if k == 0 else f"8800{line}" for k, line in enumerate(lines)]  # numbers of devices
+    (tmp_path / "serials.csv").write_text("\n".join(serials))
+    assert "has a robot 8800" in error_of(capsys, *small(tmp_path / "serials.csv", "--tiles", "5x5"))
     assert "places of 20 cm presumed to differ by 15 %, robots by 12 %" in said
     assert "--robot-spread" in error_of(capsys, "--preset", "paper", "--robot-spread", "12%")
     assert "at least 99" in error_of(

@@ -11,7 +11,7 @@ from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.option_values import number, pair_of, share
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
 from vibroswarm.cli.progress import progress_bar, say_compiling
-from vibroswarm.cli.scenario_options import scenario_from
+from vibroswarm.cli.scenario_options import scenario_from, words_of
 from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.errors import InputError, check_choice
 
@@ -199,6 +199,9 @@ def inspect(
         "--plan",
         "plans with a scenario; leave out the result or file",
     )
+    for name, value in vars(planned).items():
+        is_other = planned.plan is None and value != getattr(Planned, name)
+        _refuse(is_other, f"--{name.replace('_', '-')}", "needs --plan, which asks what robots would find")
     destination = Destination(output, "inspect", str(source), evidence, damage, planned, scenario, seed)
     if planned.plan is not None:
         destination.deliver(_plan_document(planned, damage, scenario, seed))
@@ -221,14 +224,15 @@ def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, 
 
     assert planned.plan is not None
     made = scenario_from(_with_default(scenario))
-    runs = planned.runs
+    damaged = max(planned.runs // 2, 1)  # inspections in which `plan` draws damage
+    each = max(1, round(planned.plates / damaged))
     with progress_bar("plan") as progress:
         table = plan(
-            made, planned.plan, [60.0 * end for end in planned.minutes], runs=runs, seed=seed,
-            each=max(1, round(planned.plates / (runs - runs // 2))), level=damage.level, progress=progress,
+            made, planned.plan, [60.0 * end for end in planned.minutes], runs=planned.runs, seed=seed,
+            each=each, level=damage.level, progress=progress,
         )  # fmt: skip
     want_m = None if planned.want_cm is None else planned.want_cm / 100.0
-    return plan_document(table, want_m, runs, planned.plates * len(SIDES_M), f"{made}, seed {seed}")
+    return plan_document(table, want_m, planned.runs, each * damaged * len(SIDES_M), f"{made}, seed {seed}")
 
 
 def _with_default(scenario: ScenarioOptions) -> ScenarioOptions:
@@ -247,14 +251,15 @@ def _inspected(
         "spread_m": evidence.spread_mm / 1000.0,
         "spreads": (evidence.tile_spread, evidence.robot_spread),
     }  # fmt: skip
-    is_csv = source is not None and source.suffix == ".csv"
+    is_csv = source is not None and source.suffix.lower() == ".csv"
     _refuse(evidence.size is not None and not is_csv, "--size", "describes a CSV; give one")
     if source is None:
         made = scenario_from(_with_default(scenario))
         say_compiling(scenario=made)
         return inspect_source(made, **known)
-    given = scenario.preset or scenario.scenario or scenario.settings or scenario.strategy or scenario.robots
-    _refuse(bool(given), str(source), "is inspected as it is; leave the options of a simulation out")
+    of_file = ("floor", "tiles", "image_threshold")  # what a CSV may be told
+    given = [value for name, value in words_of(scenario).items() if name not in of_file]
+    _refuse(any(given), str(source), "is inspected as it is; leave the options of a simulation out")
     if not is_csv:
         _refuse(
             bool(scenario.floor or scenario.tiles),

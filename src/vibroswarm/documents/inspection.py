@@ -85,10 +85,11 @@ def _answer(found: Inspection) -> tuple[str, ...]:
     p = found.pooled[-1]
     vibrate, still = int((p > SURE).sum()), int((p < 1.0 - SURE).sum())
     two = found.by_kind is None
-    verb, other = ("vibrate", "are still") if two else ("are of another kind than 0", "are of kind 0")
+    verb, other = ("vibrate", "still") if two else ("are of another kind than 0", "of kind 0")
+    unsure = p.size - vibrate - still
     words = [
-        f"{vibrate} of {p.size} tiles {verb} and {still} {other}, each with more than {percent(SURE, 0)}; "
-        f"{p.size - vibrate - still} are open, after {number(found.times_s[-1], 0)} s. Expected number of tiles that "
+        f"{vibrate} of {p.size} tiles {verb} and {still} {_be(still)} {other}, each with more than {percent(SURE, 0)}; "
+        f"{unsure} {_be(unsure)} open, after {number(found.times_s[-1], 0)} s. Expected number of tiles that "
         f"{verb}: {number(float(p.sum()), 1)}.",
     ]
     if found.samples.truth_known:
@@ -102,6 +103,10 @@ def _answer(found: Inspection) -> tuple[str, ...]:
             f"wrong; Brier score {number(last['brier'], 4)} (0.25: knows nothing)."
         )
     return (*damage, *words)
+
+
+def _be(number: int) -> str:
+    return "is" if number == 1 else "are"
 
 
 def _what(samples: Samples) -> str:

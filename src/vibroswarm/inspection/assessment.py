@@ -13,13 +13,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import BETWEEN, LAW_CHECKS, PLACES, law_checks
-from vibroswarm.inspection.missed import (
-    CRACKS_M,
-    SIDES_M,
-    false_calls,
-    own_trials,
-    weakest_found,
-)
+from vibroswarm.inspection.missed import false_calls, lengths_within, own_trials, weakest_found
 from vibroswarm.inspection.others import by_patches, by_tiles
 from vibroswarm.inspection.patches import SIZES_M, Side, declared, shares_of
 from vibroswarm.inspection.pod import Pod
@@ -117,7 +111,7 @@ def assess(
     false = false_calls(*known, **drawn)
 
     def pod(contrast: float, shape: str = "square") -> Pod:
-        sides = SIDES_M if shape != "crack" else [side for side in CRACKS_M if side <= min(samples.size_m)]
+        sides = lengths_within(samples.size_m, shape)
         trials = own_trials(*known, false, contrast=contrast, sides_m=sides, shape=shape, **drawn)
         return trials.fit(asymptote=visited < WHOLLY)
 

@@ -39,6 +39,8 @@ TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
 POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
+COARSE: Final = 0.02
+"""Largest distance between evenly spaced values of a table, over the distance between the quartiles of a kind."""
 
 
 @viewed
@@ -65,6 +67,11 @@ def tables_of(law: Law) -> Table:
     still, vibrating = (energy_of(law.sensor, kind, u, law.place).astype(np.float64) for kind in (0, 1))
     low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
     value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
+    if value[1] - value[0] > COARSE * min(
+        np.ptp(np.interp((0.25, 0.75), u, each)) for each in (still, vibrating)
+    ):
+        # Values of a few samples are far from all others, as in a long tail: half of the points are quantiles.
+        value = np.unique(np.concatenate([value[::2], still[::4], vibrating[::4]]))
     few = np.unique((still, vibrating))
     if few.size <= MOST_KINDS:  # a sensor of classes: there is nothing between them
         value = few
@@ -155,7 +162,15 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
     per_unit = begin.size / span if span > 0.0 else 0.0
     for i in range(x.size):
         if at[0] < x[i] < at[last]:
-            k = begin[min(int((x[i] - at[0]) * per_unit), begin.size - 1)]
+            interval = min(int((x[i] - at[0]) * per_unit), begin.size - 1)
+            k = begin[interval]
+            high = begin[interval + 1] if interval + 1 < begin.size else last - 1
+            while k < high:  # one interval may have most entries
+                middle = (k + high + 1) // 2
+                if at[middle] <= x[i]:
+                    k = middle
+                else:
+                    high = middle - 1
             while at[k] > x[i]:  # the interval is rounded
                 k -= 1
             while at[k + 1] <= x[i]:

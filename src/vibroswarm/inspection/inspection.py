@@ -182,7 +182,7 @@ def inspect(
     samples = _samples_of(source, run, seed, laws, spreads, bits, size_m, spread_m, floor, draws)
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
-    times_s = np.linspace(end_s / TIMES, end_s, TIMES)
+    times_s = np.linspace(samples.began_s + (end_s - samples.began_s) / TIMES, end_s, TIMES)
     damage: dict[str, Any] = {
         "sides_m": sides_m, "replicates": replicates, "seed": seed, "looks": looks, "shapes": shapes,
     }  # fmt: skip
@@ -216,7 +216,7 @@ def _samples_of(
         return source
     if isinstance(source, str | Path):
         path = Path(source)
-        if path.suffix == ".csv":
+        if path.suffix.lower() == ".csv":
             return _of_csv(path, laws, spreads, size_m, spread_m, floor, draws)
         source = read_result(path)
     if isinstance(source, Scenario):
@@ -229,7 +229,7 @@ def _law_of(
     result: Result | None, run: int, laws: Laws, spreads: tuple[float, float], draws: int
 ) -> FittedLaw:
     """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
-    if any(spreads) and not (isinstance(laws, str) and laws.endswith(".csv")):
+    if any(spreads) and not (isinstance(laws, str) and laws.lower().endswith(".csv")):
         raise InputError(
             "belongs to a law of measured values (--laws CSV); others say how much robots and tiles differ",
             field="--tile-spread" if spreads[0] else "--robot-spread",

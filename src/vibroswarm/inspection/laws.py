@@ -179,7 +179,7 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
     path = Path(text)
     if path.is_dir():
         return law_of_recordings([Recording.read(path)], f" of '{path.name}'", draws)
-    if path.suffix == ".csv":
+    if path.suffix.lower() == ".csv":
         vibrating, still = (np.array(energies) for energies in read_energies(path))
         fitted = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]

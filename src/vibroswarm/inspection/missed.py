@@ -14,6 +14,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import viewed
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
@@ -40,6 +41,17 @@ WEAKEST_M: Final = (0.07, 0.1, 0.14, 0.2, 0.28)
 """Sides of squares for which the weakest contrast that is found is computed."""
 CONTRASTS: Final = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 """Contrasts of the damage drawn for it."""
+
+
+def lengths_within(size_m: tuple[float, float], shape: str = "square") -> list[float]:
+    """Return the sizes of drawn damage that fit a surface, at least 3: of one that is smaller, all scaled down to it.
+
+    Args:
+        size_m: width and height of the surface. shape: of ``damage.SHAPES``; cracks lie along both axes.
+    """
+    most, all_m = min(size_m), CRACKS_M if shape == "crack" else SIDES_M
+    within = [length for length in all_m if length <= most]
+    return within if len(within) >= 3 else [most * length / all_m[-1] for length in all_m]
 
 
 @viewed
@@ -180,7 +192,7 @@ def plan(
             give the threshold. sides_m, each: drawn damage, as in ``pooled_trials``. level: wanted false calls.
         progress: called with the share that is done.
     Raises:
-        InputError: fewer than 4 runs, with which there is no threshold.
+        InputError: fewer than 4 runs, with which there is no threshold, or an end before the first samples.
     """
     if runs < 4:
         raise InputError(f"{runs} runs are too few; at least 4", field="runs")
@@ -198,6 +210,13 @@ def plan(
         result = simulate(made, seed, runs)
         inspections = [samples_of_result(result, run, law) for run in range(runs)]
         damaged, fresh = inspections[: runs // 2], inspections[runs // 2 :]
+        first_s = max(float(one.column("time_s").min()) for one in inspections)
+        if min(until_s) < first_s:
+            raise InputError(
+                f"not all inspections have a sample after {stated(min(until_s))} s; the last has its first at "
+                f"{stated(first_s)} s",
+                field="--minutes",
+            )
         for end_s in until_s:
             pod = pooled_trials(
                 damaged, fresh, until_s=end_s, sides_m=sides_m, each=each, level=level, seed=seed

@@ -167,14 +167,17 @@ def design_effect(samples: Samples, shares: Shares, patch: int) -> float:
     own, sensor = slice(shares.first[patch], shares.first[patch + 1]), samples.law.sensor
     q, sample = shares.share[own].astype(np.float64), shares.sample[own]
     table = tables_of(samples.law)
-    log_value, weight = np.log(np.maximum(table.vibrating, 1e-3)), np.gradient(table.u)
+    weight = np.gradient(table.u)
+    # Values near 0, and below, count as a thousandth of the mean, whatever the unit.
+    least = 1e-3 * float(np.average(np.abs(table.vibrating), weights=weight))
+    log_value = np.log(np.maximum(table.vibrating, max(least, 1e-300)))
     mean = np.average(log_value, weights=weight)
     alone = float(np.average((log_value - mean) ** 2, weights=weight))
     of_tile, of_robot = ((spread or 0.0) ** 2 for spread in (sensor.tile_spread, sensor.robot_spread))
     effect = 1.0
     for group, shared in ((tiles_below(samples), of_tile), (samples.frame["robot"].to_numpy(), of_robot)):
         together = float((np.bincount(group[sample], q) ** 2).sum()) / max(float(q.sum()), 1e-9)
-        effect += shared / (alone + of_tile + of_robot) * max(together - 1.0, 0.0)
+        effect += shared / max(alone + of_tile + of_robot, 1e-12) * max(together - 1.0, 0.0)
     return effect
 
 

@@ -159,6 +159,13 @@ class Samples(NotebookView):
         return hashlib.sha256(csv_bytes(self.frame)).hexdigest()[:16]
 
     @property
+    def began_s(self) -> float:
+        """When the inspection began: at 0, or with the first sample if the clock was started long before."""
+        time_s = self.column("time_s")
+        first_s, last_s = float(time_s.min(initial=np.inf)), float(time_s.max(initial=0.0))
+        return first_s if last_s - first_s < first_s < np.inf else 0.0
+
+    @property
     def robots(self) -> list[int]:
         """Numbers of the robots, ascending."""
         return self.frame["robot"].unique().sort().to_list()

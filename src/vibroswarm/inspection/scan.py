@@ -74,7 +74,7 @@ class Scan(NotebookView):
     p_value: float
     permuted_p_value: float
     critical: float
-    """T that a share ``level`` of the intact surfaces reaches."""
+    """The least T whose p-value is at most ``level`` (``critical_value``)."""
     replicates: int
     level: float
     """Wanted share of false calls: a surface is called damaged if the p-value is at most this."""
@@ -124,7 +124,7 @@ def scan(
     drawn = intact_statistics(samples, patches, shares, replicates, seed, looks=looks)
     permuted = _permuted(samples, observed, replicates, seed)
     exchanged = _statistics(patches, shares, permuted, look, looks).max(axis=0)
-    critical = float(np.quantile(drawn, 1.0 - level))
+    critical = critical_value(drawn, level)
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
     there = look <= each.argmax()
@@ -148,7 +148,7 @@ def scan(
 def looks_of(samples: Samples, looks: int) -> tuple[Floats, NDArray[np.int64]]:
     """Return the times of evenly spaced looks, (looks,), and from which look on each sample counts, (samples,)."""
     time_s = samples.column("time_s")
-    times_s = np.linspace(0.0, float(time_s.max()), looks + 1)[1:]
+    times_s = np.linspace(samples.began_s, float(time_s.max()), looks + 1)[1:]
     return times_s, np.searchsorted(times_s, time_s)
 
 
@@ -231,6 +231,16 @@ def near(samples: Samples, box: Box) -> NDArray[np.bool_]:
 def p_value(statistic: float, drawn: Floats) -> float:
     """Return the p-value of a statistic against drawn ones."""
     return float((1 + (drawn >= statistic).sum()) / (drawn.size + 1))
+
+
+def critical_value(drawn: Floats, level: float) -> float:
+    """Return the least statistic whose ``p_value`` is at most a level: above drawn ones that are equal to each other.
+
+    Args:
+        drawn: statistics of at least 1 / level - 1 intact surfaces.
+    """
+    reached = math.floor(level * (drawn.size + 1) + 1e-9) - 1  # by so many at most
+    return float(np.nextafter(np.sort(drawn)[drawn.size - 1 - reached], np.inf))
 
 
 def intact_statistics(

@@ -180,6 +180,8 @@ def _vibrating(floor: Floor) -> Floor:
 LENGTHS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 TIMES: Final = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
 """Units, and how many m or s each is."""
+MOST_ROBOT: Final = 2**16 - 1
+"""Largest number of a robot in ``SAMPLES``."""
 VALUES: Final = ("value", "energy", "rms")
 """Names of the column of values."""
 
@@ -206,6 +208,11 @@ def samples_of_csv(
     """
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
     log = read_mapped(path, _column_map(table.columns, path))
+    most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]
+    if most > MOST_ROBOT:
+        raise InputError(
+            f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"
+        )
     frame = log.samples.select(
         pl.col("robot").fill_null(0),
         "time_s",
