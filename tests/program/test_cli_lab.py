@@ -238,6 +238,10 @@ def test_compare_several(kept, tmp_path, capsys):
         (["lab", "import", "nowhere.csv", *FLOOR, "--out", "x"], "there is no such file"),
         (["lab", "import", "nowhere.csv", "--out", "x"], "on which floor were the robots?"),
         (["lab", "import", "nowhere.csv", "--floor", "random:0.48", "--out", "x"], "is random"),
+        (
+            ["lab", "import", "x.csv", "--reader", "rugbot", "--columns", "x.toml", *FLOOR, "--out", "x"],
+            "--reader: conflicts with --columns",
+        ),
         (["lab", "replay", "nowhere"], "is not a recording"),
         (["lab", "threshold", "nowhere", "--costs", "1"], "is not of the form A:B"),
         (["lab", "threshold", "nowhere", "--out", "mine.txt"], "end in .toml"),
@@ -249,6 +253,7 @@ def test_compare_several(kept, tmp_path, capsys):
         (["lab", "export", "nowhere", "--format", "rugbt", "--out", "x"], "did you mean 'rugbot'"),
         (["lab", "export", "nowhere", "--session", "0", "--out", "x"], "--session: 0 is not 1 or more"),
         (["calibrate", "compare", "nowhere", "nowhere"], "is not a run of vibroswarm"),
+        (["calibrate", "fit", "nowhere", "--against", "x"], "--against: has no effect without --folds"),
     ],
 )
 def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, monkeypatch):
@@ -418,3 +423,39 @@ def test_places_are_replayed_with_the_law_of_a_file(kept, tmp_path, capsys):
     assert main(["lab", "replay", str(kept), "--strategy", "explore"]) == 2
     assert "steers its robots" in capsys.readouterr().err
     assert main(["lab", "replay", str(kept), "--laws", str(tmp_path / "none.toml")]) == 2
+
+
+def test_a_log_that_is_given_twice_is_warned_of(tmp_path, capsys):
+    log = str(SHIPPED / "session-1.csv")
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(Path(log).read_bytes())
+    for second in (log, str(copy)):
+        assert main(["lab", "import", log, second, *FLOOR, "--out", str(tmp_path / "lab"), "--force"]) == 0
+        assert f"Warning: '{second}' is '{log}' again" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("stated", [[], ["--set", "robot.battery_life_s=20000"]])
+def test_a_session_may_be_longer_than_the_battery_of_a_preset(tmp_path, stated):
+    """That of the presets lasts 8400 s, in a simulation."""
+    uses = ("robot", "time_s", "x_m", "y_m", "energy")
+    rows = "".join(f"{k % 2},{5 * k},0.5,0.5,1.0\n" for k in range(1, 1800))
+    (tmp_path / "long.csv").write_text(",".join(uses) + "\n" + rows)
+    (tmp_path / "map.toml").write_text("[columns]\n" + "".join(f'{use} = "{use}"\n' for use in uses))
+    log = [str(tmp_path / "long.csv"), "--columns", str(tmp_path / "map.toml"), *FLOOR, "--any-floor"]
+    assert main(["lab", "import", *log, *stated, "--out", str(tmp_path / "lab")]) == 0
+    assert Recording.read(tmp_path / "lab").scenario.robot.battery_life_s == (20000.0 if stated else 8996.0)
+
+
+@pytest.mark.parametrize(
+    ("format", "session", "words"),
+    [
+        ("rugbot", "3", "--session: there is no session 3; there are 1 to 2"),
+        ("csv", "2", "--session: has no effect with --format csv"),
+    ],
+)
+def test_a_session_that_is_not_written_is_refused_by_its_option(
+    kept, tmp_path, capsys, format, session, words
+):
+    out = str(tmp_path / "out")
+    assert main(["lab", "export", str(kept), "--format", format, "--session", session, "--out", out]) == 2
+    assert words in capsys.readouterr().err

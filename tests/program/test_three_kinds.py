@@ -90,3 +90,11 @@ def test_tables_name_the_kind_that_is_counted(tmp_path: Path, capsys: pytest.Cap
     asked[asked.index("--strategy") + 1] = "places"
     assert main(["run", *asked]) == 0
     assert "share of ones" not in capsys.readouterr().out
+
+
+def test_a_decision_for_kind_2_is_no_undecided_robot_in_a_log(folder: Path) -> None:
+    """The log of the study's robots has 2 for undecided, so that decisions of several kinds are not in it."""
+    assert set(Result.read(folder / "run").robots["decision"]) == {2}
+    recording = Recording.read(folder / "recording")
+    assert set(recording.robots["decision"]) == {None}
+    assert recording.runs["consensus"].to_list() == [None]

@@ -199,6 +199,8 @@ def fit(
 
     if out is None and force:
         raise InputError("has no effect without --out FILE", field="--force")
+    if against is not None and not folds:
+        raise InputError("has no effect without --folds", field="--against")
     if out is not None and not force:
         check_free(out)  # now, since the fit takes long
     scenario = scenario_named(base, settings)

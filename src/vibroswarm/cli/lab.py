@@ -13,6 +13,7 @@ from vibroswarm.cli.option_values import pair_of, toml_path
 from vibroswarm.cli.options import Force, Json, Opened, Paged, ScenarioOptions, TomlFile
 from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.scenario_options import scenario_from, scenario_named, words_of
+from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
 from vibroswarm.errors import InputError
 
@@ -61,6 +62,8 @@ def import_logs(
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.study.scenario_words import check_one_floor, stated_fields
 
+    if reader is not None and columns is not None:
+        raise InputError("conflicts with --columns; use one of them", field="--reader")
     output = Paged(out=out, force=force, json=json, open=page.open)
     made = scenario_from(scenario)
     check_one_floor(made, **words_of(scenario))
@@ -107,6 +110,11 @@ def _logs_of(
         for path, file in zip(paths, files, strict=True)
     ]
     logs, computed = with_energies(logs, scenario, acceleration)
+    contents = [file.read_bytes() for file in files]
+    for k, content in enumerate(contents):
+        if content in contents[:k]:  # sessions are independent of each other in all statistics
+            first = files[contents.index(content)]
+            say(f"Warning: '{files[k]}' is '{first}' again; as two sessions they count as independent.")
     read = [*files, *([columns] if columns is not None else []), *(acceleration or ())]
     return logs, computed, [path.read_bytes() for path in read]
 
@@ -126,8 +134,15 @@ def export(
     from vibroswarm.recordings.export import WRITERS
     from vibroswarm.result import Result
 
+    result = Result.read(folder)
+    if format != "csv" and session > result.runs.height:
+        raise InputError(
+            f"there is no session {session}; there are 1 to {result.runs.height}", field="--session"
+        )
+    if format == "csv" and session != 1:
+        raise InputError("has no effect with --format csv, which writes all runs", field="--session")
     # Runs are numbered from 0; the writer of CSV ignores the number and writes all runs.
-    WRITERS[format](Result.read(folder), out, session - 1, replace=force)
+    WRITERS[format](result, out, session - 1, replace=force)
     print_saved_file(out)
 
 

@@ -159,6 +159,9 @@ def _described(
         "run.t_end_s": float(np.ceil(end_s)),
         "run.stop": "t_end",
     }
+    # The battery of a preset says nothing of these robots, and must last longer than a run.
+    if "robot.battery_life_s" not in [*stated, *values]:
+        values["robot.battery_life_s"] = max(scenario.robot.battery_life_s, float(np.ceil(end_s)) + 1.0)
     from_log = [name for log in logs for name in log.settings]
     return scenario.with_values(values), list(dict.fromkeys([*stated, *from_log, "swarm.robots"]))
 

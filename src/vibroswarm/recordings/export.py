@@ -41,6 +41,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
     In that format a camera finds all robots in each of its loops (every 0.22 s). For each loop the file has a tracking
     row for every robot, and a row for each sample taken since the loop before, with the robot's position in this loop.
+    Decisions among more than two kinds of tile are left out, since 2 stands for undecided.
 
     Args:
         run: number of the run. replace: whether an existing file may be replaced.
@@ -57,6 +58,9 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     samples = _samples(result, run)
     if samples["energy"].null_count():
         raise InputError("needs energies, which this result lacks", field="rugbot")
+    if (samples["decision"] > 1).any() or (samples["observation"] > 1).any():
+        # Of several kinds: the format cannot tell kind 2 from undecided.
+        samples = samples.with_columns(decision=pl.lit(None, dtype=samples.schema["decision"]))
     ends = result.ends.filter(pl.col("run") == run)
     loops_s = np.arange(0.0, float(ends["end_s"].max() or 0.0), CAMERA_S)  # type: ignore[arg-type]
     # Positions of each robot at each loop, (loops, 2). Those beyond the right or upper wall (1 m) are moved onto it;
@@ -100,7 +104,7 @@ def _sample_cells(row: dict[str, Any]) -> str:
     if belief is not None:
         # The robots cut the belief to three digits; the 1e-9 keeps rounding from lowering a belief that has only three.
         belief = f"{math.floor(belief * 1000 + 1e-9) / 1000:g}"
-    decision = 2 if row["decision"] == -1 else row["decision"]  # the robots log 2 for undecided
+    decision = 2 if row["decision"] == -1 else row["decision"]  # None stays; the robots log 2 for undecided
     counters = [
         None if row[name] is None else round(1000 * row[name]) % WRAP_MS
         for name in ("avoid_total_s", "stop_total_s")
