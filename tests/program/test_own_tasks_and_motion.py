@@ -290,3 +290,33 @@ def test_motion_cannot_be_steered_if_it_says_so(files: Path, capsys: pytest.Capt
     command = ["run", "--motion", f"{files / 'standing.py'}:standing", "--strategy", f"{avoider}:avoider"]
     assert main(command) == 2
     assert "cannot be steered" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("given", ["[0.5, 2]", "[]"])
+def test_a_parameter_that_is_a_list_is_set(tmp_path: Path, given: str) -> None:
+    """As docs/own-strategy.md declares one: with no further word to Pydantic."""
+    path = tmp_path / "slow_list.py"
+    path.write_text(
+        "from vibroswarm.networks import Network\nclass Params:\n    waits: tuple[float, ...] = (1.0,)\n"
+        "def send(n, a, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):\n"
+        "    for j in range(w.robots):\n        if j != sender:\n"
+        "            arrival_tick[j] = tick + 1 + int(a.waits.sum())\n"
+        'slow_list = Network("slow_list", send=send, params=Params)\n',
+        encoding="utf-8",
+    )
+    network = ["--network", f"{path}:slow_list", "--set", f"network.slow_list.waits={given}"]
+    assert main(["run", *network, "--set", "run.t_end_s=20", "--json"]) == 0
+
+
+def test_what_needs_a_task_that_is_not_loaded_says_how_to_load_it(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(files / "unloaded")
+    text = (files / "halves.py").read_text(encoding="utf-8").replace("halves", "unloaded_halves")
+    (files / "unloaded_halves.py").write_text(text, encoding="utf-8")
+    task = f"{files / 'unloaded_halves.py'}:unloaded_halves"
+    assert main(["run", "--task", task, "--set", "run.t_end_s=20", "--out", out]) == 0
+    tasks.base.forget("unloaded_halves")  # as in another process
+    capsys.readouterr()
+    assert main(["show", out]) == 2
+    assert "is not loaded; add --trust to run the file" in capsys.readouterr().err

@@ -66,7 +66,7 @@ def is_ours(module: object) -> bool:
 
 
 @cache
-def _is_known(module: object) -> bool:
+def is_known(module: object) -> bool:
     """Return whether the name of the cache folder tells the code of a module, by name: by a hash, or by a version."""
     root = str(module).partition(".")[0]
     if root not in sys.stdlib_module_names:
@@ -130,13 +130,13 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
         members: list[Any] = list(value)
         return f"{[_of_value(member, names, seen) for member in members]}"
     where, name = getattr(value, "__module__", None), getattr(value, "__qualname__", None)
-    if isinstance(value, FunctionType) and not _is_known(where):
+    if isinstance(value, FunctionType) and not is_known(where):
         return name or "" if value in seen else _of_function(value, seen)
-    if isinstance(value, BuiltinFunctionType) or (name is not None and _is_known(where)):
+    if isinstance(value, BuiltinFunctionType) or (name is not None and is_known(where)):
         return f"{where}.{name}"
     if isinstance(value, type) and issubclass(value, tuple):
         return f"{name} {getattr(value, '_fields', ())}"
-    if _is_known(type(value).__module__) and "0x" not in repr(value):  # such as a type of Numba
+    if is_known(type(value).__module__) and "0x" not in repr(value):  # such as a type of Numba
         return repr(value)
     raise UnknownValueError(f"a value of type {type(value).__name__}")
 
@@ -144,7 +144,7 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
 def _of_module(module: ModuleType, names: set[str], seen: set[Any]) -> str:
     """Return the text of what a function may read from a module, and from modules in it."""
     read = sorted(names & vars(module).keys())
-    if _is_known(module.__name__) or (module, *read) in seen:
+    if is_known(module.__name__) or (module, *read) in seen:
         return module.__name__
     seen.add((module, *read))
     return f"{module.__name__} {[f'{name}: {_of_value(vars(module)[name], names, seen)}' for name in read]}"

@@ -21,7 +21,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, globals_of, is_ours
+from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, globals_of, is_known, is_ours
 from vibroswarm.core.generated_modules import generated_module
 from vibroswarm.core.jit import inlined_uncached, source_hash
 from vibroswarm.errors import InputError, warn_once
@@ -287,8 +287,9 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
 
 
 def _is_hook_code(function: FunctionType, module: str) -> bool:
-    """Return whether it belongs to the hook's own module or to ``vibroswarm.strategies``."""
-    return function.__module__ == module or function.__module__.startswith(STRATEGIES)
+    """Return whether it belongs to the hook's own module, to ``vibroswarm.strategies`` or to a module of users."""
+    name = function.__module__
+    return name == module or str(name).startswith(STRATEGIES) or not is_known(name)
 
 
 def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any], Any]) -> Any:

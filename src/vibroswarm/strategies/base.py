@@ -35,10 +35,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cache
 from types import FunctionType
-from typing import Any, Final, Literal, get_type_hints
+from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, create_model
+from pydantic import BaseModel, Field, create_model
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
@@ -455,12 +455,19 @@ def as_params(declared: type, name: str) -> type[BaseModel]:
         return declared
     hints = get_type_hints(declared, include_extras=True)
     definitions: dict[str, Any] = {
-        field: (hint, getattr(declared, field, ...))  # Pydantic's ...: required
+        # TOML and --set give a tuple as a list, which strict models refuse. Pydantic's ...: required
+        field: (_from_list(hint), getattr(declared, field, ...))
         for field, hint in hints.items()
     }
     return create_model(
         f"{name.title()}Params", __base__=FrozenModel, __doc__=declared.__doc__, **definitions
     )  # fmt: skip
+
+
+def _from_list(hint: Any) -> Any:
+    """Return the annotation, of which a tuple may also be given as a list."""
+    is_tuple = get_origin(get_args(hint)[0] if get_origin(hint) is Annotated else hint) is tuple
+    return Annotated[hint, Field(strict=False)] if is_tuple else hint
 
 
 _registry = Registry[Strategy]("strategy", "strategy.name")

@@ -20,6 +20,7 @@ from functools import cache, lru_cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
+from vibroswarm.core.compiled_code import is_known
 from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -145,9 +146,9 @@ def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> 
 
 
 def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Callable[..., Any]]:
-    """Yield the function, and the plain Python functions of its module that it calls, directly or through each other.
+    """Yield the function, and the users' plain Python functions that it calls, directly or through each other.
 
-    ``seen`` holds the functions already yielded; it grows in place.
+    Functions of its own module are among them, whosever it is. ``seen`` holds those already yielded; it grows in place.
     """
     if function in seen:
         return
@@ -155,7 +156,9 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
     yield function
     for name in function.__code__.co_names:
         value = function.__globals__.get(name)
-        if isinstance(value, FunctionType) and value.__module__ == function.__module__:
+        if isinstance(value, FunctionType) and (
+            value.__module__ == function.__module__ or not is_known(value.__module__)
+        ):
             yield from _with_callees(value, seen)
 
 
