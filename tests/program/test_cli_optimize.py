@@ -300,6 +300,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
             "400 runs are too few for one iteration, which takes 300, and the 160 of the race",
         ),
         (["--noise", "loud"], "rescore, ocba, fixed"),
+        (["--method", "random", "--noise", "ocba"], "--noise: applies to the method pso only"),
         (["--check", "paper"], "'optimize --check' is now 'vibroswarm optimize compare FIRST SECOND'"),
         (["--sensitivity"], "'optimize --sensitivity' is now 'vibroswarm optimize sensitivity'"),
         (["--runs", "10"], "a search has a --budget"),

@@ -128,6 +128,8 @@ def test_pictures_are_files_on_request_and_in_the_report_anyway(
 
 
 def test_pictures_and_none_conflict(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*FEW, "--pictures"]) == 2
+    assert "--pictures: needs --out DIR, where the pictures are saved" in capsys.readouterr().err
     assert main([*FEW, "--pictures", "--no-pictures"]) == 2
     assert "conflicts with --pictures" in capsys.readouterr().err
 
@@ -259,6 +261,14 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
     assert min(fills) < 0.5 < max(fills)
 
 
+def test_detect_says_that_a_floor_is_not_the_one_that_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["detect", "--robots", "2", "--runs", "2", "--set", "run.t_end_s=20", "--fills", "0.4,0.6", "-q"]
+    assert main([*line, "--floor", "diagonal:0.46"]) == 0
+    assert "Warning: --floor: of it only the number of tiles is used" in capsys.readouterr().err
+    assert main(line) == 0
+    assert "--floor" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -345,6 +355,7 @@ def test_settings_that_decide_alike_stand_once_on_the_front(capsys: pytest.Captu
     assert main(["evaluate", "tradeoff", "--runs", "2", *beyond, *SMALL]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "2 further settings with the same figures left out" in said
+    assert "Fastest and least often wrong: p_c 0.8, O_c 5000, " in said
     assert "3 of 3 settings are on the front" in said
 
 

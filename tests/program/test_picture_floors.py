@@ -124,6 +124,9 @@ def test_a_threshold_without_a_picture(tmp_path, capsys):
     for floor in ([], ["--floor", "diagonal:0.46"]):
         assert main(["run", *floor, "--image-threshold", "40%"]) == 2
         assert "--image-threshold: applies to a picture; add --floor FILE.png" in capsys.readouterr().err
+    for command in ("show", "measure"):
+        assert main(["floors", command, "random:0.4", "--image-threshold", "40%"]) == 2
+        assert "--image-threshold: applies to a picture, not to 'random:0.4'" in capsys.readouterr().err
 
 
 def test_tiles_given_by_set_need_no_picture(capsys):

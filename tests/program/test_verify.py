@@ -43,6 +43,12 @@ def test_a_result_is_the_same(result: Path, capsys: pytest.CaptureFixture[str]) 
     assert "Verified: all 4 runs came out the same again, bit by bit." in capsys.readouterr().out
 
 
+def test_a_single_run_is_told_in_the_singular(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    simulate(SHORT, 3).write(tmp_path / "one")
+    assert main(["verify", str(tmp_path / "one")]) == 0
+    assert "Verified: the 1 run came out the same again, bit by bit." in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("table", "column"), [("robots", "belief_below"), ("segments", "x_m"), ("motion", "time_s")]
 )

@@ -711,6 +711,10 @@ def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
     assert Scenario().with_values({"strategy.soft.eta": None, "sensor.edge_reach_m": None}) == Scenario()
     with pytest.raises(InputError, match=r"camera: is a section; name one of its fields, such as camera\."):
         Scenario().with_values({"camera": 1})
+    with pytest.raises(
+        InputError, match=r"^swarm: is a section; name one of its fields, such as swarm\.robots$"
+    ):
+        Scenario()["swarm"]
 
 
 @pytest.mark.parametrize("name", ["walk.model_dump", "floor.drawn_by_run", "strategy.table"])

@@ -109,3 +109,10 @@ def test_long_labels_keep_their_beginning() -> None:
     assert first.startswith("soft feedback with a threshold of the kind that th... ")
     assert len(first) == len(second) <= 60
     assert names({"list": [{"label": long[:60], STRATEGY: "none"}]}) == [long[:60]]
+
+
+def test_names_that_stand_for_themselves_are_not_called_name() -> None:
+    for field, values in {
+        "network.name": ["ideal", "range"], "task.name": ["fill_ratio", "mean"], STRATEGY: ["none", "soft"],
+    }.items():  # fmt: skip
+        assert names({"grid": {field: values}}) == values

@@ -52,6 +52,9 @@ def test_whole_numbers_of_numpy_are_taken(short: Scenario) -> None:
     one, other = simulate(short, np.int64(3), np.int64(2)), simulate(short, 3, 2)  # type: ignore[arg-type]
     assert one == other
     assert Study(short, {}, np.int64(5)).runs == 5  # type: ignore[arg-type]
+    values = {"swarm.robots": np.int64(4), "decision.revise": np.bool_(True), "strategy.name": "soft"}
+    plain = {"swarm.robots": 4, "decision.revise": True, "strategy.name": "soft"}
+    assert short.with_values(values) == short.with_values(plain)
 
 
 @pytest.mark.parametrize("scenario", ["paper", None, {}, 5])

@@ -12,7 +12,7 @@ from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
 from vibroswarm.cli.scenario_options import warned, words_of
 from vibroswarm.cli.studies import run_parts
-from vibroswarm.cli.terminal import report
+from vibroswarm.cli.terminal import report, say
 from vibroswarm.core.numbers import stated
 
 if TYPE_CHECKING:
@@ -80,6 +80,10 @@ def detect(
     from vibroswarm.study.words import detection_scenario
 
     base = warned(detection_scenario(more_than, boundary_of, **words_of(scenario)))
+    if scenario.floor is not None:
+        say(
+            "Warning: --floor: of it only the number of tiles is used; floors are random, with the shares of --fills."
+        )
     found = _searched(base, fills, runs, (error, false_alarms), scenario, execution, output)
     if found is None:  # only a shard or a batch of the runs was requested
         return

@@ -12,6 +12,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
 from vibroswarm.cli.output import print_saved_file
+from vibroswarm.errors import InputError, shown
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
@@ -123,9 +124,11 @@ def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: i
     """Return the floor called ``floor`` of 1 m x 1 m; the seed selects a random one."""
     from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.grid_text import parse_tiles
-    from vibroswarm.floors.io import THRESHOLD
+    from vibroswarm.floors.io import THRESHOLD, is_picture
     from vibroswarm.floors.source import resolve, surface_of
 
+    if image_threshold is not None and not is_picture(floor):
+        raise InputError(f"applies to a picture, not to {shown(floor)}", field="--image-threshold")
     size = None if tiles is None else parse_tiles(tiles)
     threshold = THRESHOLD if image_threshold is None else image_threshold
     grid, name = resolve(floor, size, seed, threshold=threshold)

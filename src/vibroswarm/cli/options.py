@@ -232,9 +232,11 @@ class Drawn(Pictures, Paged):
     """Where results go that have a page with pictures."""
 
     def __post_init__(self) -> None:
-        """Refuse options that exclude each other, and to open a page that is not saved."""
+        """Refuse options that exclude each other, and a page or pictures that are not saved."""
         Pictures.__post_init__(self)
         Paged.__post_init__(self)
+        if self.pictures and self.out is None:
+            raise InputError("needs --out DIR, where the pictures are saved", field="--pictures")
 
 
 @dataclass(kw_only=True)

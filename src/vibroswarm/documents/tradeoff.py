@@ -26,7 +26,7 @@ from vibroswarm.study.tradeoff import Tradeoff
 def tradeoff_document(found: Tradeoff) -> Document:
     """Return what a trade-off says: the ends of the front, the front, and all settings."""
     curve, scenario = found.curve, found.scenario
-    front = curve.filter("pareto").sort("decision_time_s").drop("pareto")
+    front = curve.filter("pareto").sort("decision_time_s", maintain_order=True).drop("pareto")
     figure = Figure("front", lambda style: _draw_front(curve, style))
     return Document(
         title=f"Time against wrong decisions: {scenario.strategy.name}",
@@ -54,17 +54,16 @@ _FRONT: Final = (
 
 def _answer(front: pl.DataFrame, settings: int) -> tuple[str, ...]:
     """Return sentences on the ends of the front: the fastest, and the least often wrong."""
-    rows = front.to_dicts()
+    rows = _distinct(front).to_dicts()
     if not rows:
         return ("No setting has both a time and a share of wrong decisions.",)
     fastest, surest = rows[0], rows[-1]  # on the front, slower settings are wrong less often
+    ends: tuple[str, ...] = (f"Fastest: {_words(fastest)}.", f"Least often wrong: {_words(surest)}.")
     if len(rows) == 1:
-        return (f"Fastest and least often wrong: {_words(fastest)}.",)
-    return (
-        f"Fastest: {_words(fastest)}.",
-        f"Least often wrong: {_words(surest)}.",
-        f"{len(rows)} of {count(settings, 'setting')} are on the front.",
-    )
+        ends = (f"Fastest and least often wrong: {_words(fastest)}.",)
+    if front.height == 1:
+        return ends
+    return (*ends, f"{front.height} of {count(settings, 'setting')} are on the front.")
 
 
 def _words(row: Mapping[str, Any]) -> str:
@@ -88,12 +87,15 @@ _FIRST: Final = ("decision_time_s", "error", "robots_undecided", "robots_right",
 """The figures that come first in tables."""
 
 
+def _distinct(front: pl.DataFrame) -> pl.DataFrame:
+    """Leave out settings that decide like an earlier one in all runs."""
+    alike = ("decision_time_s", "error", "robots_undecided")
+    return front.unique(alike, keep="first", maintain_order=True)
+
+
 def _front_table(front: pl.DataFrame) -> Table:
     """Tabulate the settings on the front; of those that decide alike in all runs, the first."""
-    alike = ("decision_time_s", "error", "robots_undecided")
-    rows = front.unique(alike, keep="first", maintain_order=True).select(
-        *_SETTINGS, *with_limits_of(_FIRST, front.columns)
-    )
+    rows = _distinct(front).select(*_SETTINGS, *with_limits_of(_FIRST, front.columns))
     columns = _SETTINGS | figure_columns(wide=_FIRST[3:])
     more = count(front.height - rows.height, "further setting")
     caption = f"{_CAPTION} {more} with the same figures left out." if rows.height < front.height else _CAPTION

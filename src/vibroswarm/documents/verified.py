@@ -12,7 +12,7 @@ def verified_document(verified: Verified) -> Document:
     again, differing = verified.runs.height, verified.runs.height - verified.same
     every = again == verified.saved
     runs = (
-        f"all {count(again, 'run')}"
+        f"{'the' if again == 1 else 'all'} {count(again, 'run')}"
         if every
         else f"{whole(again)} of {count(verified.saved, 'run')}, drawn at random,"
     )
@@ -26,7 +26,10 @@ def verified_document(verified: Verified) -> Document:
         rest = "" if every else f" With 95 % confidence, less than {upper} of the saved runs differ."
         answer = (f"Verified: {runs} came out the same again, bit by bit.{rest}",)
     else:
-        answer = (f"NOT VERIFIED: {runs} were simulated again, and {whole(differing)} came out differently.",)
+        were = "was" if again == 1 else "were"
+        answer = (
+            f"NOT VERIFIED: {runs} {were} simulated again, and {whole(differing)} came out differently.",
+        )
     table = verified.runs.filter(~verified.runs["same"]).select("cell", "run", "tables")
     columns = {
         "cell": Column("cell"),

@@ -55,6 +55,8 @@ def search_of(
     # The words change the default search too.
     given: dict[str, Any] = {"budget": budget, "fresh": fresh, "method": method}
     changes = {name: value for name, value in given.items() if value is not None}
+    if noise is not None and (method or search.settings.method) != "pso":
+        raise InputError("applies to the method pso only", field="--noise")
     objectives = search.objectives
     if cost is not None:
         objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)

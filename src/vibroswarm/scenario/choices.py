@@ -8,6 +8,7 @@ entry; the table of such an entry is a plain dictionary that is not validated.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Annotated, Any, ClassVar
@@ -42,7 +43,14 @@ def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: s
         hint = nearest(value, [word.strip("'") for word in words])
     message = first["msg"][0].lower() + first["msg"][1:]
     if first["type"] == "tuple_type":
-        example = f", such as [{shown(value)}]" if isinstance(value, int | float | str) else ""
+        numbers = isinstance(value, str) and re.fullmatch(
+            r"[-+.,eE\d\s]*\d", value
+        )  # of --set, without brackets
+        example = (
+            f", such as [{value if numbers else shown(value)}]"
+            if isinstance(value, int | float | str)
+            else ""
+        )
         message = f"give a list{example}"
     # An error about the scenario as a whole names no field.
     return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")

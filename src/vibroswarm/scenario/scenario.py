@@ -20,6 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
+import numpy as np
 from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.core.notebook_view import NotebookView
@@ -144,7 +145,8 @@ class Scenario(Sections, NotebookView):
         """Return a copy with some fields replaced.
 
         Args:
-            values: new values by dotted name: ``{"walk.leg_min_ms": 500}``; None resets a field to its default.
+            values: new values by dotted name: ``{"walk.leg_min_ms": 500}``, also numbers of NumPy; None resets a field
+                to its default.
         Raises:
             InputError: there is no such field (the nearest is suggested), or a value is wrong.
         """
@@ -162,12 +164,11 @@ class Scenario(Sections, NotebookView):
             check_kind(name, str, "values", "the dotted name of a field")
             section, _, field = name.partition(".")
             if not field and section in data:
-                fields_there = [one for one in field_names() if one.startswith(f"{section}.")]
-                raise InputError(
-                    f"is a section; name one of its fields, such as {fields_there[0]}", field=name
-                )
+                raise _is_section(name)
             if not field or not isinstance(data.get(section), dict):
                 raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+            if isinstance(value, np.generic):
+                value = value.item()
             *tables, last = field.split(".")
             parent = data[section]
             for table in tables:
@@ -326,6 +327,8 @@ def value_of(scenario: Scenario, name: str) -> Any:
         # parameter is given, but also if there is no strategy, network or task of that name.
         if isinstance(node, Mapping) and (node or plugins.is_code_name(table)):
             return node.get(field)  # the code that declares the parameters is not loaded
+    if name in Scenario.model_fields:
+        raise _is_section(name)
     if not isinstance(node, BaseModel) or field not in type(node).model_fields:
         raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
     return getattr(node, field)
@@ -495,6 +498,11 @@ def check_pixel_tiles(scenario: Scenario, picture: str) -> None:
             f"ROWSxCOLUMNS (in a file, floor.rows and floor.columns), or {rows}x{columns} if this is meant",
             field=picture,
         )
+
+
+def _is_section(name: str) -> InputError:
+    first = next(field for field in field_names() if field.startswith(f"{name}."))
+    return InputError(f"is a section; name one of its fields, such as {first}", field=name)
 
 
 def _nearest_field(name: str) -> str:

@@ -328,7 +328,7 @@ def _is_whole_field(name: str) -> bool:
     return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))
 
 
-PLAIN: Final = ("floor.source", "strategy.name", "network.name", PRESET, LABEL)
+PLAIN: Final = ("floor.source", "strategy.name", "network.name", "task.name", PRESET, LABEL)
 """Fields whose values are written without the name of the field."""
 DIGITS: Final = 6
 """Significant digits of a value, if these distinguish it from the other values of its field."""
