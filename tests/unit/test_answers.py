@@ -93,7 +93,7 @@ def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
 def test_what_is_faster_only_because_it_errs_more_is_not_called_better(
     matched: MatchedError, ending: str
 ) -> None:
-    found = at_equal_error(answer(*PUBLISHED, matched=matched))
+    found = at_equal_error(answer(*PUBLISHED, matched=matched), matched)
     assert found.startswith("At equal error (24.8 %, that of soft), each with its best settings: ")
     assert found.endswith(ending)
 
@@ -157,7 +157,7 @@ def test_settings_are_of_strategies_that_exist() -> None:
 def test_a_difference_at_equal_error_without_limits_is_not_called_insignificant() -> None:
     unknown = Interval(-127.0, math.nan, math.nan, 0.95, 300, "bootstrap")
     matched = MatchedError(True, 0.1, 769.0, unknown, unknown)
-    told = at_equal_error(answer(*PUBLISHED, matched=matched))
+    told = at_equal_error(answer(*PUBLISHED, matched=matched), matched)
     assert "no significant difference" not in told
     assert "-127 s, but too few runs to give limits." in told
 

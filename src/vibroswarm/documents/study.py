@@ -111,7 +111,10 @@ def _answer(outcome: Outcome, most: float = MOST_SENTENCES) -> tuple[str, ...]:
         return (*lines, *([f"... and {count(left, 'more cell')}, below."] if left else []))
     lines, shown = [], [answer for number, answer in enumerate(outcome.answers) if number < most]
     for answer in shown:
-        lines += [sentence(answer), *([at_equal_error(answer)] if answer.matched is not None else [])]
+        lines += [
+            sentence(answer),
+            *([] if answer.matched is None else [at_equal_error(answer, answer.matched)]),
+        ]
     left = len(outcome.answers) - len(shown)
     return (*lines, *([f"... and {count(left, 'more comparison')}, below."] if left else []))
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
@@ -125,11 +126,8 @@ def sentence(answer: Answer) -> str:
     return text + (f" Not significant: {_differences(others)}." if others else "")
 
 
-def at_equal_error(answer: Answer) -> str:
-    """Write the comparison at equal error and what follows from it; empty if the pair was not compared so."""
-    found = answer.matched
-    if found is None:
-        return ""
+def at_equal_error(answer: Answer, found: MatchedError) -> str:
+    """Write the comparison at equal error ``found`` for an answer, and what follows from it."""
     # The strategies are compared at the error of the one that errs more as run: settings can always make a strategy
     # err more often, but not always less often.
     erring_more = answer.first_name if found.of_first else answer.reference_name
