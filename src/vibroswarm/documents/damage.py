@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -319,7 +318,7 @@ def raster_figure(found: Inspection) -> Figure:
     def draw(style: str) -> Picture:
         return draw_certainty(scan.raster, samples.size_m, places, marked_m=marked, style=style)
 
-    return Figure("damage", partial(draw), "Damage")
+    return Figure("damage", draw, "Damage")
 
 
 def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: int, source: str) -> Document:

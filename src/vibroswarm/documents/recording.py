@@ -104,8 +104,7 @@ def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:
         return "inconclusive"
     if name not in recording.stated:
         return f"{value}"
-    section, _, field = name.partition(".")
-    stated = getattr(getattr(recording.scenario, section), field)
+    stated = recording.scenario[name]
     # 1e-9: a stated value that equals a limit fits, even if the limit was rounded
     fits = stated == value or (
         setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9

@@ -81,7 +81,7 @@ def search_document(
         # With a front no single candidate wins.
         *([] if found.front else [_values_section(found, truth)]),
         _history_section(found, truth),
-        _runs_section(found, truth, front),
+        Section("Runs", (account(found, truth, front), *failure_tables(found.archive))),
         *file_section(file_text(search), "search.toml"),
     ]
     return Document(
@@ -235,11 +235,6 @@ def _history_section(found: Found, truth: Truth | None) -> Section:
         parts.append(Section(title, (best_table(found),), folded=True))
     parts.append(Section("Iteration by iteration", (history_of(found),), folded=True))
     return Section("How the search went", tuple(parts), side_by_side=True)
-
-
-def _runs_section(found: Found, truth: Truth | None, front: Front | None) -> Section:
-    """Return the section with the runs that search, race and fresh runs took, and why runs failed."""
-    return Section("Runs", (account(found, truth, front), *failure_tables(found.archive)))
 
 
 def file_section(text: str, name: str) -> tuple[Section, ...]:
