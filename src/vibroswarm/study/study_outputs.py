@@ -88,8 +88,6 @@ class Comparison(NotebookView):
 
         If no cells are compared, the table has no rows and no columns.
         """
-        if not self.outcome.comparisons:
-            return pl.DataFrame()
         return comparison_table(self.outcome.comparisons)
 
     @cached_property
