@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 from vibroswarm.analysis.figures import BY_COLUMN, run_figures
 from vibroswarm.analysis.intervals import Interval
@@ -41,18 +41,6 @@ class Effect(NotebookView):
     scenarios: tuple[Scenario, Scenario]
     names: tuple[str, str] = ("first", "second")
     """Of the scenarios."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; ``figures`` and ``consensus`` list the first and the second scenario."""
-        return {
-            "strategy": self.strategy,
-            "figures": [
-                {name: interval.as_dict() for name, interval in figures_of.items()}
-                for figures_of in self.figures
-            ],
-            "consensus": list(self.consensus),
-            "differences": [interval.as_dict() for interval in self.differences],
-        }
 
 
 def effects(

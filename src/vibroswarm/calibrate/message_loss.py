@@ -436,14 +436,10 @@ def simulated(windows: Sequence[Windows], model: Bursts, spacing_s: float, draw:
     made = []
     for w in windows:
         count = int(w.sent.sum())
-        # Whether the state is bad: now, and at each message. The first message always draws a new state.
-        is_bad, states = False, np.empty(count, dtype=bool)
         redrawn, bad = rng.random(count) < chance, rng.random(count) < model.bad_share
-        for k in range(count):
-            if k == 0 or redrawn[k]:
-                is_bad = bool(bad[k])
-            states[k] = is_bad
-        heard = rng.random(count) >= np.where(states, model.lost_in_bad, model.lost_in_good)
+        # The message that drew the state of each one; the first message always draws a new state.
+        drawn_at = np.maximum.accumulate(np.where(redrawn, np.arange(count), 0))
+        heard = rng.random(count) >= np.where(bad[drawn_at], model.lost_in_bad, model.lost_in_good)
         shift = rng.choice(SHIFTS, w.sent.size, p=_weights(model.shift))
         # Message at which each window ends; shifts must not make a window end before the previous one.
         edges = np.maximum.accumulate(np.clip(np.cumsum(w.sent) + shift, 0, count))
