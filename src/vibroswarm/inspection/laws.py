@@ -160,11 +160,9 @@ def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> Fi
         )
     found = dataset_of([recording])
     rest = [session for session in found.sessions if session != runs.index(run)]
-    if rest:
-        words = f"fitted to the other {count(len(rest), 'session')} of the recording, whose floor is known"
-        return law_of_sessions(found, rest, words, draws=draws)
-    words = "fitted to this session itself, on its known floor"
-    return law_of_sessions(found, found.sessions, words, draws=draws)
+    others = f"the other {count(len(rest), 'session')} of the recording, whose floor is known"
+    words = f"fitted to {others if rest else 'this session itself, on its known floor'}"
+    return law_of_sessions(found, rest or found.sessions, words, draws=draws)
 
 
 def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> FittedLaw:

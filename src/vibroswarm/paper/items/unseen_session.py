@@ -28,7 +28,7 @@ from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.similarity import at_equal_counts
 from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
-from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work, needs_column
+from vibroswarm.paper.item import CLAIMS, Item, Tables, TableView, Work, needs_column
 from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
 from vibroswarm.show.document import Column
 
@@ -120,11 +120,6 @@ def compute(work: Work) -> Tables:
     return {"predicted": both, "control": turned, CLAIMS: measured}
 
 
-def skipped(settings: Settings) -> str | None:
-    """Return why the item cannot be computed, or None."""
-    return needs_column(COLUMN)(settings) or missing(settings.recordings)
-
-
 ITEM: Final = Item(
     number=18,
     name="unseen-session",
@@ -146,6 +141,6 @@ ITEM: Final = Item(
             },
         ),
     ),
-    skipped=skipped,
+    skipped=lambda settings: needs_column(COLUMN)(settings) or missing(settings.recordings),
     also=lambda settings: "" if settings.recordings is None else hash_of(settings.recordings),
 )  # fmt: skip
