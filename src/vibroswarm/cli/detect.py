@@ -16,8 +16,6 @@ from vibroswarm.cli.terminal import report, say
 from vibroswarm.core.numbers import stated
 
 if TYPE_CHECKING:
-    from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.study.detection import Detection
     from vibroswarm.study.spec import Study
     from vibroswarm.study.study_result import StudyResult
 
@@ -77,6 +75,7 @@ def detect(
       vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
     """
     from vibroswarm.documents.detection import detection_document
+    from vibroswarm.study.detection import detect_by
     from vibroswarm.study.words import detection_scenario
 
     base = warned(detection_scenario(more_than, boundary_of, **words_of(scenario)))
@@ -84,23 +83,6 @@ def detect(
         say(
             "Warning: --floor: of it only the number of tiles is used; floors are random, with the shares of --fills."
         )
-    found = _searched(base, fills, runs, (error, false_alarms), scenario, execution, output)
-    if found is None:  # only a shard or a batch of the runs was requested
-        return
-    deliver(detection_document(found), output, "detect", found.tables)
-
-
-def _searched(
-    base: Scenario,
-    fills: tuple[float, ...] | None,
-    runs: int,
-    tolerated: tuple[float, float | None],
-    scenario: Inspected,
-    execution: Parts,
-    output: Drawn,
-) -> Detection | None:
-    """Search with a plan and progress of each study; None if only a part of the runs was done."""
-    from vibroswarm.study.detection import detect_by
 
     def run_study(study: Study, place: Path | None) -> StudyResult | None:
         end_s = study.cells[0].scenario.run.t_end_s
@@ -109,13 +91,16 @@ def _searched(
         page_cells = None if output.out is None else 0
         return run_parts(study, execution, replace(output, out=place), page_cells=page_cells)
 
-    return detect_by(
+    found = detect_by(
         run_study,
         base,
-        *tolerated,
+        error,
+        false_alarms,
         robots=scenario.robots,
         fills=fills,
         runs=runs,
         seed=scenario.seed,
         folder=output.out,
     )
+    if found is not None:  # None: only a shard or a batch of the runs was requested
+        deliver(detection_document(found), output, "detect", found.tables)
