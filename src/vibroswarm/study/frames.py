@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,12 +21,8 @@ def pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
     Raises:
         InputError: pandas or pyarrow is not installed.
     """
-    # Both are imported only to check that they are installed: the ``to_pandas`` of polars needs them.
-    try:
-        import pandas  # noqa: F401
-        import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise _missing(error, "to_pandas") from None
+    for library in ("pandas", "pyarrow"):  # the ``to_pandas`` of polars needs both
+        needed(library, "frames", "to_pandas")
     return frame.to_pandas()
 
 
@@ -37,19 +34,12 @@ def dataset_of(table: pl.DataFrame, index: Sequence[str]) -> xr.Dataset:
     Raises:
         InputError: several rows have the same place in the dimensions, or xarray, pandas or pyarrow is not installed.
     """
-    try:
-        import xarray
-    except ImportError as error:
-        raise _missing(error, "to_xarray") from None
+    xarray = needed("xarray", "frames", "to_xarray")
     frame = pandas_of(table)
     for name in frame.select_dtypes("category"):  # xarray has no categories
         frame[name] = frame[name].astype(str)
     indexed = frame.set_index(list(index)) if index else frame
     if not indexed.index.is_unique:
         raise InputError("several cells have the same varied values", field="to_xarray")
-    return xarray.Dataset.from_dataframe(indexed)
-
-
-def _missing(error: ImportError, field: str) -> InputError:
-    """Return the error for an optional package that is not installed; it says how to install it."""
-    return InputError(f"needs {error.name}: pip install 'vibroswarm[frames]'", field=field)
+    dataset: xr.Dataset = xarray.Dataset.from_dataframe(indexed)
+    return dataset

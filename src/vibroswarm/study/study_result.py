@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -580,10 +580,9 @@ class StudyResult(NotebookView):
 
     def _varied_columns(self) -> pl.DataFrame:
         """Return the varied fields as columns, one row per selected cell; null where a cell does not set a field."""
-        columns: Mapping[str, list[Any]] = {
-            name: [cell.point.get(name) for cell in self._cells()] for name in self.study.varied
-        }
-        return pl.DataFrame([_column(name, values) for name, values in columns.items()])
+        return pl.DataFrame(
+            [_column(name, [cell.point.get(name) for cell in self._cells()]) for name in self.study.varied]
+        )
 
     def _with_varied(self, frame: pl.DataFrame) -> pl.DataFrame:
         """Return a table with the varied fields inserted after its column ``cell``."""
