@@ -8,7 +8,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.numbers import count, number, percent, size, span, stated
 from vibroswarm.documents.damage import (
     MOST_LISTED,
@@ -124,6 +124,4 @@ def write_certificate(path: Path, found: Inspection) -> None:
     """Write the certificate of an inspection as one HTML page, which prints on one sheet of A4."""
     from vibroswarm.show.page import certificate_html
 
-    text = certificate_html(certificate_document(found))
-    with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+    write_text(path, certificate_html(certificate_document(found)), replace=True)

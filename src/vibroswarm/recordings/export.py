@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import check_free, whole_file
+from vibroswarm.core.atomic_io import check_free, whole_file, write_text
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
@@ -85,8 +85,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         "Swarm Send,Swarm Recv,Collision Time,Sense Time"
     )
     body = "\n".join(f"{number},{line}" for number, line in enumerate(lines))
-    with whole_file(path, replace=replace) as part:
-        part.write_text(f"{head}\n{body}\n", encoding="utf-8")
+    write_text(path, f"{head}\n{body}\n", replace=replace)
 
 
 def _place(time_s: float, robot: int, where: Any) -> str:
@@ -160,8 +159,7 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         _console(row, decided[row["robot"]])
         for row in logged.group_by("robot", maintain_order=True).last().sort("robot").to_dicts()
     ]
-    with whole_file(path, replace=replace) as part:
-        part.write_text("\n".join([*_settings(result), *lines]) + "\n", encoding="utf-8")
+    write_text(path, "\n".join([*_settings(result), *lines]) + "\n", replace=replace)
 
 
 def _settings(result: Result) -> list[str]:
