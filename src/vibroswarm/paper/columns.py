@@ -137,9 +137,7 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
         InputError: no such control.
     """
     check_choice(control, "--control", CHANGES)
-    if control in _COMPUTED:
-        return _COMPUTED[control](scenario)
-    return _FIXED[control]
+    return _COMPUTED[control](scenario) if control in _COMPUTED else _FIXED[control]
 
 
 def standing(scenario: Scenario) -> dict[str, Any]:

@@ -77,8 +77,6 @@ def page_html(document: Document) -> str:
         InputError: a figure is not a plain SVG or too large, or the address of a photograph is not a data URI of a JPEG
             or PNG.
     """
-    from markupsafe import Markup
-
     script = _asset("page.js")
     # The page's content security policy allows only the script with this hash: the script element contains it between
     # two line feeds.
@@ -96,8 +94,8 @@ def page_html(document: Document) -> str:
             first=document.parts[:place],
             rest=rest,
             contents=_contents(rest),
-            style=Markup(_asset("page.css")),
-            script=Markup(script),
+            style=_markup(_asset("page.css")),
+            script=_markup(script),
             script_hash=f"sha256-{digest}",
         )
     )
@@ -172,7 +170,7 @@ def _environment() -> Environment:
 
 
 def _markup(html: str) -> Markup:
-    """Mark text that is escaped already."""
+    """Mark text that is put into a page as it is."""
     from markupsafe import Markup
 
     return Markup(html)
