@@ -292,7 +292,6 @@ def compare_distance(
     feature: str,
     real: Sequence[Floats],
     simulated: Sequence[Floats],
-    level: float = 0.95,
     known: RealCache | None = None,
 ) -> EnergyDistance | None:
     """Compare real with simulated sessions by one feature's energy distance.
@@ -301,9 +300,8 @@ def compare_distance(
 
     Args:
         real, simulated: values of each session, (n, columns) each.
-        level: confidence level of the intervals.
-        known: distances among the real sessions by feature, from earlier calls with the same real sessions and level;
-            a missing one is added. None: they are computed.
+        known: distances among the real sessions by feature, from earlier calls with the same real sessions; a missing
+            one is added. None: they are computed.
     """
     if min(len(session) for session in (*real, *simulated)) < 10:
         return None
@@ -314,22 +312,21 @@ def compare_distance(
     )
     known = {} if known is None else known
     if feature not in known:
-        known[feature] = _real_distances(scaled_real, level)
+        known[feature] = _real_distances(scaled_real)
     among_real = known[feature]
     within_simulated = [mean_distance(session) for session in scaled_simulated]
     effects = []  # of each real session, mean over simulated sessions
     for x, within_x in zip(scaled_real, among_real.each, strict=True):
         pairs = zip(scaled_simulated, within_simulated, strict=True)
         effects.append(float(np.mean([effect_size(x, y, within_x, within_y) for y, within_y in pairs])))
-    return EnergyDistance(feature, mean_interval(effects, level), among_real.against)
+    return EnergyDistance(feature, mean_interval(effects), among_real.against)
 
 
-def _real_distances(sessions: Sequence[Floats], level: float) -> RealDistances:
+def _real_distances(sessions: Sequence[Floats]) -> RealDistances:
     """Return the distances within and between the real sessions.
 
     Args:
         sessions: values of each session, (n, columns) each, divided by the standard deviations of the columns.
-        level: confidence level of the interval.
     """
     within = tuple(mean_distance(session) for session in sessions)
     if len(sessions) < 2:
@@ -338,7 +335,7 @@ def _real_distances(sessions: Sequence[Floats], level: float) -> RealDistances:
     for i in range(len(sessions)):
         for j in range(i):
             pairs[i, j] = pairs[j, i] = effect_size(sessions[i], sessions[j], within[i], within[j])
-    return RealDistances(within, mean_interval(np.nanmean(pairs, axis=1).tolist(), level))
+    return RealDistances(within, mean_interval(np.nanmean(pairs, axis=1).tolist()))
 
 
 def effect_size(x: Floats, y: Floats, within_x: float | None = None, within_y: float | None = None) -> float:

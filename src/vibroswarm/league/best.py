@@ -46,14 +46,14 @@ def guesses(standings: Standings, entry: int) -> bool:
     return not (error.high < guess_level(standings.league.base) or np.isnan(error.estimate))
 
 
-def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
+def best_table(standings: Standings) -> pl.DataFrame:
     """Compare entries by forced error, and by decision time those that do not guess.
 
     Of a strategy with settings along a front only those with the least error are compared. Where any strategy has a
     front, times are compared at equal error alone (``fronts``), and not here.
 
     Args:
-        standings: results of the league. seed: of the bootstrap.
+        standings: results of the league.
     Returns: one row per figure and compared entry, the smallest value first: ``BEST``. "behind" is the difference from
         the smallest; limits of a figure hold together with 95 %.
     """
@@ -69,7 +69,7 @@ def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
     for figure, chosen in compared.items():
         if not chosen:
             continue
-        means = drawn_means(standings, figure, seed)[chosen]
+        means = drawn_means(standings, figure)[chosen]
         group = best_group(means, standings.by_unit(0, figure).size)
         for place in np.argsort(means[:, 0], kind="stable"):
             rows.append(
