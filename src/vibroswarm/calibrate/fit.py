@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import polars as pl
 
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
@@ -284,14 +285,10 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> float:
     interrupts avoidance to sample hardly ever avoids for longer than the sample interval. The share is computed for
     each robot in each session, and averaged; it is 0 without any avoidance.
     """
-    shares = []
     limit_s = base.sample.sample_interval_ms / 1000.0 + 0.06  # with a margin of three ticks of 20 ms
-    for _, own in found.samples.group_by("run", "robot", maintain_order=True):
-        avoid = own["avoid_s"].drop_nulls().to_numpy()
-        some = avoid[avoid > 1e-9]
-        if some.size:
-            shares.append(float((some > limit_s).mean()))
-    return float(np.mean(shares)) if shares else 0.0
+    avoided = found.samples.filter(pl.col("avoid_s") > 1e-9).group_by("run", "robot", maintain_order=True)
+    shares = avoided.agg(beyond=(pl.col("avoid_s") > limit_s).mean())["beyond"].to_numpy()
+    return float(shares.mean()) if shares.size else 0.0
 
 
 def stop_of(found: Dataset, base: Scenario) -> float | None:
