@@ -184,10 +184,8 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     noise_by_block = noise.reshape(-1, dimensions + 2)
     estimate = _shares(mean_by_block, noise_by_block)  # (2, d): first-order and total indices
     random, blocks = generator(seed, "bootstrap of Sobol indices"), mean_by_block.shape[0]
-    drawn = []
-    for _ in range(DRAWS):
-        chosen = random.integers(0, blocks, blocks)
-        drawn.append(_shares(mean_by_block[chosen], noise_by_block[chosen]))
+    resamples = random.integers(0, blocks, (DRAWS, blocks))
+    drawn = [_shares(mean_by_block[chosen], noise_by_block[chosen]) for chosen in resamples]
     # Limits of 95 %, each (2, d). A resample in which the noise hides all effects is nan, and is left out. If all are,
     # the limits are nan, without a warning.
     with warnings.catch_warnings():
