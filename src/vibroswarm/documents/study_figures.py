@@ -249,11 +249,10 @@ def _spread(outcome: Outcome, style: str) -> Picture:
     for cell_outcome in outcome.cells:
         _, runs = outcome.result.tables(cell_outcome.cell.number)
         frames.append(runs.select(cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"))
-    t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells)
     return draw_boxes(
         pl.concat(frames),
         label="consensus time (s)",
-        t_end=t_end_s,
+        t_end=max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells),
         missing="without consensus",
         style=style,
     )

@@ -464,11 +464,10 @@ def _differences(there: Study, given: Study) -> str:
     Args:
         there: the study in the folder. given: the study that was to be saved in the folder.
     """
-    differences = []
-    for name in ("seed", "motion", "keep"):
-        saved_value, given_value = getattr(there, name), getattr(given, name)
-        if given_value != saved_value:
-            differences.append(f"{name} is {saved_value!r} there and {given_value!r} here")
+    values = ((name, getattr(there, name), getattr(given, name)) for name in ("seed", "motion", "keep"))
+    differences = [
+        f"{name} is {saved!r} there and {new!r} here" for name, saved, new in values if new != saved
+    ]
     if len(there.cells) != len(given.cells):
         differences.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
     else:
