@@ -42,13 +42,21 @@ def _source(text: str) -> Source:
 
 def imported(path: Path, wanted: dict[str, set[str]]) -> set[str]:
     """Names of ``wanted`` that a module imports, wherever in it."""
+    if not spells_any(path, set().union(*wanted.values())):
+        return set()
     found = (names & wanted[module] for module, names in source_of(path).imports if module in wanted)
     return set().union(*found)
 
 
 def called(path: Path, wanted: set[str]) -> bool:
     """Whether a module names an attribute of ``wanted``."""
-    return not wanted.isdisjoint(source_of(path).attributes)
+    return spells_any(path, wanted) and not wanted.isdisjoint(source_of(path).attributes)
+
+
+def spells_any(path: Path, words: set[str]) -> bool:
+    """Whether any of these words stands in a file, be it in a comment: what does not spell a name cannot use it."""
+    text = path.read_text(encoding="utf-8")
+    return any(word in text for word in words)
 
 
 def modules() -> Iterator[tuple[str, Path]]:
