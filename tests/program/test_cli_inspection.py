@@ -14,6 +14,7 @@ import pytest
 from helpers.documents import ROOT
 from vibroswarm import cli, preset, simulate
 from vibroswarm.inspection import missed
+from vibroswarm.inspection import missed, pod, stopping
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.missed import pooled_trials
 from vibroswarm.inspection.stopping import Question
@@ -41,6 +42,22 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     floor = result.floor().tiles
     (folder / "floor.txt").write_text("\n".join("".join(map(str, row)) for row in floor))
     return folder
+
+
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of the surfaces are drawn for what would have been missed: for tests that look at no such share."""
+    for function, drawn in (
+        (stopping.stopping, {"drawn": stopping.DRAWN // 10}),
+        (missed.false_calls, {"intact": pod.INTACT // 10}),
+        (missed.own_trials, {"each": missed.EACH // 10}),
+    ):
+        for name, number in drawn.items():
+            assert name in function.__kwdefaults__
+            monkeypatch.setitem(function.__kwdefaults__, name, number)
+    monkeypatch.setattr(stopping, "AT_WORST", stopping.AT_WORST // 10)
+    monkeypatch.setattr(stopping, "OF_ROBOTS", stopping.OF_ROBOTS // 10)
+    monkeypatch.setattr(missed, "EACH", missed.EACH // 10)
 
 
 def run(*words: str | Path) -> int:
@@ -168,7 +185,7 @@ def test_without_a_grid_damage_is_called_and_certified(
     page.close()
 
 
-@pytest.mark.usefixtures("blank_pictures")
+@pytest.mark.usefixtures("blank_pictures", "few_draws")
 def test_a_robot_with_another_gain_is_not_certified(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -199,6 +216,7 @@ def test_a_robot_with_another_gain_is_not_certified(
     )
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     example = ROOT / "examples" / "inspection"
     given = [example / "plate.csv", "--laws", example / "reference.csv", "--size", "1x1"]
@@ -209,6 +227,7 @@ def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[
     assert "--risk" in error_of(capsys, *given, "--risk", "0%")
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_shapes_looks_and_who_stops_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     example = ROOT / "examples" / "inspection"
     given = [
@@ -307,6 +326,7 @@ def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(
     )
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_the_map_of_a_floor_that_changes_is_scored_by_the_floor_at_each_time_and_not_certified(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -333,6 +353,7 @@ def test_the_map_of_a_floor_that_changes_is_scored_by_the_floor_at_each_time_and
     assert "the floor changed at 150 s, but is presumed to stay as it is" in said
 
 
+@pytest.mark.usefixtures("empty_pictures", "few_draws")
 def test_damage_of_three_kinds_is_told_without_contrasts(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -440,6 +461,7 @@ def test_a_full_disk_leaves_a_folder_that_the_same_command_fills(
     assert (tmp_path / "out" / "report.html").is_file()
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_physics_on_another_floor_than_that_of_its_law_is_refused_with_the_reason() -> None:
     physics = {"sensor.model": "acceleration", "floor.source": "random:0.08", "run.t_end_s": 300.0}
     scenario = preset("optimised-places").with_values(physics)
