@@ -298,7 +298,7 @@ NONE = ["--belief-runs", "0", "--fault-runs", "0"]
 QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--untuned"]
 
 
-@pytest.mark.usefixtures("empty_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "a league"
     line = ["league", *FEW, *SMALL, *QUICK, "--out", str(folder)]
