@@ -113,6 +113,12 @@ def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     keep_first_picture(monkeypatch)
 
 
+@pytest.fixture
+def one_focal_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cameras are fitted from one focal length in place of four, half of the time of tracking a few pictures."""
+    monkeypatch.setattr("vibroswarm.tracking.camera.FOCAL_STARTS", (1.2,))
+
+
 @pytest.fixture(autouse=True)
 def nothing_of_others_stays() -> Iterator[None]:
     """What a test makes known, of strategies, sensors, networks, tasks and motion, is unknown again after it."""

@@ -18,7 +18,7 @@ from vibroswarm.tracking import opencv, video_file
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
 boxes = pytest.importorskip("helpers.mp4_boxes")
-pytestmark = pytest.mark.usefixtures("blank_pictures")
+pytestmark = pytest.mark.usefixtures("blank_pictures", "one_focal_length")
 FRAMES, FEW = 40, 6
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 

@@ -19,6 +19,7 @@ from vibroswarm.tracking.video_file import frames_of
 
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
+pytestmark = pytest.mark.usefixtures("one_focal_length")
 Pictures = list[np.ndarray[Any, Any]]
 SEARCHED_WHOLE = (*range(0, 40, 5), 75)
 """Frames that are searched whole although all robots are seen: for the floor's markers, and at intervals."""
