@@ -241,6 +241,14 @@ def test_names_are_made_to_fit(name, lines):
     assert parts[-1][-1] == name[-1]
 
 
+@pytest.mark.parametrize("pair", ["Y-", "Y.", "F.", "T-", "P."])
+def test_tight_letters_that_fit_are_not_shortened(pair: str) -> None:
+    """Kerning moves these pairs together most: a text is said not to fit without a look at it."""
+    for text in (pair, 20 * pair, f"{20 * pair} {20 * pair}"):
+        assert fitted(text, 9.0, width_pt(text, 9.0)) == text
+        assert fitted(text, 9.0, 0.99 * width_pt(text, 9.0)) != text
+
+
 def test_names_that_fit_are_left():
     assert fitted("soft", 8, 90) == "soft"
     assert fitted("", 8, 90) == ""

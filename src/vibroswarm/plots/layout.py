@@ -64,6 +64,21 @@ def _width_em(text: str) -> float:
     return float(text_to_path.get_text_width_height_descent(text, font, ismath=False)[0]) / size
 
 
+LEAST_OF_LETTERS: Final = 0.7
+"""Least width of a text in ASCII in units of its letters' widths together: kerning takes up to 0.23 (of "Y-")."""
+
+
+def _cannot_fit(text: str, size_pt: float, room_pt: float, lines: int) -> bool:
+    """Return whether a text needs more lines than these, whatever is broken: quickly, and no for most texts.
+
+    Of texts in ASCII, but for an ellipsis, the least width is known. A line has at least one letter, however wide.
+    """
+    letters = text.replace(" ", "")
+    if len(letters) <= lines or not letters.replace(ELLIPSIS, "").isascii():
+        return False
+    return LEAST_OF_LETTERS * size_pt * sum(map(_width_em, letters)) > lines * room_pt
+
+
 def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
     """Break text into at most ``lines`` lines of the width ``room_pt``, in letters of ``size_pt``.
 
@@ -74,9 +89,10 @@ def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
     letters = len(full)
     while letters:
         shorter = full if letters == len(full) else _without_middle(full, letters)
-        broken = _broken(shorter, size_pt, room_pt)
-        if len(broken) <= lines:
-            return "\n".join(broken)
+        if not _cannot_fit(shorter, size_pt, room_pt, lines):
+            broken = _broken(shorter, size_pt, room_pt)
+            if len(broken) <= lines:
+                return "\n".join(broken)
         letters = min(letters - 1, int(letters * 0.97))
     return ELLIPSIS if full else ""
 
