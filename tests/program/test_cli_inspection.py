@@ -13,7 +13,6 @@ import pytest
 
 from helpers.documents import ROOT
 from vibroswarm import cli, preset, simulate
-from vibroswarm.inspection import missed
 from vibroswarm.inspection import missed, pod, stopping
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.missed import pooled_trials
