@@ -56,7 +56,7 @@ def test_no_table_is_written_in_another_way() -> None:
     assert calls == ["core/tables.py"]
 
 
-@pytest.mark.usefixtures("empty_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_label_that_is_a_formula_is_escaped_in_all_files_of_a_study(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(
         'runs = 2\n[scenario.run]\nt_end_s = 20.0\n[[list]]\nlabel = "=1+1"\n"swarm.robots" = 2\n'
