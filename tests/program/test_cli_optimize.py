@@ -202,6 +202,19 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert "does not mean that they are equal" in found["answer"][0]
 
 
+def test_scenarios_on_different_floors_are_not_compared_without_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, other, floors = (tmp_path / name for name in ("one.toml", "other.toml", "floors.toml"))
+    one.write_text('preset = "paper"\n[run]\nt_end_s = 60.0\n')
+    other.write_text(one.read_text() + '[floor]\nsource = "stripe:0.46"\n')
+    floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48"]\n')
+    told = "The two differ in floor.source too; --search FILE sets its cases in both."
+    for options, warnings in (([], [told]), (["--search", str(floors)], [])):
+        assert main(["optimize", "compare", str(one), str(other), "--runs", "4", "--json", *options]) == 0
+        assert json.loads(capsys.readouterr().out)["warnings"] == warnings
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_pictures")
 def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

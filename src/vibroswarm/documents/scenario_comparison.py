@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import polars as pl
 
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import columns_of
-from vibroswarm.core.numbers import count, with_limits
+from vibroswarm.core.numbers import count, listed, with_limits
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.search_tables import frame_of, parts_of
 from vibroswarm.documents.search_words import aim
 from vibroswarm.optimize.scenario_comparison import Checked
+from vibroswarm.scenario.scenario import changes
 from vibroswarm.show.document import Column, Document, Table
+
+ASKED: Final = ("arena", "floor", "change", "task")
+"""Sections that say what is inspected and asked."""
 
 
 def checked_document(found: Checked) -> Document:
@@ -31,11 +37,19 @@ def checked_document(found: Checked) -> Document:
         title=f"{found.first.name} against {found.second.name}",
         answer=(found.says, words),
         knew=told(found.scenarios),
-        warnings=tuple(failed),
+        warnings=(*_different_questions(found), *failed),
         parts=(_scores(found), *parts_of(scenarios, case_names, unit), _figures(figures, found)),
         made_by={"objective": found.objective.words},
         data={"differences": _differences(found), "figures": figures},
     )
+
+
+def _different_questions(found: Checked) -> tuple[str, ...]:
+    """Warn if the scores are not of the same surface or question: not the settings alone make their difference."""
+    differing = [name for name in changes(*found.scenarios) if name.partition(".")[0] in ASKED]
+    if not differing:
+        return ()
+    return (f"The two differ in {listed(differing)} too; --search FILE sets its cases in both.",)
 
 
 def _scores(found: Checked) -> Table:

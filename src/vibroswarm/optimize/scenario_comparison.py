@@ -49,7 +49,7 @@ class Checked(NotebookView):
     figures: tuple[Paired, ...] = ()
     """Comparisons of the ``FIGURES``, on the first block."""
     scenarios: tuple[Scenario, ...] = ()
-    """The two scenarios."""
+    """The two scenarios, in the first case."""
 
     @property
     def confirmed(self) -> bool:
@@ -136,7 +136,7 @@ def compare_scenarios(
         difference=paired_score(objective, scored_first, scored_second),
         replicate=paired_score(objective, again_first, again_second),
         figures=compare(figures_first, figures_second, FIGURES),
-        scenarios=(first, second),
+        scenarios=tuple(of_cases[0] for _, of_cases in named_cases),
     )
 
 
