@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from vibroswarm.analysis.intervals import (
     mean_interval,
     mean_share_interval,
     quantile_interval,
+    quantile_rank,
     rate_interval,
     share_interval,
     sign_flip,
@@ -121,6 +123,12 @@ def test_quantile_limits_are_those_of_binomial_sums(share: float) -> None:
     upper = min(r for r in range(1, n + 2) if 1.0 - at_most[r - 1] <= 0.025)
     found = quantile_interval(np.arange(1.0, n + 1.0), share)
     assert (found.low, found.high) == (lower, upper)
+
+
+@given(st.integers(1, 99), st.integers(1, 400))
+def test_a_quantile_is_the_value_that_fractions_name(percent: int, n: int) -> None:
+    """As .55 of 100, which is 55.00000000000001 in binary numbers."""
+    assert quantile_rank(percent / 100, n) + 1 == math.ceil(Fraction(percent, 100) * n)
 
 
 def test_quantiles_by_hand() -> None:

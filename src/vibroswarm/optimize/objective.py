@@ -34,6 +34,7 @@ from vibroswarm.analysis.intervals import (
     jackknife_error,
     mean_interval,
     quantile_interval,
+    quantile_rank,
 )
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, number_of, shown
@@ -248,7 +249,7 @@ class Objective(NotebookView):
         cost = rows[:, 0]
         quantile = self._quantile()
         if quantile is not None:
-            rank = math.ceil(quantile * cost.size) - 1  # from 0
+            rank = quantile_rank(quantile, cost.size)
             return float(np.partition(cost, rank)[rank])
         mean = float(cost.mean())
         return mean if self.statistic == "mean" else mean + float(cost.std())  # Eq. 22
