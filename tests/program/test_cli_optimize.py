@@ -257,7 +257,7 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["sensitivity", "--budget", "10"], "too few"),
+        (["sensitivity", "--budget", "10"], "10 runs are too few for 5 fields; give at least 560"),
         (["--method", "grid", "--fresh", "1"], "--fresh: 1 is too few"),
     ],
 )

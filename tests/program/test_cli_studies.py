@@ -260,6 +260,8 @@ BAD = {
     "evaluate one.toml --out out --shard 5/4": ("--shard", "'5/4' is not a job"),
     "evaluate one.toml --out out --shard half": ("--shard", "such as 3/16"),
     "evaluate one.toml --shard 1/2": ("--shard", "needs --out"),
+    "evaluate one.toml --out out --shard 1/2 --json": ("--json", "--shard runs a part"),
+    "evaluate one.toml --out out --batch 0:0-5 --open": ("--open", "--batch runs a part"),
     "evaluate one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "cannot be used with --shard"),
     "evaluate until.toml --out out --shard 1/2": ("--shard", "needs a fixed number of runs"),
     "evaluate one.toml --out out --batch 7": ("--batch", "is not a batch"),

@@ -159,6 +159,9 @@ def test_ctrl_c_ends_the_command_with_130(tmp_path: Path, monkeypatch: pytest.Mo
 def test_checks_are_not_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["--runs", "4", "--columns", "paper", "--no-pictures", "--out", str(tmp_path)]
     assert main(["reproduce", "--only", "headline", *asked]) == 0
+    # The verdicts too have the command that makes them: with all items, intervals are corrected for more claims.
+    commands = pl.read_csv(tmp_path / "tables" / "index.csv")["command"].to_list()
+    assert all(command.startswith("vibroswarm reproduce --only headline --runs") for command in commands)
     printed = capsys.readouterr().out
     assert "Preset paper: of 2 checks 1 passed, 1 open." in printed
     assert "passed: 0.0 s" in printed

@@ -145,6 +145,10 @@ def test_missing_mujoco_is_named_with_its_extra(
         (["--picture", "run.png", "--html", "run.html"], "--picture: conflicts with --html"),
         (["--picture", "run.png", "--at", "900"], "--at: 900 is not from 0 to 60 s"),
         (["--at", "9"], "--at: needs --picture"),
+        (["--picture", "run.png", "--speed", "3"], "--speed: does not apply to --picture"),
+        (["--picture", "run.png", "--port", "9000"], "--port: does not apply to --picture"),
+        (["--html", "run.html", "--port", "9000"], "--port: does not apply to --html"),
+        (["--html", "run.html", "--open"], "--open: does not apply to --html"),
     ],
 )
 def test_bad_input(

@@ -145,6 +145,28 @@ def standings() -> Standings:
     return League(BASE, entries, floors_of(["random", "stripe"], [0.48]), (4, 6), runs=12, seed=3).play()
 
 
+def test_faults_that_would_not_be_tested_are_refused() -> None:
+    from vibroswarm.league.tables import check_tests
+
+    league = League(BASE, entries_of(["none"], {}), floors_of(["random"], [0.48]), (4,), runs=2)
+    check_tests(league, None, 0, 0, None)
+    with pytest.raises(InputError, match=r"--faults: .* no runs with faults"):
+        check_tests(league, None, 0, 0, ["stuck_at_1"])
+
+
+def test_a_strategy_that_is_not_varied_is_refused_with_each_choice_once() -> None:
+    entries = entries_of(["none", "soft"], {"none": [{"forced_error": 0.1}, {"forced_error": 0.2}]})
+    with pytest.raises(InputError, match=r"\(choices: none, soft\)"):
+        varied_by(entries, "positive:decision.credible_threshold=0.8")
+
+
+def test_tuning_without_points_is_refused_by_the_option(capsys: pytest.CaptureFixture[str]) -> None:
+    from vibroswarm.cli import main
+
+    assert main(["league", "tune", "--strategy", "none", "--points", "0"]) == 2
+    assert "--points: 0 is" in capsys.readouterr().err
+
+
 def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
     """With plain loops over the tables, cell by cell."""
     league, study = standings.league, standings.study

@@ -52,6 +52,14 @@ def test_where_selects_by_what_is_varied(result: StudyResult) -> None:
         one.cell(0)
 
 
+@pytest.mark.parametrize("number", [4, -1, "x", 1.0, None])
+def test_a_cell_that_is_not_there_is_refused(result: StudyResult, number: Any) -> None:
+    tables = (result.runs, result.maps, result.reported, result.failed_runs)
+    for ask in (result.cell, result.runs_of, result.settled, *tables):
+        with pytest.raises(InputError, match="there is no cell"):
+            ask(number)
+
+
 def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
     counts = result.runs().group_by("floor.source", "strategy.name", maintain_order=True).len()
     assert counts.rows() == [

@@ -223,3 +223,15 @@ def test_a_varied_preset_is_not_hidden_by_the_base() -> None:
         assert cell.scenario == preset(name).with_values({"swarm.robots": 8})
     with pytest.raises(InputError, match="a complete scenario overrides every preset"):
         Study.of(preset("paper"), preset=["paper", "text"])
+
+
+@pytest.mark.parametrize("scenarios", [{}, [preset("paper")], {"a": 3}, {"": preset("paper")}, None])
+def test_scenarios_by_label_are_checked(scenarios: Any) -> None:
+    with pytest.raises(InputError, match="scenarios"):
+        Study.of_scenarios(scenarios)
+
+
+@pytest.mark.parametrize("label", ["", "  ", []])
+def test_a_label_has_words(label: Any) -> None:
+    with pytest.raises(InputError, match=r"list\[1\]\.label: .* give a text"):
+        Study(vary={"list": [{"label": "a"}, {"label": label}]})

@@ -157,7 +157,7 @@ def floors_of(players: Players) -> dict[str, Any]:
 def tune(
     *,
     runs: Annotated[int, Option("runs of each setting, floor and size in the first round")] = 20,
-    points: Annotated[int, Option("settings tried for each tuned field of a strategy")] = 48,
+    points: Annotated[int, Option("settings tried for each tuned field of a strategy", low=1)] = 48,
     own_motion: Annotated[
         bool, Option("search the motion too, for 'vibroswarm league --own-motion'")
     ] = False,

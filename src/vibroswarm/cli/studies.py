@@ -14,6 +14,7 @@ from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.cli.terminal import printing, report, say
 from vibroswarm.core.folders import REPORT
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Job
@@ -115,6 +116,12 @@ def run_parts(
 
     out = output.out
     job = check_part(study, execution.shard, execution.batch, out)
+    if part := "--shard" if job else "--batch" if execution.batch else None:
+        for option in ("json", "open", "pictures"):
+            if getattr(output, option, False):
+                raise InputError(
+                    f"is of the whole study, of which {part} runs a part; omit it", field=f"--{option}"
+                )
     claim(output, lambda folder: Store.existing(folder, study, shards=False))
     warn_of(cell.scenario for cell in study.cells)
     if execution.batch is not None and out is not None:

@@ -16,8 +16,10 @@ def view(
     /,
     *,
     run: Annotated[int | None, Option("number of the run (default: the first)")] = None,
-    speed: Annotated[float, Option("simulated seconds a second")] = 20.0,
-    port: Annotated[int, Option("port (default 8080; 0: any free one)", "P", low=0, high=65535)] = 8080,
+    speed: Annotated[float | None, Option("simulated seconds a second (default 20.0)")] = None,
+    port: Annotated[
+        int | None, Option("port (default 8080; 0: any free one)", "P", low=0, high=65535)
+    ] = None,
     html: Annotated[Path | None, Option("write one file that plays the run back, and end")] = None,
     picture: Annotated[Path | None, Option("write a picture (PNG), by EGL or OSMesa, and end")] = None,
     at: Annotated[float | None, Option("time of the picture, s (default: the end)", "T")] = None,
@@ -39,6 +41,12 @@ def view(
     from vibroswarm.recordings.recording import read_result
     from vibroswarm.view.server import Server, viser, write_html
 
+    file_option = "--picture" if picture is not None else "--html" if html is not None else None
+    not_of_file = {"port": port is not None, "open": open, "speed": speed is not None and picture is not None}
+    for option, is_given in not_of_file.items():
+        if is_given and file_option is not None:
+            raise InputError(f"does not apply to {file_option}", field=f"--{option}")
+    speed = 20.0 if speed is None else speed
     if not 1.0 <= speed <= 200.0:  # the range of the slider on the page; --html has the same limits
         raise InputError(f"{speed:g} is not from 1 to 200", field="--speed")
     if html is not None and picture is not None:
@@ -69,7 +77,7 @@ def view(
             html, f"{numbers.count(frames, 'frame')}, {numbers.number(html.stat().st_size / 1e6, 1)} MB"
         )
         return
-    server = Server(result, number, port=port, speed=speed)
+    server = Server(result, number, port=8080 if port is None else port, speed=speed)
     print(f"Run {number} at {server.url} (Ctrl-C ends it)", flush=True)
     if open:
         open_page(server.url)

@@ -16,7 +16,7 @@ from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
 from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
 from vibroswarm.paper.item import Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
-from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
+from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of, command_of_all
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, Tone
 from vibroswarm.simulation import versions
 
@@ -41,10 +41,10 @@ def reproduction_document(made: Reproduction) -> Document:
                 "Does the paper's own model give what the paper says? "
                 f"{count(settings.runs, 'run')} per cell, seed {settings.seed}."
             ),
-            _verdicts(decided, settings),
+            _verdicts(decided, settings, command_of_all(made)),
             *(_item(one, decided, settings) for one in made.made),
         ),
-        made_by={"command": command_of(settings), "seed": str(settings.seed), **versions()},
+        made_by={"command": command_of_all(made), "seed": str(settings.seed), **versions()},
         data={"claims": claims_table(decided), "claims-measured": cells_table(decided)},
     )
 
@@ -94,13 +94,13 @@ def _warnings(made: Reproduction) -> tuple[str, ...]:
     return (f"This is {what}, not the reproduction: {CHANGES[control]}.", *skipped)
 
 
-def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
+def _verdicts(decided: Sequence[Decided], settings: Settings, command: str) -> Section:
     """Return the section with the verdicts on all claims and checks."""
     tables = []
     for kind, caption in _CAPTIONS.items():
         frame = _claims_in_words(decided, settings, kind=kind)
         if frame is not None:
-            caption = caption.format(command_of(settings))
+            caption = caption.format(command)
             tables.append(Table(frame.drop("measured"), _CLAIMS, caption, f"{kind}s"))
     if not tables:
         return Section("Verdicts", (Text("No claim was measured."),))

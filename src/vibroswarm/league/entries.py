@@ -201,7 +201,7 @@ def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
     strategy, only_one, field = name.rpartition(":")
     check_known_keys([field], "vary", field_names())
     if only_one:
-        check_choice(strategy, "vary", [entry.strategy for entry in entries])
+        check_choice(strategy, "vary", dict.fromkeys(entry.strategy for entry in entries))
     found: list[Entry] = []
     for entry in entries:
         if only_one and entry.strategy != strategy:

@@ -87,6 +87,11 @@ def check_tests(
         raise InputError(f"'{reference}' is not an entry (entries: {listed})", field="--reference")
     for kind in kinds or ():
         check_choice(kind, "--faults", FAULTS)
+    if kinds and not fault_runs:
+        raise InputError(
+            "there are no runs with faults: with --fault-runs 0, or on several kinds of tile",
+            field="--faults",
+        )
     if kinds and fault_runs and min(league.robots) == 1:
         raise InputError(
             "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"

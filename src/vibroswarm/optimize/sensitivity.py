@@ -34,6 +34,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.optional_library import needed
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError, whole_number_of
@@ -49,6 +50,8 @@ from vibroswarm.study.executors import workers_for
 
 DRAWS: Final = 1000
 """Resamples of the bootstrap."""
+LEAST: Final = 8
+"""Fewest blocks of a design: fewer are too few for the indices."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,10 @@ def sobol_indices(
 
 def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
     """Draw the design of an analysis, see ``saltelli``; ``budget`` and ``replicates`` as in ``sobol_indices``."""
+    least = LEAST * (search.space.size + 2) * replicates
+    if budget < least:
+        fields = count(search.space.size, "field")
+        raise InputError(f"{budget} runs are too few for {fields}; give at least {least}", field="budget")
     return saltelli(search.space.size, budget // replicates, search.seed)
 
 
@@ -153,9 +160,9 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
     # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
     # no points, N is 1, and refused below.
     base = 1 << max((points // (dimensions + 2)).bit_length() - 1, 0)
-    if base < 8:
+    if base < LEAST:
         raise InputError(
-            f"{points} points are too few for {dimensions} fields; at least {8 * (dimensions + 2)}",
+            f"{points} points are too few for {dimensions} fields; at least {LEAST * (dimensions + 2)}",
             field="budget",
         )
     problem = {  # description of the space, in the form that SALib requires

@@ -30,7 +30,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.paper.cells import Cell, CellResults
 from vibroswarm.paper.item import CLAIMS
 from vibroswarm.paper.reproduce import Reproduction
-from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
+from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of_all
 from vibroswarm.simulation import versions
 
 HEAD: Final = "archive.json"
@@ -59,7 +59,7 @@ def write_archive(made: Reproduction, path: Path) -> None:
             "columns": list(made.settings.columns),
             "control": made.settings.control,
         },
-        "command": command_of(made.settings),
+        "command": command_of_all(made),
         "items": [entry.item.name for entry in made.made if not entry.skipped],
         "skipped": [entry.item.name for entry in made.made if entry.skipped],
         "versions": versions(),

@@ -19,6 +19,7 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.paper.claims import CANNOT, Claim, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import CLAIMS, Settings
+from vibroswarm.paper.items import all_items
 from vibroswarm.paper.reproduce import Reproduction
 
 TABLES: Final = "tables"
@@ -27,21 +28,30 @@ MARKER: Final = "index.csv"
 """Index of a folder of tables; it marks folders that may be replaced."""
 
 
-def command_of(settings: Settings, item: str | None = None) -> str:
-    """Return the command line that makes one item, or all items.
+def command_of(settings: Settings, *items: str) -> str:
+    """Return the command line that makes some items, or all items.
 
     Args:
-        settings: options of the reproduction. item: name of the item; None: all items.
+        settings: options of the reproduction. items: names of the items; none: all items.
     """
     words = ["vibroswarm reproduce"]
-    words += [f"--only {item}"] if item else []
+    words += [f"--only {' '.join(items)}"] if items else []
     words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
     words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
     words += [f"--control {settings.control}"] if settings.control else []
     # Only these items need the recordings.
-    recorded = item in (None, "calibration", "unseen-session")
+    recorded = not items or not {"calibration", "unseen-session"}.isdisjoint(items)
     words += ["--recordings DIR"] if settings.recordings and recorded else []
     return " ".join([*words, "--out DIR"])
+
+
+def command_of_all(made: Reproduction) -> str:
+    """Return the command line that makes all items of a reproduction, which may be some of the paper's only.
+
+    The verdicts depend on them too: intervals are corrected for the number of claims.
+    """
+    names = [entry.item.name for entry in made.made]
+    return command_of(made.settings, *(names if len(names) < len(all_items()) else ()))
 
 
 def claims_table(
@@ -164,7 +174,7 @@ def write_tables(made: Reproduction, folder: Path) -> None:
     A file is named ITEM-TABLE.csv, or ITEM.csv if the table has the name of the item. An earlier folder of tables is
     replaced as a whole.
     """
-    decided, command = made.decided, command_of(made.settings)
+    decided, command = made.decided, command_of_all(made)
     tables = [
         (
             name if name == entry.item.name else f"{entry.item.name}-{name}",

@@ -110,7 +110,12 @@ def _list(block: Any, name: str) -> list[Point]:
     """Return one point for each table of a list."""
     if not isinstance(block, Sequence) or isinstance(block, str) or not block:
         raise InputError("must be a list of one or more tables: [[list]]", field=name)
-    return [fields_in(entry, f"{name}[{k}]", may_have=(LABEL,)) for k, entry in enumerate(block)]
+    points = [fields_in(entry, f"{name}[{k}]", may_have=(LABEL,)) for k, entry in enumerate(block)]
+    for k, point in enumerate(points):
+        label = point.get(LABEL, "none")
+        if not isinstance(label, str | int | float) or not str(label).strip():
+            raise InputError(f"{label!r} is not a label; give a text", field=f"{name}[{k}].{LABEL}")
+    return points
 
 
 def sobol_points(rng: np.random.Generator, count: int, dimensions: int) -> np.ndarray[Any, Any]:

@@ -258,6 +258,13 @@ class Study(NotebookView):
         Raises:
             InputError: a field that has a default is None in a scenario, or ``Study`` refuses a value.
         """
+        check_kind(scenarios, Mapping, "scenarios", "a table of scenarios by label")
+        if not scenarios:
+            raise InputError("is empty; give at least one", field="scenarios")
+        for label, scenario in scenarios.items():
+            if label == "":
+                raise InputError("a label is empty; give each scenario one", field="scenarios")
+            check_kind(scenario, Scenario, f"scenarios: {label}", "a Scenario")
         base = base or next(iter(scenarios.values()))
         sections = base.model_dump(exclude_none=True)
         changed = {label: changes(scenario, base) for label, scenario in scenarios.items()}

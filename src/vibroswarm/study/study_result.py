@@ -148,9 +148,20 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no selected cell has this number.
         """
+        self._check_cells(number)
         if number not in self.selected:
             raise InputError(f"there is no cell {number} here", field="cell")
         return self.study.cells[number]
+
+    def _check_cells(self, *numbers: int) -> None:
+        """Refuse what is not the number of a cell of the study.
+
+        Raises:
+            InputError: there is no cell with such a number.
+        """
+        for number in numbers:
+            if not isinstance(number, int | np.integer) or number not in self._group_of:
+                raise InputError(f"there is no cell {shown(number)} here", field="cell")
 
     def where(self, **values: Any) -> StudyResult:
         """Return the result for the selected cells in which varied fields have these values.
@@ -180,6 +191,7 @@ class StudyResult(NotebookView):
         the number is that of the look at which this is so. Until then, it is that of the last look whose runs are all
         stored; before the first look, it is the number of runs stored without a gap (``precision.runs_that_count``).
         """
+        self._check_cells(cell)
         if self.study.runs is not None:
             return self.study.runs
         assert self.study.until is not None  # a study has either a number of runs or a precision
@@ -195,6 +207,7 @@ class StudyResult(NotebookView):
 
         Returns: None if the study has no precision, or if the group needs runs that are not stored yet.
         """
+        self._check_cells(cell)
         until = self.study.until
         return None if until is None else settled(self.store, self._group_of[cell], until)
 
@@ -245,6 +258,7 @@ class StudyResult(NotebookView):
             table: ``robots``, ``samples``, ``failures``, ``agreements``, ``maps`` or ``reported``.
             cells: by number; if empty, all selected cells. start, end: first run, and one past the last.
         """
+        self._check_cells(*cells)
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
             numbers = [cell.number for cell in group.cells if cell.number in chosen]
