@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import statistics
 from fractions import Fraction
 
 import numpy as np
@@ -18,7 +19,6 @@ from vibroswarm.analysis.figures import interval as interval_of_figure
 from vibroswarm.analysis.intervals import (
     DRAWS,
     Interval,
-    bootstrap_mean,
     cluster_share,
     generator,
     mean_interval,
@@ -108,10 +108,11 @@ def test_bootstrap_of_few_distinct_values_is_that_of_runs_one_by_one() -> None:
     random = generator(1, "test")
     shares = random.integers(0, 6, 200) / 5
     one_by_one = shares[random.integers(0, 200, (20000, 200))].mean(axis=1)
-    mine = bootstrap_mean(shares)
+    count, of = np.rint(5 * shares), np.full(200, 5)
+    mine = cluster_share(count, of)
     assert (mine.low, mine.high) == pytest.approx(tuple(np.quantile(one_by_one, [0.025, 0.975])), abs=0.004)
-    assert bootstrap_mean(shares) == mine
-    assert bootstrap_mean(shares, seed=1) != mine
+    assert cluster_share(count, of) == mine
+    assert cluster_share(count, of, seed=1) != mine
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
@@ -149,7 +150,7 @@ def test_a_level_is_a_share() -> None:
 @settings(deadline=None)
 @given(numbers)
 def test_an_interval_holds_its_estimate(values: list[float]) -> None:
-    for interval in (mean_interval(values), bootstrap_mean(values), quantile_interval(values)):
+    for interval in (mean_interval(values), quantile_interval(values)):
         assert interval.low <= interval.estimate + 1e-9
         assert interval.estimate <= interval.high + 1e-9
         json.dumps(interval.as_dict(), allow_nan=False)
@@ -194,6 +195,15 @@ def test_shares_of_robots_hold_the_truth_and_robots_as_units_do_not(runs: int, s
     by_robot = coverage(share, [wilson(int(c.sum()), 5 * runs) for c in counts])
     assert 0.90 <= by_run <= 0.99, by_run  # lowest where three runs of sixty carry all that is wrong
     assert by_robot < 0.75, by_robot  # the negative control
+
+
+@pytest.mark.parametrize(("runs", "share", "same"), [(2, 0.5, 0.5), (3, 0.3, 0.7), (5, 0.5, 0.3)])
+def test_shares_of_robots_of_few_runs_hold_the_truth(runs: int, share: float, same: float) -> None:
+    """The share of each run is drawn from a beta distribution with this correlation within runs."""
+    random = generator(runs, "few runs")
+    a, b = share * (1.0 - same) / same, (1.0 - share) * (1.0 - same) / same
+    counts = random.binomial(20, random.beta(a, b, (600, runs)))
+    assert coverage(share, [cluster_share(count, np.full(runs, 20)) for count in counts]) >= 0.92
 
 
 def test_a_share_of_those_that_decided_holds_the_truth_though_their_number_varies() -> None:
@@ -281,7 +291,7 @@ def test_means_of_shares_stay_shares_with_two_runs_too(shares: list[float]) -> N
 def test_no_share_of_two_runs_is_above_one_or_below_zero(name: str) -> None:
     figure = BY_NAME[name]
     by_run = {figure.by_run: np.array([0.0, 1.0]), "robots": np.array([10.0, 10.0])}
-    by_run |= dict.fromkeys((*figure.counted, "robots"), np.array([10.0, 10.0]))
+    by_run |= dict.fromkeys((*figure.counted, "robots", "stated"), np.array([10.0, 10.0]))
     found = interval_of_figure(name, by_run)
     assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
     assert mean_interval([0.0, 1.0]).high > 1.0, "as Student's limits would be"
@@ -296,6 +306,14 @@ def test_intervals_of_small_shares_hold_as_often_as_they_say_and_students_leave_
     even = np.random.default_rng(6).beta(50.0, 50.0, size=(200, 10))
     for row in even:
         assert mean_share_interval(row).low == pytest.approx(mean_interval(row).low, abs=0.005)
+
+
+@pytest.mark.parametrize("runs", [20, 100, 400])
+def test_limits_of_means_of_shares_hold_the_mean_of_many_skew_ones_too(runs: int) -> None:
+    """The control: the mean angle is not the angle of the mean, which its limits leave out ever more often."""
+    shares = np.random.default_rng(runs).beta(0.3, 0.7, size=(400, runs))
+    held = [(one := mean_share_interval(row)).low <= 0.3 <= one.high for row in shares]
+    assert np.mean(held) >= 0.92
 
 
 def test_rates_of_events_have_limits_of_counts() -> None:
@@ -324,3 +342,13 @@ def test_rates_of_rare_events_hold_the_truth_also_if_events_come_together(cluste
     assert held > 940
     assert (held_alone > 940) == (cluster == 1)
     assert (below > 0) == (cluster == 2), "Student's limits go below 0"
+
+
+@pytest.mark.parametrize("level", [0.999, 0.9999, 0.999999])
+def test_bootstrap_limits_of_high_levels_are_not_the_range_of_the_draws(level: float) -> None:
+    """Of 1000 runs, whose mean is normal as nearly as can be told; there are 1999 draws."""
+    count = generator(3, "test").binomial(10, 0.3, 1000)
+    error = count.std(ddof=1) / 10 / math.sqrt(1000)
+    normal = statistics.NormalDist().inv_cdf(0.5 + level / 2)
+    found = cluster_share(count, np.full(1000, 10), level)
+    assert (found.high - found.low) / 2 / error == pytest.approx(normal, rel=0.08)

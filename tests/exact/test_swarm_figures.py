@@ -268,3 +268,24 @@ def test_of_a_real_result() -> None:
     by_robot = mean_interval(result.robots["decision_time_s"].fill_null(1200.0).to_numpy())
     wide, narrow = s.decision_time_s, by_robot
     assert (wide.high - wide.low) > 1.9 * (narrow.high - narrow.low)  # robots as the unit: half as wide
+
+
+def test_coverage_is_a_share_of_the_robots_that_state_a_spread() -> None:
+    """In the first run both robots hold the number; in the others one of two states a spread, which does not."""
+    robots, runs = cell([[0, 0]] * 3, [[10.0, 20.0]] * 3)
+    held = pl.Series("estimate", [0.4, 0.4, 0.9, None, 0.9, None])
+    spread = pl.Series("estimate_spread", [0.1, 0.1, 0.1, None, 0.1, None])
+    found = summary(robots.with_columns(held, spread), runs, T_END).estimate_coverage
+    assert found.estimate == pytest.approx(2 / 4)
+    assert found.low < 2 / 4 < found.high
+
+
+def test_limits_of_what_cannot_be_negative_are_not_below_zero() -> None:
+    """Two runs, whose estimates differ by 0.01 and 0.05 from the number: Student's lower limit is -0.22."""
+    robots, runs = cell([[0, 0]] * 2, [[10.0, 20.0]] * 2)
+    estimates = pl.Series("estimate", [0.41, 0.41, 0.45, 0.45])
+    sent = pl.Series("sent", [1, 1, 9, 9], dtype=ROBOTS["sent"])
+    found = summary(robots.with_columns(estimates, sent), runs, T_END)
+    for interval in (found.estimate_error, found.estimate_crps, found.sent):
+        assert interval.low == 0.0
+    assert found.estimate_error.estimate == pytest.approx(0.03)

@@ -69,6 +69,14 @@ def test_a_mistake_counts_by_its_cost() -> None:
     assert cheap["forced_error"] < dear["forced_error"]
 
 
+def test_limits_of_an_error_are_those_of_a_share() -> None:
+    """Of few runs the draws of a bootstrap, which are spread out for its bias, leave 0 to 1."""
+    for runs in (1, 2, 3):
+        curve = time_error_curve(SHORT, 5, runs, [0.55, 0.8], [20], undecided_counts=0.5)
+        assert curve["error_low"].min() >= 0.0
+        assert curve["error_high"].max() <= 1.0
+
+
 def test_wrong_wishes_of_a_curve() -> None:
     with pytest.raises(InputError, match="at least one"):
         time_error_curve(SHORT, 5, 2, [], [10])

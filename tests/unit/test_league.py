@@ -558,3 +558,14 @@ def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
     undecided, wrong = (standings.values[name] for name in ("undecided", "wrong"))
     np.testing.assert_allclose(standings.values["forced_error"], wrong + undecided * 2 / 3)
     assert guess_level(standings.league.base) == pytest.approx(GUESS * 4 / 3)
+
+
+def test_who_always_gives_the_cheap_answer_guesses() -> None:
+    from vibroswarm.inference.outcomes import costs_of, forced_errors
+    from vibroswarm.league.best import GUESS, guess_level
+
+    truth, nothing = np.array([0.0, 1.0]), np.full(2, np.nan)
+    for costs in ([[0.0, 1.0], [0.1, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 1.0], [4.0, 0.0]]):
+        base = preset("paper").with_values({"task.costs": costs})
+        always = [forced_errors(np.full(2, k), nothing, truth, costs_of(base)).mean() for k in (0, 1)]
+        assert guess_level(base) == pytest.approx(GUESS / 0.5 * min(always))

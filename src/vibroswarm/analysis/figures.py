@@ -54,6 +54,8 @@ from vibroswarm.inference.outcomes import (
 
 COUNTS: Final = ("right", "wrong", "undecided")
 """Columns of the table of runs with numbers of robots."""
+STATED: Final = "stated"
+"""Column of the table of figures by run: number of robots that state the spread of their estimate."""
 
 
 WITHIN: Final = 1.6448536269514722
@@ -458,12 +460,12 @@ FIGURES: Final = (
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
     RunFigure("estimate", "estimate of the fill ratio", _mean_of("estimate")),
-    RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1),
+    RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1, least=0.0),
     RunFigure(
         "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"
     ),
-    RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1),
-    RunFigure("sent", "messages sent by a robot", _mean_of("sent")),
+    RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1, least=0.0),
+    RunFigure("sent", "messages sent by a robot", _mean_of("sent"), least=0.0),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
     RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
     RunFigure(
@@ -575,7 +577,8 @@ BY_COLUMN: Final = {figure.by_run: figure for figure in FIGURES}
 
 def figures_of(swarms: Swarms) -> dict[str, Array]:
     """Compute the figures of each run, by name in the table of figures by run, (runs,) each, and numbers of robots."""
-    return swarms.counts | {figure.by_run: figure.of_run(swarms) for figure in FIGURES}
+    counts = swarms.counts | {STATED: swarms.sum(1.0 * ~np.isnan(swarms.robots["estimate_spread"]))}
+    return counts | {figure.by_run: figure.of_run(swarms) for figure in FIGURES}
 
 
 def run_figures(
@@ -598,7 +601,8 @@ def run_figures(
     swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
     columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
     # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
-    typed = [column.cast(pl.Int64) if column.name in swarms.counts else column for column in columns]
+    whole = {*swarms.counts, STATED}
+    typed = [column.cast(pl.Int64) if column.name in whole else column for column in columns]
     return runs.sort("run").select("run", "truth", "consensus").with_columns(typed)
 
 
@@ -636,7 +640,7 @@ def interval(
         return rate_interval(values, 3600.0 / t_end_s, level)
     known = ~np.isnan(values)
     if figure.kind == "share":
-        robots = by_run["robots"]
+        robots = by_run[STATED]  # only these have an interval that may hold the number
         return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)
     if figure.kind == "median":
         return quantile_interval(np.where(known, values, math.inf), 0.5, level)

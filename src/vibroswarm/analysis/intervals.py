@@ -7,7 +7,6 @@
 | ``rate_interval`` | mean rate of events | Garwood's limits for K / c events, times c; c = variance / mean | \
 Garwood 1936; McCullagh & Nelder 1989, 6.2 |
 | ``share_interval`` | mean of shares | the same, clipped to [0, 1] | Student 1908 |
-| ``bootstrap_mean`` | mean over runs | percentiles of means of resampled runs | Efron 1979 |
 | ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
 | ``student_test`` | mean of differences | Student's limits and paired t-test | Student 1908 |
@@ -246,17 +245,21 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """Compute a mean over runs of shares, with limits that stay in [0, 1]; values of nan are left out.
 
     A few shares near 0 or 1 have a skew distribution, and Student's limits of their mean may lie outside [0, 1]. So
-    Student's limits are computed for asin(sqrt(share)) and transformed back. For one run the limits are 0 and 1.
+    Student's limits are computed for asin(sqrt(mean)), with the standard error of the mean times the slope of this
+    angle, and transformed back. (The mean angle of the shares is that of another number than their mean.) For one run
+    the limits are 0 and 1.
     """
-    shares = without_nan(values)
-    of_shares = mean_interval(shares, level)
-    if shares.size < 2:
-        return within(of_shares, 0.0, 1.0)
-    of_angles = mean_interval(np.arcsin(np.sqrt(np.clip(shares, 0.0, 1.0))), level)
-    # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
-    low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (of_angles.low, of_angles.high))
-    # The estimate is the mean of the shares themselves, which the limits must include.
+    shares = np.clip(without_nan(values), 0.0, 1.0)
+    of_shares = within(mean_interval(shares, level), 0.0, 1.0)
     mean = of_shares.estimate
+    if shares.size < 2 or not 0.0 < mean < 1.0:
+        return of_shares
+    error = float(shares.std(ddof=1)) / math.sqrt(shares.size)
+    half = float(stdtrit(shares.size - 1, 0.5 + level / 2)) * error / (2.0 * math.sqrt(mean * (1.0 - mean)))
+    angle = math.asin(math.sqrt(mean))
+    # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
+    low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (angle - half, angle + half))
+    # Rounding must not put the mean outside its limits.
     return of_shares._replace(low=min(low, mean), high=max(high, mean), how="t of asin(sqrt(share))")
 
 
@@ -265,29 +268,14 @@ def _mean(values: Values) -> float:
     return float(np.clip(values.mean(), values.min(), values.max()))
 
 
-def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> Interval:
-    """Compute a mean over runs with limits from a percentile bootstrap over runs; values of nan are left out.
-
-    Runs with equal values are drawn together (by a multinomial over the distinct values), which is equivalent and
-    faster. For very many distinct values the normal limit is used. The deviations of the draws from the mean are
-    multiplied by sqrt(n / (n - 1)), which makes their variance unbiased. For one run the limits are infinite; without
-    runs, estimate and limits are nan.
-    """
-    check_level(level)
-    runs = without_nan(values)
-    if runs.size < 2:
-        return mean_interval(runs, level)._replace(how="bootstrap")
-    mean = _mean(runs)
-    distinct, counts = np.unique(runs, return_counts=True)
-    # ``_resampled`` computes a ratio of sums; with denominators of 1 the ratio is the mean.
-    low, high = _resampled(distinct, np.ones(distinct.size), counts, level, seed, draws)
-    return Interval(mean, low, high, level, runs.size, "bootstrap")
-
-
 def _resampled(
     numerators: Values, denominators: Values, counts: NDArray[np.int64], level: float, seed: int, draws: int
 ) -> tuple[float, float]:
     """Return the bootstrap limits of sum(numerator) / sum(denominator) over runs.
+
+    Runs with equal values are drawn together (by a multinomial over the kinds of run), which is equivalent and faster.
+    For very many kinds, and at levels for which there are too few draws, the normal limit is used. The deviations of
+    the draws from the ratio are multiplied by sqrt(n / (n - 1)), which makes their variance unbiased.
 
     Args:
         numerators, denominators: of each kind of run, (distinct,); runs with equal values are of one kind. Denominators
@@ -297,7 +285,8 @@ def _resampled(
     n = int(counts.sum())
     ratio = float(numerators @ counts) / float(denominators @ counts)
     widen = math.sqrt(n / (n - 1))  # makes the variance of the draws unbiased
-    if counts.size > _MANY_VALUES:
+    # With fewer than one draw beyond a limit, the draws' own range would be the limit of every higher level.
+    if counts.size > _MANY_VALUES or (0.5 - level / 2) * (draws + 1) < 1.0 - 1e-9:
         # Normal limit, with the variance of a ratio by its linearisation.
         residual = (numerators - ratio * denominators) / (denominators @ counts)
         half = float(ndtri(0.5 + level / 2)) * widen * math.sqrt(float(counts @ residual**2))
@@ -318,8 +307,8 @@ def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: in
     Limits are percentiles of a bootstrap over runs. These would be too narrow (of width 0 if all runs have the same
     share) if fewer than ``FEW`` runs have a share other than 0, or other than 1. In that case the limits are Wilson's,
     with an effective number of independent robots in place of n: p (1 - p) / Var(share), but at most the number of
-    robots. If the variance is 0, the effective number is the number of runs, as if each run were a single robot.
-    Without robots, share and limits are nan.
+    robots; it is less where few runs give the variance (Korn and Graubard 1998). If the variance is 0, the effective
+    number is the number of runs, as if each run were a single robot. Without robots, share and limits are nan.
 
     Args:
         count: number of robots with an outcome, such as wrong, in each run, (runs,).
@@ -364,7 +353,7 @@ def cluster_share_of_distinct(
         int(number[robots_with_it < sizes].sum()),
     )
     if min(runs_above_0, runs_below_1) < FEW:
-        effective = _independent_robots(robots_with_it, sizes, number, share)
+        effective = _independent_robots(robots_with_it, sizes, number, share, level)
         low, high = wilson_limits(share * effective, effective, level)
         # Rounding must not put the share outside its limits.
         return Interval(share, min(float(low), share), max(float(high), share), level, n, "cluster wilson")
@@ -372,12 +361,14 @@ def cluster_share_of_distinct(
     return Interval(share, max(low_, 0.0), min(high_, 1.0), level, n, "cluster bootstrap")
 
 
-def _independent_robots(count: Values, of: Values, runs: NDArray[np.int64], share: float) -> float:
+def _independent_robots(
+    count: Values, of: Values, runs: NDArray[np.int64], share: float, level: float
+) -> float:
     """Compute how many independent robots would give the share the variance that it has between runs.
 
     Args:
         count, of: number of robots with the outcome, and of all robots, in a run of each kind. runs: number of runs of
-            each kind; (kinds,) each. share: sum of ``count`` / sum of ``of`` over runs.
+            each kind; (kinds,) each. share: sum of ``count`` / sum of ``of`` over runs. level: of the limits.
     Returns: the number, at most that of all robots; the number of runs if the variance is 0.
     """
     n, robots = float(runs.sum()), float(of @ runs)
@@ -387,6 +378,9 @@ def _independent_robots(count: Values, of: Values, runs: NDArray[np.int64], shar
         variance *= n / (n - 1)  # unbiased
     if variance <= 0.0:
         return n
+    if n > 1:  # the variance is estimated from n runs: Student's factor in place of the normal one
+        tail = 0.5 + level / 2
+        variance *= float(stdtrit(n - 1, tail) / ndtri(tail)) ** 2  # Korn & Graubard 1998
     return min(share * (1.0 - share) / variance, robots)
 
 

@@ -23,13 +23,15 @@ from vibroswarm.scenario.scenario import Scenario
 GUESS: Final = 0.4
 """Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
 fifth, has this error; one that always tosses a coin has 1/2, which strategies that lean on the floor's few clues just
-undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, or of its cost."""
+undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, or of its cost: that of the cheapest
+answer, given on all floors, where mistakes cost differently."""
 
 
 def guess_level(scenario: Scenario) -> float:
     """Return ``GUESS`` for the answers of a scenario's task, and for what its mistakes cost."""
     costs = costs_of(scenario)
-    return GUESS if costs is None else 2.0 * GUESS * float(costs.mean())
+    # Columns are answers: the mean cost of each if it is given whatever the floor, as often on the side of each truth.
+    return GUESS if costs is None else 2.0 * GUESS * float(costs.mean(axis=0).min())
 
 
 BEST: Final[dict[str, Any]] = {

@@ -34,7 +34,15 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.figures import BY_NAME
-from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, plain, sign_flip, student_test
+from vibroswarm.analysis.intervals import (
+    Interval,
+    columns_of,
+    mean_interval,
+    plain,
+    sign_flip,
+    student_test,
+    within,
+)
 from vibroswarm.analysis.map_figures import MAPPED
 from vibroswarm.analysis.paired import Paired, Test, compare, holm
 from vibroswarm.core.notebook_view import NotebookView
@@ -206,7 +214,7 @@ class Standings(NotebookView):
         """
         by_unit = self.by_unit(entry, figure, floors)
         if figure not in SHOWN:
-            return mean_interval(by_unit)
+            return within(mean_interval(by_unit), 0.0, math.inf)
         return BY_NAME[SHOWN[figure]].mean(by_unit, t_end_s=self.t_end_s)
 
     @cached_property

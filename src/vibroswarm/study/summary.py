@@ -17,7 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary, summary_of, times_by_run
 from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.intervals import columns_of, mean_interval
+from vibroswarm.analysis.intervals import columns_of, mean_interval, within
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
@@ -130,8 +130,8 @@ class Outcome(NotebookView):
             declared = strategy_used(cell.scenario).reported.get(str(report))
             row = {"cell": number, "name": cell.name, "report": report, "index": index}
             row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
-            for figure in ("value", "error"):
-                row |= columns_of(figure, mean_interval(own[figure].drop_nulls().to_numpy())[:3])
+            value, error = (mean_interval(own[name].drop_nulls().to_numpy()) for name in ("value", "error"))
+            row |= columns_of("value", value[:3]) | columns_of("error", within(error, 0.0, math.inf)[:3])
             rows.append(row)
         numbers = ("value", "value_low", "value_high", "error", "error_low", "error_high")
         kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(numbers, pl.Float64)}

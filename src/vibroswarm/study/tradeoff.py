@@ -27,7 +27,7 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, columns_of
+from vibroswarm.analysis.intervals import cluster_share, columns_of, share_interval
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
@@ -139,7 +139,8 @@ def _point(
         error = cluster_share(count.to_numpy(), table["robots"].to_numpy(), level)
     else:
         mistakes = table["wrong_share"].to_numpy() if costs is None else _mistakes(robots, runs, costs)
-        error = bootstrap_mean(mistakes + undecided_counts * table["undecided_share"].to_numpy(), level)
+        errors = mistakes + undecided_counts * table["undecided_share"].to_numpy()
+        error = share_interval(errors, level)
     return columns_of("error", error) | summary(robots, runs, t_end_s, level, costs=costs).as_row()
 
 
