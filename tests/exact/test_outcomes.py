@@ -151,6 +151,7 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         "estimate_error": mean_of(misses),
         "estimate_coverage": mean_of(covers),
         "estimate_crps": mean_of(scores),
+        "stated": sum(not math.isnan(robot["estimate_spread"]) for robot in own),
         "sent": sum(robot["samples"] for robot in own) / SWARM,
         "right": right if known else math.nan,
         "wrong": wrong if known else math.nan,
