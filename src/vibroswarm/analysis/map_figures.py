@@ -111,7 +111,8 @@ def detection_times_s(
         return {}
     says = (1.0 - pl.col("belief_below") >= scenario.decision.credible_threshold).cast(pl.Int8)
     stays = says.reverse().cum_min().reverse().over("run", "robot")
-    first = known.filter(stays == 1).group_by("run", "robot").agg(pl.col("time_s").min())
+    by_robot = known.filter(stays == 1).group_by("run", "robot", maintain_order=True)
+    first = by_robot.agg(pl.col("time_s").min())
     of_run = first.group_by("run").agg(pl.col("time_s").sum(), robots=pl.len())
     robots, t_end_s = scenario.swarm.robots, scenario.run.t_end_s
     sums = {run: (time_s, count) for run, time_s, count in of_run.iter_rows()}

@@ -238,7 +238,8 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
     """
     calm = calm_intervals(found.samples)
     drive_s = timed_drive_ms(base) / 1000.0
-    distances = calm.group_by("run", "robot").agg(pl.col("distance_m").mean())["distance_m"]
+    by_robot = calm.group_by("run", "robot", maintain_order=True)
+    distances = by_robot.agg(pl.col("distance_m").mean())["distance_m"]
     # If the numbers of robots in sessions differ, the two means would be over different robots.
     if calm.height < 50 or len(distances) != len(table):
         return 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -65,7 +66,7 @@ def _outcomes(recording: Recording) -> str:
     sessions = count(recording.runs.height, "session")
     if logged.is_empty():
         return f"{sessions}; decisions are not logged."
-    each = (f"{outcome} in {n}" for outcome, n in logged.value_counts(sort=True).rows())
+    each = (f"{outcome} in {n}" for outcome, n in Counter(logged.to_list()).most_common())
     return f"Consensus {listed(each)} of {sessions}."
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Final
 
 import numpy as np
@@ -86,8 +87,8 @@ def verdict_document(found: Verdict) -> Document:
 
 def runs_document(result: Result) -> Document:
     """Return the document of several runs: how their swarms decided, and a row for each run."""
-    outcomes = result.runs["consensus"].fill_null("not logged").value_counts(sort=True)
-    counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.rows())
+    outcomes = Counter(outcome or "not logged" for outcome in result.runs["consensus"])
+    counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.most_common())
     runs = result.runs.select("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
     floor = result.floor(int(runs["run"][0])).name
     columns = {

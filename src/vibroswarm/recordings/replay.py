@@ -483,8 +483,12 @@ def _session_outcomes(
         is_known = own["decision"].null_count() == 0
         # Mean decision time over robots, one value per draw.
         known = own if is_known else own.clear()
-        means_s = known.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
-        shares = of_run["consensus"].drop_nulls().cast(pl.String).value_counts(normalize=True, sort=True)
+        by_draw = known.group_by("draw", maintain_order=True).agg(
+            pl.col("time_s").mean()
+        )  # the order of a sum
+        means_s = by_draw["time_s"].drop_nulls().to_numpy()
+        counted = of_run["consensus"].drop_nulls().cast(pl.String).value_counts(normalize=True)
+        shares = counted.sort("proportion", "consensus", descending=[True, False])
         belief = own["belief_in_truth"].drop_nulls().to_numpy()
         outcomes.append(
             SessionOutcome(
