@@ -445,21 +445,26 @@ def test_a_file_that_another_program_has_imported_is_compiled_once(tmp_path: Pat
         assert "cannot be used" not in done.stderr
 
 
+def strategy_with_helper(folder: Path, name: str, helper: str, call: str) -> str:
+    """Write a strategy called ``name`` that calls a function of the module NAME_helpers; return its FILE:NAME."""
+    (folder / f"{name}_helpers.py").write_text(helper, encoding="utf-8")
+    text = ARRAYS.format(size="3").replace("sized", name)
+    text = text.replace("a.heard[2] += x.reading", f"a.heard[2] += int({call})")
+    function = call.partition("(")[0]
+    path = folder / f"{name}.py"
+    path.write_text(f"from {name}_helpers import {function}\n{text}", encoding="utf-8")
+    return f"{path}:{name}"
+
+
 @pytest.mark.parametrize("plain", [[], ["--plain"]])
 def test_plain_functions_of_another_module_of_the_users_are_called(
     plain: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As docs/own-strategy.md says: they need no decorator, and may call each other."""
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "sized_helpers.py").write_text(
-        "def half(x):\n    return x / 2\n\n\ndef doubled(x):\n    return 4 * half(x)\n", encoding="utf-8"
-    )
-    text = "from sized_helpers import doubled\n" + ARRAYS.format(size="3").replace(
-        "a.heard[2] += x.reading", "a.heard[2] += int(doubled(x.reading))"
-    ).replace("sized", "helped").replace("helped_helpers", "sized_helpers")
-    (tmp_path / "helped.py").write_text(text, encoding="utf-8")
-    path = tmp_path / "helped.py"
-    assert main(["run", "--strategy", f"{path}:helped", "--set", "run.t_end_s=20", "--json", *plain]) == 0
+    helper = "def half(x):\n    return x / 2\n\n\ndef doubled(x):\n    return 4 * half(x)\n"
+    strategy = strategy_with_helper(tmp_path, "helped", helper, "doubled(x.reading)")
+    assert main(["run", "--strategy", strategy, "--set", "run.t_end_s=20", "--json", *plain]) == 0
     assert "Numba" not in capsys.readouterr().err
 
 
@@ -467,12 +472,7 @@ def test_chance_in_another_module_of_the_users_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "chancy_helpers.py").write_text(
-        "import random\n\n\ndef tossed(x):\n    return random.random() < x\n", encoding="utf-8"
-    )
-    text = "from chancy_helpers import tossed\n" + ARRAYS.format(size="3").replace(
-        "a.heard[2] += x.reading", "a.heard[2] += int(tossed(0.5))"
-    ).replace("sized", "chancy")
-    (tmp_path / "chancy.py").write_text(text, encoding="utf-8")
-    assert main(["run", "--strategy", f"{tmp_path / 'chancy.py'}:chancy", "--set", "run.t_end_s=20"]) == 2
+    helper = "import random\n\n\ndef tossed(x):\n    return random.random() < x\n"
+    strategy = strategy_with_helper(tmp_path, "chancy", helper, "tossed(0.5)")
+    assert main(["run", "--strategy", strategy, "--set", "run.t_end_s=20"]) == 2
     assert "draws random numbers of its own" in capsys.readouterr().err

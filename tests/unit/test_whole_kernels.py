@@ -59,7 +59,7 @@ def instructions(state: Any) -> str:
 
 
 def compiled(function: Callable[..., Any], signature: tuple[Any, ...], nrt: bool = False) -> None:
-    """Compile a function anew, with all that it calls."""
+    """Compile a function again, with everything that it calls."""
     whole_kernels.declare(function, True, _nrt=nrt).compile(signature)
 
 
@@ -71,7 +71,7 @@ print(changed_of_ours())
 
 
 def changed_of_ours() -> dict[str, list[str]]:
-    """Compile the kernel of motion anew, leaving no pass out; return what each of these passes changed.
+    """Compile the kernel of motion again with all passes; return the functions that each of ``IDLE`` changed.
 
     It needs a process of its own, in which no function that the kernel calls has been compiled before.
     """

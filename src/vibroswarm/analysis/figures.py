@@ -55,7 +55,8 @@ from vibroswarm.inference.outcomes import (
 COUNTS: Final = ("right", "wrong", "undecided")
 """Columns of the table of runs with numbers of robots."""
 STATED: Final = "stated"
-"""Column of the table of figures by run: number of robots that state the spread of their estimate."""
+"""Column of the table of figures by run: number of robots that state the spread of their estimate. It is not one of
+``Swarms.counts``, which searches and leagues read of robots without spreads."""
 
 
 WITHIN: Final = 1.6448536269514722

@@ -110,13 +110,14 @@ def _logs_of(
         for path, file in zip(paths, files, strict=True)
     ]
     logs, computed = with_energies(logs, scenario, acceleration)
-    contents = [file.read_bytes() for file in files]
-    for k, content in enumerate(contents):
-        if content in contents[:k]:  # sessions are independent of each other in all statistics
-            first = files[contents.index(content)]
-            say(f"Warning: '{files[k]}' is '{first}' again; as two sessions they count as independent.")
     read = [*files, *([columns] if columns is not None else []), *(acceleration or ())]
-    return logs, computed, [path.read_bytes() for path in read]
+    contents = [path.read_bytes() for path in read]
+    first: dict[bytes, Path] = {}
+    for file, content in zip(files, contents, strict=False):  # of the logs, which come first
+        if content in first:
+            say(f"Warning: '{file}' is '{first[content]}' again; as two sessions they count as independent.")
+        first.setdefault(content, file)
+    return logs, computed, contents
 
 
 def export(

@@ -26,7 +26,7 @@ from vibroswarm.inspection.patches import (
 )
 from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
 from vibroswarm.inspection.samples import SAMPLES, Floats, Samples
-from vibroswarm.inspection.scan import drawn_statistics, intact_statistics
+from vibroswarm.inspection.scan import critical_value, drawn_statistics, intact_statistics
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -159,7 +159,7 @@ def pooled_trials(
 
     ratios, count = max(1, 2000 // len(fresh)), max(1, INTACT // len(inspections))
     intact = [intact_statistics(*ended(one), ratios, seed + number) for number, one in enumerate(fresh)]
-    critical = float(np.quantile(np.concatenate(intact), 1.0 - level))
+    critical = critical_value(np.concatenate(intact), level)
     trials = []
     for drawn, one in enumerate(inspections, seed + 100_000):
         known = *ended(one), critical

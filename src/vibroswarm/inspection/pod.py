@@ -45,7 +45,7 @@ LEAST: Final = 1e-9
 STEP: Final = 1e-4
 """Step of the derivative of F."""
 ABOUT: Final = np.array([[0.0], [STEP], [-STEP]])
-"""What is added to b0 where F is asked for with its derivative."""
+"""Shifts of b0 at which F is computed: none for F itself, and one up and one down for its derivative."""
 
 
 def _weibull(x: Floats) -> Floats:

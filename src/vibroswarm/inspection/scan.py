@@ -236,11 +236,10 @@ def p_value(statistic: float, drawn: Floats) -> float:
 def critical_value(drawn: Floats, level: float) -> float:
     """Return the least statistic whose ``p_value`` is at most a level: above drawn ones that are equal to each other.
 
-    Args:
-        drawn: statistics of at least 1 / level - 1 intact surfaces.
+    It is infinite with fewer than 1 / level - 1 drawn statistics, which give no p-value as small as that.
     """
     reached = math.floor(level * (drawn.size + 1) + 1e-9) - 1  # by so many at most
-    return float(np.nextafter(np.sort(drawn)[drawn.size - 1 - reached], np.inf))
+    return math.inf if reached < 0 else float(np.nextafter(np.sort(drawn)[drawn.size - 1 - reached], np.inf))
 
 
 def intact_statistics(

@@ -208,7 +208,7 @@ def samples_of_csv(
     """
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
     log = read_mapped(path, _column_map(table.columns, path))
-    most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]
+    most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]  # None: a single robot, without a number
     if most > MOST_ROBOT:
         raise InputError(
             f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"

@@ -481,11 +481,9 @@ def _session_outcomes(
     for run in recording.runs["run"].to_list():
         own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
         is_known = own["decision"].null_count() == 0
-        # Mean decision time over robots, one value per draw.
+        # Mean decision time over robots, one value per draw, in the order of draws: a sum depends on the order.
         known = own if is_known else own.clear()
-        by_draw = known.group_by("draw", maintain_order=True).agg(
-            pl.col("time_s").mean()
-        )  # the order of a sum
+        by_draw = known.group_by("draw", maintain_order=True).agg(pl.col("time_s").mean())
         means_s = by_draw["time_s"].drop_nulls().to_numpy()
         counted = of_run["consensus"].drop_nulls().cast(pl.String).value_counts(normalize=True)
         shares = counted.sort("proportion", "consensus", descending=[True, False])

@@ -43,9 +43,8 @@ def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: s
         hint = nearest(value, [word.strip("'") for word in words])
     message = first["msg"][0].lower() + first["msg"][1:]
     if first["type"] == "tuple_type":
-        numbers = isinstance(value, str) and re.fullmatch(
-            r"[-+.,eE\d\s]*\d", value
-        )  # of --set, without brackets
+        # Numbers of --set without brackets.
+        numbers = isinstance(value, str) and re.fullmatch(r"[-+.,eE\d\s]*\d", value)
         example = (
             f", such as [{value if numbers else shown(value)}]"
             if isinstance(value, int | float | str)
