@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from scipy import optimize
@@ -24,24 +26,44 @@ def drawn(seed: int, each: int) -> Trials:
     return Trials(size_m, found.astype(float), int(random.binomial(2000, FALSE)), 2000)
 
 
+def loss(at: Sequence[float], trials: Trials, g: np.ndarray) -> float:
+    """A second implementation: -ln likelihood of a logistic curve in ``g``, with Jeffreys' penalty."""
+    p_f = trials.false / trials.intact
+    rise = expit(at[0] + at[1] * g)
+    p = np.clip(p_f + (1 - p_f) * rise, 1e-12, 1 - 1e-12)
+    slopes = ((1 - p_f) * rise * (1 - rise) / np.sqrt(p * (1 - p)))[:, None] * np.stack(
+        [np.ones_like(p), g], axis=1
+    )
+    jeffreys = 0.5 * np.linalg.slogdet(slopes.T @ slopes)[1]
+    return -float(np.where(trials.found == 1, np.log(p), np.log1p(-p)).sum() + jeffreys)
+
+
 def test_the_fit_is_that_of_a_second_implementation() -> None:
     trials = drawn(1, 100)
-    p_f = trials.false / trials.intact
-
-    def loss(at: np.ndarray) -> float:
-        rise = expit(at[0] + at[1] * trials.size_m)
-        p = p_f + (1 - p_f) * rise
-        slopes = ((1 - p_f) * rise * (1 - rise) / np.sqrt(p * (1 - p)))[:, None] * np.stack(
-            [np.ones_like(p), trials.size_m], axis=1
-        )
-        jeffreys = 0.5 * np.linalg.slogdet(slopes.T @ slopes)[1]
-        return -float(np.where(trials.found == 1, np.log(p), np.log1p(-p)).sum() + jeffreys)
-
-    second = optimize.minimize(loss, [-5.0, 50.0], method="BFGS").x
+    second = optimize.minimize(loss, [-5.0, 50.0], (trials, trials.size_m), method="BFGS").x
     found = trials.fit()
     assert found.curve == "size"
-    assert found.false_calls == p_f
+    assert found.false_calls == trials.false / trials.intact
     assert [found.b0, found.b1] == pytest.approx(list(second), rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_few_sizes_unevenly_spread_have_the_most_likely_curve(seed: int) -> None:
+    random = np.random.default_rng(seed + 7)
+    sizes_m = np.sort(np.exp(random.uniform(np.log(0.02), np.log(0.5), random.integers(3, 8))))
+    number = np.maximum(1, 200 * random.dirichlet(np.full(sizes_m.size, 0.7))).astype(int)
+    size_m = np.repeat(sizes_m, number)
+    middle, slope = random.uniform(np.log(0.03), np.log(0.4)), random.uniform(2.0, 12.0)
+    found = random.random(size_m.size) < 0.05 + 0.95 * expit(slope * (np.log(size_m) - middle))
+    trials = Trials(size_m, found.astype(float), 100, 2000)
+    fit = trials.fit(curves=["log size"])
+    places = [
+        (-slope * np.log(a50_m), slope)
+        for a50_m in np.geomspace(0.01, 0.6, 40)
+        for slope in np.geomspace(0.5, 100.0, 30)
+    ]
+    lowest = min(loss(at, trials, np.log(size_m)) for at in places)
+    assert loss((fit.b0, fit.b1), trials, np.log(size_m)) < lowest + 1e-6
 
 
 def test_a90_is_that_of_an_isotonic_fit_to_many_inspections() -> None:

@@ -273,7 +273,7 @@ def test_detect_says_that_a_floor_is_not_the_one_that_is_given(capsys: pytest.Ca
     ("line", "words"),
     [
         ("detect --fills 2", "--fills: 2 is not from 0 to 1"),
-        ("detect --fills 0.461 --runs 2", "the nearest that can be had"),
+        ("detect --fills 0.461 --runs 2", "fills: 0.461 of 5 x 5 tiles is 11.525 tiles; the nearest"),
         ("detect --strategy soft --runs 2", "soft feedback is neutral at a boundary of 0.5 only"),
         (
             "detect --boundary-of readings --set decision.boundary_of=tiles",
@@ -369,6 +369,15 @@ def test_a_tradeoff_of_a_single_run_has_a_time_without_limits(
     (row,) = pl.read_csv(out / "tradeoff.csv").iter_rows(named=True)
     assert row["decision_time_s_low"] is None
     assert f"0.8 0 {row['decision_time_s']:.0f} {100 * row['error']:.1f} [" in " ".join(said.split())
+
+
+def test_a_tradeoff_without_right_answers_has_no_front(capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["evaluate", "tradeoff", "--runs", "2", "--thresholds", "0.8", "--observations", "0", *SMALL]
+    code, said, _ = told(capsys, *line, "--task", "mean")
+    assert code == 0
+    assert said.startswith("No decision is right in these runs")
+    assert "The front" not in said
+    assert "The front" in told(capsys, *line)[1]
 
 
 def test_until_a_precision_tells_the_interval_that_was_looked_at(

@@ -28,6 +28,7 @@ def tradeoff_document(found: Tradeoff) -> Document:
     curve, scenario = found.curve, found.scenario
     front = curve.filter("pareto").sort("decision_time_s", maintain_order=True).drop("pareto")
     figure = Figure("front", lambda style: _draw_front(curve, style))
+    on_front = (Section("The front", (Text(_FRONT), figure, _front_table(front))),) if front.height else ()
     return Document(
         title=f"Time against wrong decisions: {scenario.strategy.name}",
         answer=_answer(front, curve.height),
@@ -35,8 +36,8 @@ def tradeoff_document(found: Tradeoff) -> Document:
         parts=(
             Text(_setting_of(curve, scenario)),
             *([] if scenario.task.costs is None else [Text(_COSTS)]),
-            Section("The front", (Text(_FRONT), figure, _front_table(front))),
-            Section("All settings", (_all_table(curve),), folded=True),
+            *on_front,
+            Section("All settings", (_all_table(curve),), folded=bool(on_front)),
         ),
         made_by={"scenario": scenario.hash, "seed": str(found.seed), **versions()},
     )
@@ -56,7 +57,7 @@ def _answer(front: pl.DataFrame, settings: int) -> tuple[str, ...]:
     """Return sentences on the ends of the front: the fastest, and the least often wrong."""
     rows = _distinct(front).to_dicts()
     if not rows:
-        return ("No setting has both a time and a share of wrong decisions.",)
+        return ("No decision is right in these runs, so no setting has a share of wrong decisions.",)
     fastest, surest = rows[0], rows[-1]  # on the front, slower settings are wrong less often
     ends: tuple[str, ...] = (f"Fastest: {_words(fastest)}.", f"Least often wrong: {_words(surest)}.")
     if len(rows) == 1:

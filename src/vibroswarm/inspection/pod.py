@@ -26,6 +26,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from scipy import optimize
+from scipy.ndimage import minimum_filter
 from scipy.special import expit, logit, xlogy
 
 from vibroswarm.core.notebook_view import NotebookView
@@ -40,6 +41,10 @@ SEARCH: Final[Any] = {"xatol": 1e-5, "fatol": 1e-8, "maxiter": 4000}
 """Settings of the search for the largest likelihood."""
 STEEP: Final = 10.0
 """Where the search begins: b1 over the range of sizes."""
+SLOPES: Final = (2.0, 8.0, 30.0)
+"""b1 over the range of sizes, at which other beginnings are tried."""
+NOTHING: Final = 1e-6
+"""A difference of log likelihoods that is none."""
 LEAST: Final = 1e-9
 """Least probability in a logarithm."""
 STEP: Final = 1e-4
@@ -197,15 +202,29 @@ def _fit(name: str, trials: _Trials, ends_below: bool) -> _Fit:
     """Return the fit of a curve that ends at 1, or below."""
     middle, spread = float(np.average(trials.g, weights=trials.number)), float(np.ptp(trials.g))
 
-    def curve_of(at: Floats) -> tuple[float, float, float]:
+    def curve_of(at: Sequence[float] | Floats) -> tuple[float, float, float]:
         """Return b0, b1 and the top from the height at the middle of the sizes, the slope, and the top as logit."""
         slope = at[1] / spread
         top = trials.p_f + (1.0 - trials.p_f) * float(expit(at[2])) if ends_below else 1.0
         return at[0] - slope * middle, slope, min(top, 1.0 - LEAST) if ends_below else top
 
-    highest = logit(np.clip((trials.found / trials.number).max(), 0.5, 0.98))
-    start = (0.0, STEEP, highest)[: 2 + ends_below]
-    at, _ = _search(lambda at: trials.penalised(*curve_of(at)), start)
+    def loss(at: Sequence[float] | Floats) -> float:
+        return trials.penalised(*curve_of(at))
+
+    highest = [float(logit(np.clip((trials.found / trials.number).max(), 0.5, 0.98)))][:ends_below]
+    at, least = _search(loss, [0.0, STEEP, *highest])
+    # With few sizes, unevenly spread, there may be several valleys: each is searched.
+    starts = [
+        [[slope * (middle - a50) / spread, slope, *highest] for slope in SLOPES]
+        for a50 in np.linspace(trials.g[0] - spread / 3, trials.g[-1] + spread / 3, 9)
+    ]
+    heights = np.array([[loss(start) for start in row] for row in starts])
+    valleys = np.argwhere(heights == minimum_filter(heights, 3, mode="nearest"))
+    if len(valleys) > 1 or heights.min() < least:
+        for row, column in valleys:
+            other, lower = _search(loss, starts[row][column])
+            if lower < least - NOTHING:
+                at, least = other, lower
     return _Fit(name, trials, *curve_of(at))
 
 

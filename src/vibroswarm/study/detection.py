@@ -21,7 +21,7 @@ from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import source_of
+from vibroswarm.floors.source import exact_ones, source_of
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.run import run
@@ -80,7 +80,8 @@ def detection_study(
     """Return the study of random floors of these fill ratios with these numbers of robots.
 
     Raises:
-        InputError: the scenario asks another question than the fill ratio, its floor changes, or a value is wrong.
+        InputError: the scenario asks another question than the fill ratio, its floor changes, a fill ratio is no whole
+            number of tiles, or a value is wrong.
     """
     if scenario.task.name != "fill_ratio":
         raise InputError(f"must be fill_ratio to detect, not '{scenario.task.name}'", field="task.name")
@@ -89,6 +90,8 @@ def detection_study(
             "must be left out: what is detected is on a floor that stays; evaluate judges answers on one that changes",
             field="change",
         )
+    for fill in fills:
+        _check_fill(scenario, fill)
     return Study.of(
         scenario,
         runs,
@@ -97,6 +100,13 @@ def detection_study(
         swarm__robots=list(robots),
         floor__source=[source_of("random", fill) for fill in fills],
     )
+
+
+def _check_fill(scenario: Scenario, fill: float) -> None:
+    try:
+        exact_ones(scenario.floor.rows, scenario.floor.columns, fill)
+    except InputError as error:
+        raise InputError(error.reason, field="fills") from None
 
 
 def detection_of(
@@ -210,8 +220,7 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
     """Return the fill ratios to simulate, and which of these were added to the given ones.
 
     False alarms can occur only on floors below the boundary. So if no given fill ratio is below the boundary, some fill
-    ratios below it are added. Given fill ratios are not rounded: one that is no whole number of tiles is refused when
-    the floor is made.
+    ratios below it are added. Given fill ratios are not rounded.
 
     Args:
         given: None to use fill ratios around the boundary.
