@@ -245,6 +245,26 @@ def test_tables_as_csv(recording: Recording, tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "csv").iterdir()} >= {"observations.csv", "runs.csv"}
 
 
+def test_what_the_import_would_refuse_is_not_written(told: Scenario, tmp_path: Path) -> None:
+    """Gamma laws with a location below 0, as in preset ``paper``, draw energies below 0 now and then."""
+    result = simulate(told.with_values({"run.t_end_s": 30.0}), 3, 1, segments=True)
+    energy = result.observations["energy"].scatter(2, -0.062)
+    below = replace(result, observations=result.observations.with_columns(energy=energy))
+    robot, sample = below.observations.select("robot", "sample").row(2)
+    for write in (write_rugbot, write_webots):
+        write(result, tmp_path / "log")
+        read_log(tmp_path / "log")
+        with pytest.raises(
+            InputError, match=rf"no energies below 0, .* robot {robot}, sample {sample}, is -0\.062"
+        ):
+            write(below, tmp_path / "log", replace=True)
+        (tmp_path / "log").unlink()
+    quick = {"sample.sample_interval_ms": 100.0, "sample.stop_ms": 20.0, "run.t_end_s": 10.0}
+    with pytest.raises(InputError, match=r"one sample of a robot per 0\.22 s, and robot \d took two near \d"):
+        write_rugbot(simulate(told.with_values(quick), 3, 1, segments=True), tmp_path / "log")
+    assert not list(tmp_path.iterdir())
+
+
 def test_no_table_is_written_if_one_is_there_already(recording: Recording, tmp_path: Path) -> None:
     (tmp_path / "runs.csv").write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match=r"runs\.csv' exists already"):

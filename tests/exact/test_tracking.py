@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -26,7 +28,7 @@ from vibroswarm.tracking.marker_detection import _Detector, _Finder
 from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
 from vibroswarm.tracking.pictures import draw_tracks
 from vibroswarm.tracking.stops import STOPS, clock_offset, stops_of
-from vibroswarm.tracking.track import too_fast
+from vibroswarm.tracking.track import PLACES_M, too_fast
 
 cv2 = pytest.importorskip("cv2")
 SIZE = (1280, 960)
@@ -121,6 +123,45 @@ def test_how_far_outwards_edges_are_seen_is_found(wider_px: float, lens: Lens | 
         lens,
     )
     assert found.edge_px == pytest.approx(wider_px, abs=0.03)
+
+
+def test_how_far_places_may_be_off_is_known() -> None:
+    """From straight above only the sizes of markers determine the height; a tilt, the height or a lens do it better."""
+    markers = usual_markers(5, 1.0, 1.0)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    chance = np.random.default_rng(4)
+    robots = np.stack(
+        [
+            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), markers.size_m, 0.03)
+            for _ in range(40)
+        ]
+    )
+    lens = Lens(LENS.matrix, np.zeros(5), 0.0)
+    straight = Camera(lens, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.5, 1.5]), 0.0, True)
+    tilted = replace(straight, rotation=cv2.Rodrigues(np.array([0.18, 0.0, 0.0]))[0] @ straight.rotation)
+
+    def fit_of(true: Camera, wider_px: float = 0.0, **options: Any) -> tuple[float, float]:
+        """How far places may be off, and are at most, if robots' markers alone are seen wider."""
+        robots_px = true.project(robots.reshape(-1, 3)).reshape(-1, 4, 2)
+        seen_px = robots_px + wider_px * outwards(robots_px)
+        fit = fit_camera(SIZE, floor_m, true.project(floor_m), seen_px, markers.size_m, 0.03, **options)
+        away_m = fit.at_height(robots_px.mean(axis=1), 0.03) - robots[:, :, :2].mean(axis=1)
+        return fit.place_error_m, float(np.linalg.norm(away_m, axis=1).max())
+
+    assert min(fit_of(straight, wider_px=0.1)) > PLACES_M
+    assert max(fit_of(tilted)) < PLACES_M
+    assert max(fit_of(straight, wider_px=0.1, camera_height_m=1.5)) < PLACES_M
+    assert fit_of(straight, wider_px=0.1, lens=lens)[0] == 0.0
+
+
+def test_a_start_without_a_pose_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From exactly above OpenCV's first pose may be nan."""
+    markers = usual_markers(5, 1.0, 1.0)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    nan = np.full((3, 1), np.nan)
+    monkeypatch.setattr(cv2, "solvePnP", lambda *arguments, **named: (True, nan, nan))
+    with pytest.raises(InputError, match="do not fit the picture"):
+        fit_camera(SIZE, floor_m, seen(floor_m), seen(floor_m).reshape(-1, 4, 2), 0.022, 0.0)
 
 
 def test_places_that_do_not_fit_are_refused() -> None:

@@ -85,7 +85,9 @@ def test_a_mirrored_picture_is_refused(folder: Path, tmp_path: Path, capsys: Any
     """A control of the test above: not every picture is accepted. Mirrored markers are none."""
     drawn.write(tmp_path / "m.mp4", [cv2.flip(picture, 1) for picture in drawn.frames(FEW)])
     assert tracked(folder, tmp_path / "m.mp4", tmp_path / "out") == 2
-    assert "shows none of the robots' markers" in " ".join(capsys.readouterr().err.split())
+    said = " ".join(capsys.readouterr().err.split())
+    assert "shows none of the robots' markers" in said
+    assert "the picture is mirrored (seen in a mirror it shows 0, 1, 46, 47, 48, 49)" in said
 
 
 def test_uneven_frames_have_the_times_of_the_file(folder: Path, tmp_path: Path, capsys: Any) -> None:

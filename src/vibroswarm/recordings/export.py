@@ -20,6 +20,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.atomic_io import check_free, whole_file, write_text
+from vibroswarm.core.numbers import number
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
@@ -58,6 +59,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     samples = _samples(result, run)
     if samples["energy"].null_count():
         raise InputError("needs energies, which this result lacks", field="rugbot")
+    _check_energies(samples, "rugbot")
     if (samples["decision"] > 1).any() or (samples["observation"] > 1).any():
         # Of several kinds: the format cannot tell kind 2 from undecided.
         samples = samples.with_columns(decision=pl.lit(None, dtype=samples.schema["decision"]))
@@ -74,6 +76,13 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     with_loop = samples.with_columns(
         loop=pl.Series(np.minimum(np.searchsorted(loops_s, samples["time_s"].to_numpy()), loops_s.size - 1))
     )
+    twice = with_loop.filter(with_loop.select("robot", "loop").is_duplicated())
+    if twice.height:
+        raise InputError(
+            f"holds one sample of a robot per {CAMERA_S} s, and robot {twice['robot'][0]} took two near "
+            f"{number(twice['time_s'][0], 1)} s; write webots or csv",
+            field="rugbot",
+        )
     by_loop = {int(k[0]): frame.to_dicts() for k, frame in with_loop.group_by("loop", maintain_order=True)}
     for loop, time_s in enumerate(loops_s.tolist()):
         for robot, positions in places.items():
@@ -147,6 +156,7 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     ):
         if samples[name].null_count():
             raise InputError(f"needs '{name}', which this result lacks", field="webots")
+    _check_energies(samples, "webots")
     # Decision time of each robot; None if it never decides.
     decided = {
         row["robot"]: row["decision_time_s"] for row in result.robots.filter(pl.col("run") == run).to_dicts()
@@ -230,6 +240,18 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
     for name, frame in frames.items():
         with whole_file(folder / name, replace=replace) as part:
             part.write_bytes(csv_bytes(frame))  # no table of a result has nested values
+
+
+def _check_energies(samples: pl.DataFrame, format_name: str) -> None:
+    """Refuse energies below 0, which readers of logs refuse: a Gamma law with a location below 0 may draw them."""
+    below = samples.filter(pl.col("energy") < 0)
+    if below.height:
+        robot, sample, energy = below.select("robot", "sample", "energy").row(0)
+        raise InputError(
+            f"has no energies below 0, and that of robot {robot}, sample {sample}, is {number(energy, 3)}; write csv, "
+            "or another run (--session)",
+            field=format_name,
+        )
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:

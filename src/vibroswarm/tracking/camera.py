@@ -34,9 +34,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from vibroswarm.core.arrays import Floats
+from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.video_file import frames_of
@@ -50,6 +51,9 @@ CENTRE_SHARE: Final = 0.01
 EDGE_PX: Final = 1.0
 """Prior standard deviation of how far outwards the edges of black squares are seen, px: blur and thresholds move all
 edges by the same distance."""
+SIZE_PX: Final = 0.1
+"""By how much farther outwards the edges of robots' markers may be seen than those of the floor's markers, which have
+another size, px. The fit takes both as equal; rendered markers differ by up to 0.16 px."""
 HEIGHT_SHARE: Final = 0.01
 """Standard deviation of a measured camera height, as a share of it."""
 FOCAL_SHARE: Final = 0.5
@@ -85,6 +89,9 @@ class Camera:
     """Whether the lens was fitted to a chessboard, not to the video itself."""
     edge_px: float = 0.0
     """Distance by which the edges of black squares are seen too far outwards, px."""
+    place_error_m: float = 0.0
+    """How far the places of robots move if their markers are seen wider by ``SIZE_PX`` at each edge than those of the
+    floor, m, the largest; 0 if the lens is given, since then places do not depend on the size of robots' markers."""
 
     def at_height(self, points_px: Floats, height_m: float) -> Floats:
         """Return x and y in the arena, (..., 2), m, of points at a given height above the floor.
@@ -236,6 +243,22 @@ class _Seen:
                 parts.append(np.array([(camera.position_m[2] / self.camera_height_m - 1.0) / HEIGHT_SHARE]))
         return np.concatenate(parts)
 
+    def fitted(self, start: Floats) -> OptimizeResult:
+        """Return the fit of the parameters that begins at ``start``."""
+        # The loss "soft_l1" gives less weight to large errors, such as those of a misread corner. ``x_scale="jac"``
+        # scales each parameter by its effect on the errors, since angles, metres and pixels are of different sizes.
+        return least_squares(self.errors, start, x_scale="jac", loss="soft_l1", max_nfev=200)
+
+    def place_error_m(self, found: Floats) -> float:
+        """Return ``Camera.place_error_m`` of the fitted parameters ``found``."""
+        wider = replace(self, robots_px=self.robots_px + SIZE_PX * self.robots_outwards)
+        centres_px = self.robots_px.mean(axis=1)
+        before_m, after_m = (
+            self.camera(at).at_height(centres_px, self.robot_height_m)
+            for at in (found, wider.fitted(found).x)
+        )
+        return float(np.linalg.norm(after_m - before_m, axis=1).max(initial=0.0))
+
     def start(self, focal: float) -> Floats | None:
         """Return parameters from which the fit starts, or None if no pose fits the floor's corners.
 
@@ -253,7 +276,8 @@ class _Seen:
         solved, turn, shift = cv2.solvePnP(
             self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
         )
-        if not solved:
+        # From exactly above it may find nan.
+        if not solved or not np.isfinite([turn, shift]).all():
             return None
         # Focal length, centre (2), k1 and k2; see the table of parameters.
         of_lens = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
@@ -261,6 +285,7 @@ class _Seen:
         return np.concatenate([turn.ravel(), shift.ravel(), of_lens, [edge_px]])
 
 
+@with_one_blas_thread
 def fit_camera(
     size_px: tuple[int, int],
     floor_m: Floats,
@@ -301,13 +326,7 @@ def fit_camera(
     # A lens that is given is not fitted, so one start is enough; its focal length is not used.
     focal_starts = FOCAL_STARTS if lens is None else (1.0,)
     starts = [seen.start(focal) for focal in focal_starts]
-    # The loss "soft_l1" gives less weight to large errors, such as those of a misread corner. ``x_scale="jac"`` scales
-    # each parameter by its effect on the errors, since angles, metres and pixels are of different sizes.
-    fits = [
-        least_squares(seen.errors, start, x_scale="jac", loss="soft_l1", max_nfev=200)
-        for start in starts
-        if start is not None
-    ]
+    fits = [seen.fitted(start) for start in starts if start is not None]
     if not fits:
         raise InputError(
             "the floor markers' places do not fit the picture; check their file", field="--markers"
@@ -324,7 +343,8 @@ def fit_camera(
         )
     if lens is None:  # the lens was fitted to the floor's corners too, so their error is also its own
         lens_error = replace(camera.lens, error_px=error_px)
-        return replace(camera, lens=lens_error, floor_error_px=error_px)
+        place_error_m = seen.place_error_m(found.x)
+        return replace(camera, lens=lens_error, floor_error_px=error_px, place_error_m=place_error_m)
     return replace(camera, floor_error_px=error_px)
 
 

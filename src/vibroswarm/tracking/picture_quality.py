@@ -112,6 +112,13 @@ def why_none(frames: Sequence[Gray], markers: Markers) -> str:
     if faults:
         return "; ".join(faults)
     judged = frames[:: max(len(frames) // JUDGED, 1)]
+    wanted = {*markers.robots, *markers.floor}
+    mirrored = wanted & set(_ids_in([opencv().flip(frame, 1) for frame in judged], markers.dictionary))
+    if len(mirrored) > 1:
+        return (
+            f"the picture is mirrored (seen in a mirror it shows {_listed(sorted(mirrored))}): switch mirroring off, "
+            "or track the camera's own file"
+        )
     seen = {name: _ids_in(judged, name) for name in DICTIONARIES}
     best = max(
         seen, key=lambda name: len(seen[name])

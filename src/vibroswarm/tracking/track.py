@@ -39,6 +39,8 @@ MOVED_PX: Final = 0.5
 """If the floor's markers move by more than this (root mean square), the camera moves."""
 FEW: Final = 0.95
 """If robots are found in a smaller share of the frames, faults of the picture are warned of."""
+PLACES_M: Final = 0.003
+"""If places may be off by more because the lens was fitted to the video itself, this is warned of."""
 FASTEST_M_S: Final = 0.5
 """Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
 at a higher speed is a misread marker."""
@@ -127,6 +129,12 @@ class Tracking:
                 f"The floor's markers move in the picture (by {number(self.detections.floor_spread_px, 1)} px): "
                 f"the camera "
                 "moves or vibrates, and positions are off by as much; fix it to something that does not vibrate."
+            )
+        if self.camera.place_error_m > PLACES_M:
+            found.append(
+                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm: seen so straight from "
+                "above, the camera's height follows from the sizes of the markers alone. Measure it (--camera-height), "
+                "film a chessboard (--lens), or tilt the camera by 5 degrees."
             )
         # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
         if self.camera.floor_error_px > 1.0:
