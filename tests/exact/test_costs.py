@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
@@ -62,6 +63,16 @@ def test_a_swarm_that_agrees_wrongly_costs() -> None:
     assert costs.COSTS["swarm_wrong"](wrong)[:, 0].tolist() == [1.0, 0.0]
     assert costs.COSTS["consensus_time_s"](wrong)[:, 0].tolist() == [600.0, 900.0]
     assert (Objective("consensus_time_s").unit, Objective("swarm_wrong").unit) == ("s", "")
+
+
+def test_intervals_of_scores_of_few_runs_stay_within_what_scores_can_be() -> None:
+    never, seldom = np.zeros((20, 1, 1)), np.array([1.0] + [0.0] * 19)[:, None, None]
+    of_runs, of_robots = Objective("swarm_wrong", "mean"), Objective("robots_wrong", "mean")
+    assert of_runs.interval(never)[1:3] == (0.0, pytest.approx(0.161, abs=5e-4))  # Wilson's
+    assert of_robots.interval(seldom).low == 0.0
+    assert Objective("swarm_wrong").interval(seldom[:5]).low == 0.0  # mean + sd: a bootstrap
+    own = Objective("mine", "mean", function=lambda outcomes: outcomes.end_s)
+    assert own.interval(seldom).low < 0.0
 
 
 def test_the_score_is_mean_plus_standard_deviation_with_ddof_0() -> None:
@@ -260,6 +271,20 @@ def test_the_bootstrap_of_a_score_holds_the_truth_as_often_as_it_says() -> None:
         low, high = bootstrap(objective.score, random.exponential(1.0, (400, 1, 1)), seed=k, draws=300)[1:3]
         held += low <= 2.0 <= high
     assert 86 <= held <= 100
+
+
+@pytest.mark.parametrize("runs", [2, 3, 10])
+def test_the_bootstrap_of_few_runs_seldom_says_that_equal_scores_differ(runs: int) -> None:
+    random, objective = np.random.default_rng(3), Objective("intended")
+
+    def difference(rows: np.ndarray) -> float:
+        return objective.score(rows[:, :, :1]) - objective.score(rows[:, :, 1:])
+
+    differ = 0
+    for k in range(200):
+        rows = random.normal(10.0, 1.0, (runs, 1, 1)) + random.normal(0.0, 0.5, (runs, 1, 2))
+        differ += bootstrap(difference, rows, seed=k, draws=200).excludes(0.0)
+    assert differ <= binom.ppf(1 - 1e-4, 200, 0.08)  # with 2 runs it was half of the time
 
 
 def test_only_smooth_scores_are_corrected() -> None:

@@ -285,6 +285,18 @@ def test_means_of_shares_stay_shares_with_two_runs_too(shares: list[float]) -> N
     )
 
 
+def test_the_same_share_in_a_few_runs_is_not_certain() -> None:
+    figure, never = BY_NAME["forced_error"], np.zeros(20)
+    assert figure.mean(never)[:3] == (0.0, 0.0, pytest.approx(wilson(0, 20).high))
+    assert (
+        figure.mean(never).high == cluster_share(never.astype(int), np.full(20, 5)).high
+    )  # as of robots wrong
+    low, high = figure.mean(np.full(3, 0.1 + 0.2))[1:3]
+    assert low < 0.1
+    assert high > 0.7
+    assert figure.mean([0.3]).high == 1.0
+
+
 @pytest.mark.parametrize(
     "name", ["belief_in_truth", *(name for name, one in BY_NAME.items() if one.is_share)]
 )

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import binom, norm, t
 
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import Interval, generator, jackknife_error, mean_interval, student_test
@@ -67,7 +68,9 @@ def test_student_by_hand() -> None:
     interval, p_value = student_test([1.0, 2.0, 3.0, 4.0, math.nan])
     assert p_value == pytest.approx(0.0304662, abs=1e-7)
     assert (interval.low, interval.high) == pytest.approx((2.5 - 2.05426, 2.5 + 2.05426), abs=1e-5)
-    assert [student_test(d).p_value for d in ([0.0, 0.0], [3.0, 3.0])] == [1.0, 0.0]
+    assert [student_test(d).p_value for d in ([0.0, 0.0], [3.0, 3.0])] == [1.0, 0.5]
+    but_for_rounding = [0.6 - 0.4, 0.8 - 0.6, 1.0 - 0.8]
+    assert student_test(but_for_rounding).p_value == 0.25
     assert math.isnan(student_test([3.0]).p_value)
     first, second = figures([2.0, 4.0, 6.0, 8.0], [0.0] * 4), figures([1.0, 2.0, 3.0, 4.0], [0.0] * 4)
     assert compare(first, second, ["decision_time_s"], test=student_test)[0].p_value == p_value
@@ -92,11 +95,22 @@ def test_rows_are_drawn_together() -> None:
 def test_limits_of_draws_need_nearly_all() -> None:
     drawn = np.append(10.0, np.linspace(0.0, 1.0, 1001))
     found = drawn_interval(drawn, 7, "how")
-    assert found == (10.0, pytest.approx(0.025), pytest.approx(0.975), 0.95, 7, "how")
+    reach = 0.475 * math.sqrt(7 / 6) * t.ppf(0.975, 6) / norm.ppf(0.975)
+    assert found == (10.0, pytest.approx(0.5 - reach), pytest.approx(0.5 + reach), 0.95, 7, "how")
+    assert drawn_interval(drawn, 1, "how")[1:3] == (-math.inf, math.inf)
     drawn[1:50] = math.nan
     assert not math.isnan(drawn_interval(drawn, 7, "how").low)
     drawn[1:60] = math.nan
     assert math.isnan(drawn_interval(drawn, 7, "how").low)
+
+
+@pytest.mark.parametrize("runs", [6, 20])
+def test_limits_of_draws_of_few_runs_hold_the_mean_as_often_as_they_say(runs: int) -> None:
+    random, held = generator(3, "test"), 0
+    for k in range(400):
+        drawn = drawn_means(random.normal(size=(1, runs)), k, "test")[0]
+        held += not drawn_interval(drawn, runs, "how").excludes(0.0)
+    assert held >= binom.ppf(1e-4, 400, 0.95)  # without Student's factor 85 of 100 with 6 runs
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:

@@ -269,11 +269,33 @@ def test_detect_says_that_a_floor_is_not_the_one_that_is_given(capsys: pytest.Ca
     assert "--floor" not in capsys.readouterr().err
 
 
+def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.CaptureFixture[str]) -> None:
+    """48 % of 16 tiles, the share of the preset, are no whole number of tiles; no run has this share."""
+    line = [
+        "detect",
+        "--robots",
+        "2",
+        "--runs",
+        "2",
+        "--set",
+        "run.t_end_s=20",
+        "--fills",
+        "0.25,0.75",
+        "--json",
+    ]
+    assert main([*line, "--tiles", "4x4"]) == 0
+    found = json.loads(capsys.readouterr().out)["tables"]["needed"]
+    assert [row["fill_ratio"] for row in found] == [0.25, 0.75]
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
         ("detect --fills 2", "--fills: 2 is not from 0 to 1"),
-        ("detect --fills 0.461 --runs 2", "fills: 0.461 of 5 x 5 tiles is 11.525 tiles; the nearest"),
+        (
+            "detect --fills 0.461 --runs 2",
+            "error: fills: 'random:0.461': 0.461 of 5 x 5 tiles is 11.525 tiles",
+        ),
         ("detect --strategy soft --runs 2", "soft feedback is neutral at a boundary of 0.5 only"),
         (
             "detect --boundary-of readings --set decision.boundary_of=tiles",

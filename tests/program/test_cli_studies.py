@@ -141,15 +141,6 @@ def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_equal_error_that_compares_nothing_is_said(study, capsys):
-    says = "--equal-error: nothing is compared at equal error"
-    one_strategy = [*SHORT, "--runs", "20", "--strategy", "none"]
-    assert main(["evaluate", *one_strategy, "--equal-error", *QUIET]) == 0
-    assert says in capsys.readouterr().err
-    assert sweep(study, "--equal-error") == 0
-    assert says not in capsys.readouterr().err
-
-
 def test_until_a_precision(tmp_path, capsys):
     line = ["evaluate", *SHORT, "--until", "20%", "--max-runs", "400", "--out", str(tmp_path / "u"), *QUIET]
     assert main(line) == 0
@@ -275,7 +266,6 @@ BAD = {
     "evaluate until.toml --out out --shard 1/2": ("--shard", "needs a fixed number of runs"),
     "evaluate one.toml --out out --batch 7": ("--batch", "is not a batch"),
     "evaluate one.toml --out out --batch 3:0-5": ("--batch", "there is no group 3"),
-    "evaluate one.toml --keep-samples": ("--keep-samples", "needs --out DIR"),
     "evaluate one.toml --style colum": ("--style", "did you mean 'column'?"),
     "evaluate one.toml --out file": ("file", "exists but is not a study"),
     "evaluate one.toml --out file/deeper": ("deeper", "cannot be"),

@@ -380,7 +380,7 @@ def test_a_league_of_one_entry_is_compared_with_nothing(
     [
         ("--strategy none,nonne", "nonne"),
         ("--patterns strip", "stripe"),
-        ("--fills 0.3", "0.3"),
+        ("--fills 0.3", "error: fills: 'stripe:0.3'"),
         ("--fills 0.5", "between 0 and 0.5"),
         ("--fills nan", "nan"),
         ("--reference sofd", "--reference"),

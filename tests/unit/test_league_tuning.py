@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vibroswarm.cli import league as league_commands
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.league.entries import AIM, FOR_CHANGES, entries_of, floors_of, read_settings
@@ -129,6 +130,12 @@ def test_spaces_are_of_strategies_and_fields_that_exist() -> None:
         for field in space:
             assert field in fields, f"{name}: {field}"
             assert field.startswith(("decision.", f"strategy.{name}.", "localisation."))
+
+
+def test_the_example_judges_settings_on_a_seed_of_no_round() -> None:
+    tuning, playing = (league_commands.tune.__doc__ or "").strip().splitlines()[-2:]
+    seeds = [int(line.split("--seed ")[1].split()[0]) for line in (tuning, playing)]
+    assert seeds[1] not in range(seeds[0], seeds[0] + len(ROUNDS))
 
 
 SMALL = ["--runs", "2", "--patterns", "stripe", "--fills", "0.48", "--robots", "3", "--strategy", "none"]

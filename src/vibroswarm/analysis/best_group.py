@@ -9,7 +9,9 @@ single winner is named. A contestant is left out of the best group only if anoth
 | its bootstrap draws | m_i* | the same draws of runs for all contestants, so that comparisons are paired |
 | difference, its standard error | d_ij, s_ij | m_i - m_j; standard deviation of d_ij* over the draws |
 | critical value | c | 95 % quantile over draws of the maximum of abs(d_ij* - d_ij) / s_ij over all pairs |
-| interval | - | d_ij - c s_ij to d_ij + c s_ij |
+| of n units | c_n | sqrt(n / (n - 1)) times the quantile of Student's law, n - 1 degrees of freedom, that c is of the \
+normal law: s_ij is estimated from n units |
+| interval | - | d_ij - c_n s_ij to d_ij + c_n s_ij |
 | best group | - | every i for which no interval of d_ij lies above 0 |
 
 All intervals hold together with 95 % (max-t; Romano and Wolf 2005), since the maximum is over all pairs. So the best
@@ -18,19 +20,21 @@ contestant is left out of the group in at most 5 % of all experiments.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, stdtrit
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inference.outcomes import Array
 
 LEVEL: Final = 0.95
 """Confidence level of all intervals together."""
-FEWEST: Final = 6
-"""Units below which no contestant is told apart: the bootstrap of so few is too narrow."""
+FEWEST: Final = 10
+"""Units below which no contestant is told apart: the largest of many differences of so few draws is too small."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +61,17 @@ def best_group(figures: Array, units: int) -> BestGroup:
     estimate, drawn = figures[:, 0], figures[:, 1:]
     best = int(estimate.argmin())
     difference = estimate[:, None] - estimate[None, :]
-    margin = _margins(difference, drawn) if units >= FEWEST else np.full(difference.shape, np.inf)
+    margin = _margins(difference, drawn, units) if units >= FEWEST else np.full(difference.shape, np.inf)
     member = np.asarray(~((difference - margin) > 0.0).any(axis=1))
     limits = (difference - margin)[:, best], (difference + margin)[:, best]
     return BestGroup(best, member, np.column_stack([difference[:, best], *limits]))
 
 
-def _margins(difference: Array, drawn: Array) -> Array:
-    """Return c s_ij of all pairs, (contestants, contestants).
+def _margins(difference: Array, drawn: Array, units: int) -> Array:
+    """Return c_n s_ij of all pairs, (contestants, contestants).
 
     Args:
-        difference: d_ij. drawn: m_i*, (contestants, draws).
+        difference: d_ij. drawn: m_i*, (contestants, draws). units: n.
     """
     first, second = np.triu_indices(len(drawn), k=1)
     drawn_difference = drawn[first] - drawn[second]  # (pairs, draws)
@@ -79,6 +83,7 @@ def _margins(difference: Array, drawn: Array) -> Array:
         largest = np.fmax.reduce(
             away, axis=0
         )  # over pairs; a pair that is nan in a draw does not count in it
-        critical = np.nanquantile(largest, LEVEL)
+        tail = ndtr(-np.nanquantile(largest, LEVEL))  # that of the normal law beyond c
+        critical = -stdtrit(units - 1, tail) * math.sqrt(units / (units - 1))
         margin[first, second] = margin[second, first] = critical * error
     return margin

@@ -33,7 +33,7 @@ from vibroswarm.analysis.intervals import (
     mean_interval,
     quantile_interval,
     rate_interval,
-    share_interval,
+    robots_share_interval,
     time_interval,
     wilson,
     within,
@@ -316,14 +316,16 @@ class RunFigure(NotebookView):
         return self.kind in ("runs", "robots") or self.name in shares
 
     def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
-        """Average it over runs, with Student's limits, which stay within what a mean can be; a share is from 0 to 1.
+        """Average it over runs, with Student's limits, which stay within what a mean can be.
+
+        A share is from 0 to 1, and has limits if it is the same in all runs (``robots_share_interval``).
 
         Args:
             by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
                 known, then limits of times may be later.
         """
         if self.is_share:
-            return share_interval(by_run, level)
+            return robots_share_interval(by_run, level)
         if self.unit == "s" and self.least == 0.0:
             return time_interval(by_run, t_end_s, level)
         return within(mean_interval(by_run, level), self.least, self.most)

@@ -118,6 +118,31 @@ def jackknife_error(without: ArrayLike) -> float:
     return float(np.sqrt((n - 1) / n * ((left_out - left_out.mean()) ** 2).sum()))
 
 
+def student_factor(n: float, level: float) -> float:
+    """Return by how much limits of n units are wider because the variance is estimated from them, as Student's are.
+
+    It is the ratio of the quantiles of Student's and of the normal law. ``n`` is at least 2.
+    """
+    tail = 0.5 + level / 2
+    return float(stdtrit(n - 1, tail) / ndtri(tail))
+
+
+def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
+    """Return percentile limits of bootstrap draws of n units, whose deviations from their mean are made wider.
+
+    The factor sqrt(n / (n - 1)) makes the variance of the draws unbiased; ``student_factor`` allows for the few units
+    that it is estimated from. The limits of one unit are infinite.
+
+    Args:
+        draws: without nan. n: number of units that were drawn from.
+    """
+    if n < 2:
+        return -math.inf, math.inf
+    wider, centre = math.sqrt(n / (n - 1)) * student_factor(n, level), draws.mean()
+    low, high = np.quantile(centre + wider * (draws - centre), [0.5 - level / 2, 0.5 + level / 2])
+    return float(low), float(high)
+
+
 def generator(seed: int, purpose: str) -> np.random.Generator:
     """Create the random generator for a seed and a purpose, independent of all others."""
     return np.random.Generator(np.random.Philox(key=[seed % 2**64, zlib.crc32(purpose.encode())]))
@@ -221,6 +246,20 @@ def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1.
     """
     return within(mean_interval(values, level), 0.0, 1.0)
+
+
+def robots_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
+    """Compute a mean over runs of shares of robots, as ``share_interval`` does unless all runs have the same share.
+
+    Then the limits are Wilson's, as if each run were a single robot (``cluster_share``): the same share in a few runs
+    does not say that no other occurs.
+    """
+    found = share_interval(values, level)
+    if found.n < 2 or found.high - found.low > 1e-12:
+        return found
+    low, high = (float(end) for end in wilson_limits(found.estimate * found.n, found.n, level))
+    # Rounding must not put the mean outside its limits.
+    return found._replace(low=min(low, found.estimate), high=max(high, found.estimate), how="wilson")
 
 
 def time_interval(times_s: ArrayLike, t_end_s: float = math.nan, level: float = 0.95) -> Interval:
@@ -379,8 +418,7 @@ def _independent_robots(
     if variance <= 0.0:
         return n
     if n > 1:  # the variance is estimated from n runs: Student's factor in place of the normal one
-        tail = 0.5 + level / 2
-        variance *= float(stdtrit(n - 1, tail) / ndtri(tail)) ** 2  # Korn & Graubard 1998
+        variance *= student_factor(n, level) ** 2  # Korn & Graubard 1998
     return min(share * (1.0 - share) / variance, robots)
 
 
@@ -438,7 +476,9 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
 def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> Tested:
     """Estimate the mean of paired differences with Student's limits, and test it by a paired t-test.
 
-    The p-value is nan for fewer than 2 pairs. If all differences are equal, it is 1 if they are 0, and 0 otherwise.
+    The p-value is nan for fewer than 2 pairs. If all differences are equal (but for rounding), it is 1 if they are 0.
+    Otherwise it is 2 / 2^n, that of n equal signs: what robots decide takes few values, so that a few equal differences
+    do not say that no others occur.
 
     Args:
         seed: not used, as nothing is drawn; other tests of differences need one.
@@ -448,8 +488,8 @@ def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> 
     d = without_nan(differences)
     if d.size < 2:
         p_value = math.nan
-    elif np.ptp(d) == 0.0:
-        p_value = 1.0 if d[0] == 0.0 else 0.0
+    elif np.ptp(d) <= 1e-12 * float(np.abs(d).max()):
+        p_value = 1.0 if d[0] == 0.0 else _least_p_value(d.size)
     else:
         p_value = float(ttest_1samp(d, 0.0).pvalue)
     return Tested(mean_interval(d, level), p_value)
@@ -458,14 +498,17 @@ def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> 
 def _normal_p_value(d: Values) -> float:
     """Compute the p-value of sum(d) from the normal limit of the sum with random signs.
 
-    It is at least 2 / 2^n, the smallest p-value that n random signs can give.
+    It is at least the smallest p-value that n random signs can give.
     """
     spread = math.sqrt(float((d * d).sum()))
     if spread == 0.0:
         return 1.0
-    # 2 / 2^n; n is limited, because a float below 2^-1074 rounds to 0.
-    smallest = 2.0 ** (1 - min(d.size, 1000))
-    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), smallest)
+    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), _least_p_value(d.size))
+
+
+def _least_p_value(n: int) -> float:
+    """Return 2 / 2^n, the smallest p-value that n signs can give."""
+    return 2.0 ** (1 - min(n, 1000))  # n is limited, because a float below 2^-1074 rounds to 0
 
 
 def _all_subsets(d: Values) -> Values:

@@ -46,6 +46,7 @@ from vibroswarm.analysis.intervals import (
     Values,
     check_level,
     columns_of,
+    draw_limits,
     generator,
     plain,
     sign_flip,
@@ -203,7 +204,7 @@ def _weights(runs: int, seed: int, purpose: str) -> Values:
 
 
 def drawn_interval(drawn: Values, runs: int, how: str) -> Interval:
-    """Return an estimate with the 95 % percentile interval of its bootstrap draws.
+    """Return an estimate with the 95 % percentile interval of its bootstrap draws (``draw_limits``).
 
     The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws are defined.
 
@@ -213,8 +214,8 @@ def drawn_interval(drawn: Values, runs: int, how: str) -> Interval:
     """
     known = drawn[1:][~np.isnan(drawn[1:])]
     is_enough = known.size >= LEAST_KNOWN * (drawn.size - 1) and not math.isnan(drawn[0])
-    low, high = np.quantile(known, (0.025, 0.975)) if is_enough else (np.nan, np.nan)
-    return Interval(float(drawn[0]), float(low), float(high), 0.95, runs, how)
+    low, high = draw_limits(known, runs, 0.95) if is_enough else (math.nan, math.nan)
+    return Interval(float(drawn[0]), low, high, 0.95, runs, how)
 
 
 def holm(p_values: ArrayLike) -> list[float]:

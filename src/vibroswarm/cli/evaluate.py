@@ -11,7 +11,6 @@ from vibroswarm.cli.options import Compared, Comparisons, Drawn, Execution, Part
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import words_of
 from vibroswarm.cli.studies import confirm_and_print, do_study
-from vibroswarm.errors import InputError
 
 
 def evaluate(
@@ -58,8 +57,6 @@ def evaluate(
     """
     from vibroswarm.study.words import study_of
 
-    if keep_samples and output.out is None:
-        raise InputError("needs --out DIR, where the samples are saved", field="--keep-samples")
     made = study_of(
         study,
         vary=vary,

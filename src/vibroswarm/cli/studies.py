@@ -49,7 +49,6 @@ def confirm_and_print(
     Raises:
         RunError: runs failed. The error is raised at the end, when everything is saved and printed.
     """
-    from vibroswarm.study.equal_error import LEAST_RUNS, MATCHED_CELLS
     from vibroswarm.study.evaluation import outcome_after, raise_failures
 
     outcome = None
@@ -63,12 +62,6 @@ def confirm_and_print(
             stages=STAGES,
             **execution.how,
         )
-        if comparison.equal_error and "equal_error" not in outcome.tables:
-            say(
-                "Warning: --equal-error: nothing is compared at equal error. That takes different strategies "
-                f"that do not steer, in at most {MATCHED_CELLS} cells of at least {LEAST_RUNS} runs each, "
-                "with the motion of an engine."
-            )
         _print_outcome(outcome, output)
     raise_failures(result, outcome, kept=output.out is not None)
 

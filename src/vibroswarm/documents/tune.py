@@ -27,7 +27,7 @@ def tune_document(tuned: Tuned) -> Document:
     return Document(
         title="Settings for a league",
         answer=tuple(_found(name, chosen.filter(strategy=name)) for name in tuned.settings),
-        warnings=("The figures favour the settings that were lucky: play a league with another seed.",),
+        warnings=("The figures favour the settings that were lucky: play a league with a seed of no round.",),
         parts=(
             Table(chosen, COLUMNS, name="settings"),
             Text(tuned.how, "aside"),

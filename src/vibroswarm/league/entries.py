@@ -27,11 +27,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of
-from vibroswarm.floors.source import is_random, pattern, source_of
+from vibroswarm.floors.source import is_random, resolve, source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names, parse_values
 from vibroswarm.strategies import known
@@ -39,7 +42,8 @@ from vibroswarm.strategies.static_analysis import told
 
 PATTERNS: Final = ("random", "diagonal", "stripe", "block-diagonal", "alternating")
 """Names of the patterns of a league's floors."""
-SIZE: Final = {"floor.rows": 10, "floor.columns": 10, "floor.tiles": None}
+ROWS, COLUMNS = 10, 10
+SIZE: Final = {"floor.rows": ROWS, "floor.columns": COLUMNS, "floor.tiles": None}
 """Grid of random floors, the same as that of the patterns."""
 FILLS: Final = (0.46, 0.48)
 """Fill ratios below 1/2; a league also has their mirrors 1 - f."""
@@ -265,8 +269,9 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
                     field="fills",
                 )
             source, above, inverse = source_of(name, fill), source_of(name, 1.0 - fill), None
+            tiles = _tiles_of(source)
             if not is_random(source):  # each run draws its own random floor, so there is none to invert
-                inverse = tuple("".join(map(str, row)) for row in 1 - pattern(source))
+                inverse = tuple("".join(map(str, row)) for row in 1 - tiles)
                 above = f"inverse-{above.replace(':', '-')}"
             found += [
                 LeagueFloor(pattern=name, fill_ratio=fill, source=source),
@@ -274,6 +279,19 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
                 LeagueFloor(pattern=name, fill_ratio=round(1.0 - fill, 6), source=above, tiles=inverse),
             ]
     return tuple(found)
+
+
+def _tiles_of(source: str) -> NDArray[np.uint8]:
+    """Return the tiles of a floor (of a random one, those of some run).
+
+    Raises:
+        InputError: it has no such fill ratio.
+    """
+    size = (ROWS, COLUMNS) if is_random(source) else None
+    try:
+        return resolve(source, size)[0]
+    except InputError as error:
+        raise InputError(error.reason, field="fills") from None
 
 
 def floors_of_kinds(shares: Sequence[float]) -> tuple[LeagueFloor, ...]:

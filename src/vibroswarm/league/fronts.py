@@ -31,7 +31,7 @@ import polars as pl
 from vibroswarm.analysis import paired
 from vibroswarm.analysis.best_group import best_group
 from vibroswarm.analysis.forced_error import METHOD, front_of, on_line
-from vibroswarm.analysis.intervals import columns_of, plain
+from vibroswarm.analysis.intervals import columns_of, plain, within
 from vibroswarm.analysis.paired import LEAST_KNOWN
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.standings import Standings
@@ -92,13 +92,15 @@ def front_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
         [
             row
             for level, of_level in zip(LEVELS, times, strict=True)
-            for row in _rows(level, names, of_level, largest, units)
+            for row in _rows(level, names, of_level, largest, units, standings.t_end_s)
         ],
         schema=FRONTS,
     )
 
 
-def _rows(level: float, names: list[str], times: Array, largest: Array, units: int) -> list[dict[str, Any]]:
+def _rows(
+    level: float, names: list[str], times: Array, largest: Array, units: int, t_end_s: float
+) -> list[dict[str, Any]]:
     """Return the rows of a level; ``times``: (strategies, 1 + draws); ``largest``: error on each front."""
     known = (~np.isnan(times[:, 1:])).mean(axis=1)  # share of draws with a value
     reached = (known >= LEAST_KNOWN) & ~np.isnan(times[:, 0])
@@ -116,8 +118,9 @@ def _rows(level: float, names: list[str], times: Array, largest: Array, units: i
         group = best_group(times[reached], units)
         for place, row in enumerate(np.flatnonzero(reached)):
             behind = group.difference[place]
+            time = within(paired.drawn_interval(times[row], units, METHOD), 0.0, t_end_s)
             rows[row] |= {
-                **columns_of("time_s", paired.drawn_interval(times[row], units, METHOD)),
+                **columns_of("time_s", time),
                 **columns_of("behind_s", behind.tolist()),
                 "in_group": bool(group.member[place]),
             }

@@ -30,11 +30,14 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import (
     Interval,
+    draw_limits,
     generator,
     jackknife_error,
     mean_interval,
     quantile_interval,
     quantile_rank,
+    wilson,
+    within,
 )
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, number_of, shown
@@ -190,8 +193,9 @@ class Objective(NotebookView):
     def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
         """Compute the score with its confidence interval.
 
-        With one case and at least two runs, the interval of a mean is Student's, and that of a quantile uses order
-        statistics. Every other interval is a bootstrap over runs.
+        With one case and at least two runs, the interval of a mean is Student's, within what a figure of that name can
+        be; that of a share of runs is Wilson's, and that of a quantile uses order statistics. Every other interval is a
+        bootstrap over runs. A score that cannot be negative has no negative limit.
 
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
@@ -202,8 +206,24 @@ class Objective(NotebookView):
             if quantile is not None:
                 return quantile_interval(rows[:, 0, 0], quantile, level)
             if self.statistic == "mean":
-                return mean_interval(rows[:, 0, 0], level)
-        return bootstrap(self.score, rows, level, seed)
+                return self._mean_interval(rows[:, 0, 0], level)
+        found = bootstrap(self.score, rows, level, seed)
+        return found if runs < 2 else within(found, self._least, math.inf)
+
+    @property
+    def _least(self) -> float:
+        """The least value of a score: 0, but for a user's cost and negative prices."""
+        may_be_negative = self.function is not None or min(self.parameters.values(), default=0.0) < 0.0
+        return -math.inf if may_be_negative else 0.0
+
+    def _mean_interval(self, values: Array, level: float) -> Interval:
+        """Compute the mean of one figure of each run, (runs,), with its interval."""
+        figure = BY_NAME.get(self.name)
+        if figure is None or self.function is not None:
+            return within(mean_interval(values, level), self._least, math.inf)
+        if figure.kind == "runs":  # 1 in the runs that count, 0 in the others
+            return wilson(int(values.sum()), values.size, level)
+        return figure.mean(values, level)
 
     def estimate(self, rows: Rows) -> tuple[float, float]:
         """Estimate the score of ``rows``, (runs, cases, columns), and the standard error of the estimate.
@@ -276,7 +296,8 @@ def bootstrap(
 
     A resample repeats some runs and lacks others, so that its standard deviation is too low on average. The score of
     resamples, and with it the interval, would then be too low as well. The interval is therefore shifted by the
-    difference between the score and the mean score of the resamples.
+    difference between the score and the mean score of the resamples, and as much wider as few runs need
+    (``draw_limits``).
 
     Args:
         score: computes the score of figures. rows: the figures, with runs along the first axis.
@@ -290,8 +311,8 @@ def bootstrap(
     random = generator(seed, "bootstrap of a score")
     drawn = np.array([score(rows[random.integers(0, runs, runs)]) for _ in range(draws)])
     bias = drawn.mean() - estimate
-    low, high = np.quantile(drawn - bias, [0.5 - level / 2, 0.5 + level / 2])
-    return Interval(estimate, float(low), float(high), level, runs, "bootstrap")
+    low, high = draw_limits(drawn - bias, runs, level)
+    return Interval(estimate, low, high, level, runs, "bootstrap")
 
 
 def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> tuple[float, float]:

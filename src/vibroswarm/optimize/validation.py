@@ -136,7 +136,7 @@ class Truth(NotebookView):
             "too short": (
                 "No verdict: the swarm made no move, so that its winner is the best of random points; raise --budget."
             ),
-            "not defined": "The difference between the believed and the true score is not defined.",
+            "not defined": "The difference between the believed and the true score is no share of the true one.",
             "inconclusive": (
                 f"The believed score is {percent(abs(share), 0)} too {'low' if share > 0 else 'high'}, but the "
                 "interval of the true score is as wide: too few validation runs; raise --fresh."

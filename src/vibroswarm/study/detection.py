@@ -21,7 +21,7 @@ from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import exact_ones, source_of
+from vibroswarm.floors.source import resolve, source_of
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.run import run
@@ -80,8 +80,7 @@ def detection_study(
     """Return the study of random floors of these fill ratios with these numbers of robots.
 
     Raises:
-        InputError: the scenario asks another question than the fill ratio, its floor changes, a fill ratio is no whole
-            number of tiles, or a value is wrong.
+        InputError: the scenario asks another question than the fill ratio, its floor changes, or a value is wrong.
     """
     if scenario.task.name != "fill_ratio":
         raise InputError(f"must be fill_ratio to detect, not '{scenario.task.name}'", field="task.name")
@@ -90,8 +89,6 @@ def detection_study(
             "must be left out: what is detected is on a floor that stays; evaluate judges answers on one that changes",
             field="change",
         )
-    for fill in fills:
-        _check_fill(scenario, fill)
     return Study.of(
         scenario,
         runs,
@@ -100,13 +97,6 @@ def detection_study(
         swarm__robots=list(robots),
         floor__source=[source_of("random", fill) for fill in fills],
     )
-
-
-def _check_fill(scenario: Scenario, fill: float) -> None:
-    try:
-        exact_ones(scenario.floor.rows, scenario.floor.columns, fill)
-    except InputError as error:
-        raise InputError(error.reason, field="fills") from None
 
 
 def detection_of(
@@ -220,12 +210,14 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
     """Return the fill ratios to simulate, and which of these were added to the given ones.
 
     False alarms can occur only on floors below the boundary. So if no given fill ratio is below the boundary, some fill
-    ratios below it are added. Given fill ratios are not rounded.
+    ratios below it are added. Given fill ratios are not rounded: one that is no whole number of tiles is refused.
 
     Args:
         given: None to use fill ratios around the boundary.
     Returns:
         All fill ratios, the added ones first; and the added ones, an empty list if none was added or ``given`` is None.
+    Raises:
+        InputError: a given fill ratio is no whole number of tiles.
     """
     boundary, tiles = scenario.decision.decision_boundary, scenario.floor.rows * scenario.floor.columns
 
@@ -239,6 +231,8 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
 
     below = [fill for fill in in_tiles((0.0, boundary / 3, boundary * 2 / 3)) if fill < boundary]
     if given is not None:
+        for fill in given:
+            _check_fill(fill, scenario)
         added = [] if any(fill < boundary for fill in given) else below
         return [*added, *given], added
     if boundary == 0.5:  # FILLS are chosen for this boundary
@@ -248,6 +242,14 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
     step = min(boundary, 1.0 - boundary) / 3
     above = in_tiles(boundary + step * times for times in (1, 2, 3, 5, 7))
     return below + [fill for fill in above if fill > boundary], []
+
+
+def _check_fill(fill: float, scenario: Scenario) -> None:
+    """Refuse a given fill ratio that the scenario's floors cannot have, by the name of the word that gave it."""
+    try:
+        resolve(source_of("random", fill), (scenario.floor.rows, scenario.floor.columns))
+    except InputError as error:
+        raise InputError(error.reason, field="fills") from None
 
 
 MOST_ALARMS: Final = 0.5

@@ -11,6 +11,7 @@ from typing import Any, Unpack
 
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
+from vibroswarm.floors.source import source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_settings, parse_values, preset
 from vibroswarm.study.precision import Precision
@@ -172,6 +173,9 @@ def detection_scenario(
     if more_than is not None:
         values["decision.decision_boundary"] = more_than
     scenario["robots"] = None
+    if scenario.get("tiles") is not None and scenario.get("floor") is None:
+        # Of the floor only the number of tiles is used: any number of tiles has this share.
+        scenario["floor"] = source_of("random", 0.0)
     base = scenario_of(**scenario)
     by_default = base.task.name == "fill_ratio"  # ``detection_study`` refuses other tasks
     if boundary_of is not None or (
