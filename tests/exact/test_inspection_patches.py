@@ -36,8 +36,16 @@ from vibroswarm.inspection.patches import (
     shares_of,
     told_risk,
 )
-from vibroswarm.inspection.samples import Draw, Law, ratios_of_values
-from vibroswarm.inspection.scan import critical_value, intact_statistics, looks_of, p_value, scan
+from vibroswarm.inspection.samples import Draw, Floats, Law, Samples, ratios_of_values
+from vibroswarm.inspection.scan import (
+    CELLS,
+    critical_value,
+    intact_statistics,
+    looks_of,
+    p_value,
+    rasters,
+    scan,
+)
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.scenario import preset
 
@@ -230,6 +238,33 @@ def test_a_threshold_from_the_plates_that_are_judged_says_nothing_of_others() ->
     critical = np.quantile(own, 0.95, axis=1)[:, None]
     assert np.unique((own >= critical).mean(axis=1)) == pytest.approx([0.05])
     assert (fresh >= critical).mean() > 0.06
+
+
+def test_a_place_without_samples_is_not_called() -> None:
+    """The samples on a called patch are left out of the next scan, and early ones are few: none say nothing.
+
+    With declared sizes that are easily told from an intact surface, nearly all intact ones are below T of no samples.
+    """
+    samples = replace(drawn_samples(7, count=900, spread_m=0.0), law=LAW)
+    patches = declared(samples.size_m, (0.14, 0.28))
+    shares = shares_of(samples, patches)
+    critical = critical_value(intact_statistics(samples, patches, shares, 199, 1), 0.05)
+    assert critical < scan_statistic(patches, np.zeros((patches.form.size, 1)))[0]
+    middle = np.full(1, 0.3)
+    for damage, number in ((patch_of(middle, middle, 0.14), 1), (None, 0)):
+        value = drawn_values(np.random.default_rng(2), samples, 1, damage)[:, 0]
+        drawn = samples.with_columns(value=value, log_ratio=ratios_at(LAW, value))
+        found = scan(drawn, patches, shares, replicates=199)
+        assert len(found.called_m) == number
+        over_time, _ = rasters(drawn, patches, shares, critical, 0.5, np.array([20.0, 900.0]))
+        assert over_time[1] == pytest.approx(found.raster)
+    early = log_likelihoods(shares, drawn_until(drawn, 20.0)[:, None])[:, 0]
+    assert over_time[0] == pytest.approx(raster(patches, early, 0.5, CELLS, samples.size_m))
+
+
+def drawn_until(samples: Samples, time_s: float) -> Floats:
+    """The log ratios of the samples until a time, and 0 for the others."""
+    return np.where(samples.column("time_s") <= time_s, samples.column("log_ratio"), 0.0)
 
 
 def test_looks_are_evenly_spaced_over_the_samples_whenever_the_clock_was_started() -> None:

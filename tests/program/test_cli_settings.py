@@ -47,6 +47,20 @@ def test_it_sets_style_and_workers_and_options_count_more(config):
     assert defaults(["reproduce"])["workers"] == 3
 
 
+def test_who_has_no_home_has_no_settings(monkeypatch, capsys):
+    """As a user without an entry in the system, and without HOME: many containers run programs so."""
+
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("VIBROSWARM_CONFIG", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(user_settings.Path, "home", no_home)
+    assert user_settings.location() is None
+    assert main(["tasks"]) == 0
+    assert "fill_ratio" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -141,6 +141,22 @@ def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("--runs 20", "no two strategies are compared"),
+        ("--runs 20 --vary swarm.robots=3,4", "no two strategies are compared"),
+        ("--runs 19 --strategy none,soft", "it takes 20 runs of each cell or more"),
+        ("--runs 20 --strategy none,soft", ""),
+    ],
+)
+def test_who_asks_in_vain_for_equal_error_is_told(words, why, capsys):
+    assert main(["evaluate", *SHORT, *words.split(), "--equal-error", "--no-confirm", *QUIET, "-q"]) == 0
+    told = capsys.readouterr().err
+    assert why in told
+    assert ("nothing is compared at equal error" in told) == bool(why)
+
+
 def test_until_a_precision(tmp_path, capsys):
     line = ["evaluate", *SHORT, "--until", "20%", "--max-runs", "400", "--out", str(tmp_path / "u"), *QUIET]
     assert main(line) == 0
@@ -281,6 +297,7 @@ BAD = {
     "evaluate --until 2% --max-runs 5": ("max_runs", "whole number from 100"),
     "evaluate --until 2% --shard 1/2 --out out": ("--shard", "needs a fixed number of runs"),
     "evaluate --figure robots_right": ("--figure", "needs --until"),
+    "evaluate --keep-samples": ("--keep-samples", "needs --out DIR"),
     "evaluate --vary robots=5": ("robots", "did you mean 'swarm.robots'?"),
     "evaluate --vary swarm.robots": ("--vary", "section.field=value,value"),
     "evaluate --vary swarm.robots=5,0": ("in the cell with swarm.robots = 0",),

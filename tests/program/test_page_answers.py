@@ -15,7 +15,7 @@ from helpers.page_browser import BLANK, Open, latest, settled, wait_until
 from helpers.page_records import make_record
 from vibroswarm import preset, simulate
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord
-from vibroswarm.run_page.write import write_page, write_run_page
+from vibroswarm.run_page.write import record_of, write_page, write_run_page
 
 
 def test_it_opens_in_hidden_frames_and_draws_once_shown(tabs: Tabs, page_path: Path, tmp_path: Path) -> None:
@@ -73,6 +73,34 @@ def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunReco
         page = open_page(file=tmp_path / f"{name}.html")
         assert page.evaluate("vibroswarm.gate().first_s") == 0
         assert "too early" not in page.inner_text("#belief-lead")
+
+
+def test_only_robots_that_decide_by_their_belief_are_said_to(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    """Others decide by rules that the page does not know, and some report no belief."""
+    silent = record.inference.with_columns(belief_below=pl.lit(None, dtype=pl.Float64))
+    by_rule = {"decides_by_belief": False, "gated": False}
+    pages = {
+        "belief": ({"gated": False}, "Above 0.95 it decides mostly still", "beyond 0.95"),
+        "rule": (by_rule, "It decides by a rule of its own.", "by a rule of its own"),
+        "silent": (by_rule | {"inference": silent}, "These robots report no belief", "by a rule of its own"),
+    }
+    for name, (fields, lead, decides) in pages.items():
+        write_page(replace(record, **fields), tmp_path / f"{name}.html")
+        page = open_page(file=tmp_path / f"{name}.html")
+        assert lead in page.inner_text("#belief-lead")
+        assert page.locator("#details div", has_text="Decides").locator("dd").inner_text() == decides
+
+
+@pytest.mark.parametrize(
+    ("strategy", "by_belief", "gated"),
+    [("none", True, True), ("places", True, False), ("totals", False, False), ("dmvd", False, False)],
+)
+def test_how_robots_decide_is_read_from_their_strategy(strategy: str, by_belief: bool, gated: bool) -> None:
+    scenario = preset("paper").with_values({"strategy.name": strategy, "run.t_end_s": 2.0})
+    record = record_of(simulate(scenario, seed=1, segments=True))
+    assert (record.decides_by_belief, record.gated) == (by_belief, gated)
 
 
 def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record: RunRecord) -> None:

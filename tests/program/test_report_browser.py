@@ -342,6 +342,17 @@ def test_long_contents_mark_where_one_reads_and_scroll_by_themselves(open_report
     page.locator(WHERE, has_text="All numbers").wait_for()
 
 
+def test_a_table_too_large_for_its_csv_is_not_wider_than_a_phone(open_report: Open, tmp_path: Path) -> None:
+    many = pl.DataFrame({"value": [n / 7 for n in range(40_000)]})
+    write_page(
+        tmp_path / "many.html",
+        Document("Many", ("Many.",), parts=(Table(many, caption="Many", name="many"),)),
+    )
+    page = open_report(file=tmp_path / "many.html", viewport={"width": 360, "height": 800})
+    assert "too many to include in this page" in page.inner_text("main")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
 def test_contents_are_short_on_a_phone_and_whole_where_they_are_few(open_report: Open) -> None:
     phone = open_report(long=True, viewport={"width": 375, "height": 800})
     assert phone.locator("nav ol > li").first.is_visible()

@@ -10,7 +10,8 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import Compared, Comparisons, Drawn, Execution, Parts, Unsaved
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import words_of
-from vibroswarm.cli.studies import confirm_and_print, do_study
+from vibroswarm.cli.studies import confirm_and_print, do_study, warn_of_equal_error
+from vibroswarm.errors import InputError
 
 
 def evaluate(
@@ -57,6 +58,8 @@ def evaluate(
     """
     from vibroswarm.study.words import study_of
 
+    if keep_samples and output.out is None:
+        raise InputError("needs --out DIR, where the samples are saved", field="--keep-samples")
     made = study_of(
         study,
         vary=vary,
@@ -96,6 +99,7 @@ def merge(
     # Shards that cannot be merged are refused now, since `--force` removes the folder.
     study = jobs_of_one_study(shards)[0].study
     pairs_of(study, comparison.reference)  # refuses an unknown reference before anything is written
+    warn_of_equal_error(study, comparison)
     claim(whole, lambda folder: Store.existing(folder, study, shards=False))
     store = merge_shards(out, shards)
     every_cell = tuple(cell.number for cell in store.study.cells)

@@ -32,11 +32,23 @@ def do_study(study: Study, comparison: Comparisons, execution: Parts, output: Dr
     from vibroswarm.study.cell_comparison import pairs_of
 
     compared = bool(pairs_of(study, comparison.reference))  # refuses an unknown reference
+    warn_of_equal_error(study, comparison)
     page_cells = None if output.out is None or output.no_pictures else len(study.cells)
     again = compared and not comparison.no_confirm
     result = run_parts(study, execution, output, allow_failures=True, again=again, page_cells=page_cells)
     if result is not None:  # else only a shard or a batch was requested
         confirm_and_print(result, comparison, execution, output)
+
+
+def warn_of_equal_error(study: Study, comparison: Comparisons) -> None:
+    """Print a warning if ``--equal-error`` is given and nothing can be compared so."""
+    from vibroswarm.study.cell_comparison import pairs_of
+    from vibroswarm.study.equal_error import why_not_at_equal_error
+
+    if comparison.equal_error:
+        reason = why_not_at_equal_error(study, pairs_of(study, comparison.reference))
+        if reason is not None:
+            say(f"--equal-error: nothing is compared at equal error: {reason}")
 
 
 def confirm_and_print(

@@ -25,13 +25,18 @@ VARIABLE: Final = "VIBROSWARM_CONFIG"
 
 
 def location() -> Path | None:
-    """Return the path of the settings file, which may not exist; None if VIBROSWARM_CONFIG is set to an empty text."""
+    """Return the path of the settings file, which may not exist.
+
+    It is None if VIBROSWARM_CONFIG is set to an empty text, or if the user has no home, as in some containers.
+    """
     if (given := os.environ.get(VARIABLE)) is not None:
         return Path(given) if given else None
-    if sys.platform == "win32":
-        folder = Path(os.environ.get("APPDATA") or Path.home() / "AppData/Roaming")
-    else:
-        folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    on_windows = sys.platform == "win32"
+    stated = os.environ.get("APPDATA" if on_windows else "XDG_CONFIG_HOME")
+    try:
+        folder = Path(stated) if stated else Path.home() / ("AppData/Roaming" if on_windows else ".config")
+    except RuntimeError:  # neither HOME nor an entry of this user
+        return None
     return folder / "vibroswarm" / "config.toml"
 
 

@@ -22,7 +22,7 @@ from scipy.signal import lfilter
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.patches import Patches, Shares
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, within
+from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, critical_by, within
 from vibroswarm.inspection.sources import grid_of
 from vibroswarm.inspection.tile_map import felt_on, tile_map
 
@@ -104,14 +104,15 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
     """Return the maps of the others where there is no grid: rasters, with 0 away from the patches that they call.
 
     Args:
-        critical: T from which a patch is called. prior: probability of damage.
+        critical: T from which a patch is called by all samples. prior: probability of damage.
     """
     robot, maps = samples.frame["robot"].to_numpy(), {}
     centres_m = [(np.arange(CELLS) + 0.5) * whole / CELLS for whole in samples.size_m]
     x_m, y_m = np.meshgrid(centres_m[0], centres_m[1][::-1])
     for one in samples.robots:
         there = (robot != one) | (len(samples.robots) == 1)
-        boxes, cells = called_patches(samples, patches, shares, critical, prior, there)
+        least = critical_by(there, critical)
+        boxes, cells = called_patches(samples, patches, shares, least, prior, there)
         close = np.zeros_like(cells, dtype=bool)
         for box in boxes:
             close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)

@@ -46,6 +46,11 @@ BLOCK_S: Final = 120.0
 """Blocks of time within which values are exchanged."""
 MOST_CALLED: Final = 20
 """Most patches that are called."""
+EVIDENCE: Final = 0.0
+"""Least T of a patch that is called after another, or by a part of the samples.
+
+Where no samples are, or none are left, T is that of no evidence, which may be above the critical value of all samples.
+"""
 CLEAR_M: Final = 0.05
 """Samples this near to a called patch, beyond the spread of their places, may be on it."""
 
@@ -175,6 +180,9 @@ def called_patches(
 
     A patch is scanned for without the samples on those before it. The raster joins those of each step, of which each
     presumes one patch at most.
+
+    Args:
+        critical: least T of the first patch; that of later ones is at least ``EVIDENCE``.
     """
     rest = np.where(there, samples.column("log_ratio"), 0.0)
     penalty = np.log(patches.places)[patches.form]
@@ -190,16 +198,26 @@ def called_patches(
             Box(float(patches.left_m[at]), float(patches.bottom_m[at]), *patches.forms[patches.form[at]])
         )
         rest[near(samples, called[-1])] = 0.0
+        critical = max(critical, EVIDENCE)
+
+
+def critical_by(there: NDArray[np.bool_], critical: float) -> float:
+    """Return the least T that is called by the samples that are ``there``, from the critical value of all samples."""
+    return critical if there.all() else max(critical, EVIDENCE)
 
 
 def rasters(
     samples: Samples, patches: Patches, shares: Shares, critical: float, prior: float, times_s: Floats
 ) -> tuple[Floats, dict[int, Floats]]:
-    """Return the probability of each cell by each time, (times, CELLS, CELLS), and by each robot's own samples."""
+    """Return the probability of each cell by each time, (times, CELLS, CELLS), and by each robot's own samples.
+
+    Args:
+        critical: T from which a patch is called by all samples. prior: probability of damage.
+    """
     robot, time_s = samples.frame["robot"].to_numpy(), samples.column("time_s")
 
     def of(there: NDArray[np.bool_]) -> Floats:
-        return called_patches(samples, patches, shares, critical, prior, there)[1]
+        return called_patches(samples, patches, shares, critical_by(there, critical), prior, there)[1]
 
     own = {one: of(robot == one) for one in samples.robots if len(samples.robots) > 1}
     return np.stack([of(time_s <= until_s) for until_s in times_s]), own

@@ -138,6 +138,8 @@ class RunRecord:
     """Whether the strategy waits for ``min_observations`` before it decides."""
     credible_threshold: float = 0.95
     """p_c: belief in an answer at which a robot decides."""
+    decides_by_belief: bool = True
+    """Whether the strategy compares beliefs with p_c; others decide by rules of their own."""
     decision_boundary: float = 0.5
     """Boundary of the fill ratio between decisions 0 and 1."""
     readings_boundary: float | None = None
@@ -408,6 +410,7 @@ def _rule(record: RunRecord) -> dict[str, Any]:
         "gate": record.gate,
         "gate_counts_current": record.gate_counts_current,
         "gated": record.gated,
+        "by_belief": record.decides_by_belief,
         "answers": None if record.answers is None else list(record.answers),
     }
 

@@ -198,13 +198,15 @@ def _rules_of(scenario: Scenario, floor_at_end: Floor) -> dict[str, Any]:
     decision = scenario.decision
     boundary, tested = decision.decision_boundary, readings_boundary(scenario)
     size_m = (scenario.arena.width_m, scenario.arena.height_m)
+    read = fields_read(strategy_of(scenario.strategy.name))
     return {
         "strategy": scenario.strategy.name,
         "min_observations": decision.min_observations,
         "gate": decision.gate,
         "gate_counts_current": decision.gate_counts_current,
-        "gated": "min_observations" in fields_read(strategy_of(scenario.strategy.name)),
+        "gated": "min_observations" in read,
         "credible_threshold": decision.credible_threshold,
+        "decides_by_belief": "credible_threshold" in read,
         "decision_boundary": boundary,
         "readings_boundary": tested,
         "expected_ones": expected_ones_on(scenario.sensor, floor_at_end, size_m)

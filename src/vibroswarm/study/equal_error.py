@@ -6,12 +6,13 @@ readings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from vibroswarm.analysis.forced_error import MatchedError, Reached, matched_error, settings_of
+from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import steers
@@ -49,15 +50,39 @@ def pairs_at_equal_error(
     """
     if result.study.motion not in ENGINES:
         return {}
-    pairs = {
-        (one.cell.number, one.reference.number): (one.cell, one.reference)
-        for one in compared
-        if one.cell.scenario.strategy.name != one.reference.scenario.strategy.name
-        and not steers(one.cell.scenario)
-        and not steers(one.reference.scenario)
-    }
+    pairs = _comparable((one.cell, one.reference) for one in compared)
     cells = {cell.number for pair in pairs.values() for cell in pair}
     return pairs if len(cells) <= MATCHED_CELLS else {}
+
+
+def _comparable(pairs: Iterable[tuple[Cell, Cell]]) -> dict[tuple[int, int], tuple[Cell, Cell]]:
+    """Return the pairs of different strategies that do not steer, by the numbers of their cells."""
+    return {
+        (one.number, other.number): (one, other)
+        for one, other in pairs
+        if one.scenario.strategy.name != other.scenario.strategy.name
+        and not steers(one.scenario)
+        and not steers(other.scenario)
+    }
+
+
+def why_not_at_equal_error(study: Study, compared: Sequence[tuple[Cell, Cell, str]]) -> str | None:
+    """Return why nothing in a study is compared at equal error, whatever its runs say; None if something may be.
+
+    Args:
+        compared: as ``cell_comparison.pairs_of`` returns them.
+    """
+    pairs = _comparable((one, other) for one, other, _ in compared)
+    if not pairs:
+        return "no two strategies are compared whose motion can be shared"
+    if study.motion not in ENGINES:
+        return f"the motion of '{study.motion}' is not simulated again"
+    cells = {cell.number for pair in pairs.values() for cell in pair}
+    if len(cells) > MATCHED_CELLS:
+        return f"{count(len(cells), 'cell')} are more than {MATCHED_CELLS}"
+    if study.runs is not None and study.runs < LEAST_RUNS:
+        return f"it takes {LEAST_RUNS} runs of each cell or more"
+    return None
 
 
 def at_equal_error(

@@ -104,10 +104,12 @@ function beliefBox(width, height) {
 
 function drawBeliefFrame(context, box, followed) {
   const limit = run.rule.credible_threshold, right = box.left + box.width;
-  context.fillStyle = colours["still-soft"];
-  context.fillRect(box.left, box.y(1), box.width, box.y(limit) - box.y(1));
-  context.fillStyle = colours["vibrating-soft"];
-  context.fillRect(box.left, box.y(1 - limit), box.width, box.y(0) - box.y(1 - limit));
+  if (run.rule.by_belief) {
+    context.fillStyle = colours["still-soft"];
+    context.fillRect(box.left, box.y(1), box.width, box.y(limit) - box.y(1));
+    context.fillStyle = colours["vibrating-soft"];
+    context.fillRect(box.left, box.y(1 - limit), box.width, box.y(0) - box.y(1 - limit));
+  }
   drawTooEarly(context, box, followed);
   context.lineWidth = 1;
   for (const [p, colour] of [[0, "line-strong"], [0.5, "line"], [1, "line-strong"]]) {
@@ -115,7 +117,8 @@ function drawBeliefFrame(context, box, followed) {
     line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
   }
   context.setLineDash([5, 3]);
-  for (const [p, colour] of [[limit, colours.still], [1 - limit, colours.vibrating]]) {
+  const limits = run.rule.by_belief ? [[limit, colours.still], [1 - limit, colours.vibrating]] : [];
+  for (const [p, colour] of limits) {
     context.strokeStyle = colour;
     line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
   }
@@ -160,7 +163,8 @@ function quietPlace(box, width, y, until = box.left + box.width) {
 function beliefWords(context, box) {
   const limit = run.rule.credible_threshold;
   context.font = WORDS_FONT;
-  if (KIND_COUNT > 2) return tooEarlyWords(context, box); // beliefs are those of two kinds
+  // Beliefs are those of two kinds, and not every strategy decides by them.
+  if (KIND_COUNT > 2 || !run.rule.by_belief) return tooEarlyWords(context, box);
   const words = [
     [`above ${limit}: ${DECISION_WORDS[STILL]}`, box.y(limit) + 12, STILL],
     [`below ${Number((1 - limit).toFixed(6))}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],

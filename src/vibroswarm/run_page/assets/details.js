@@ -1,19 +1,27 @@
 // The footer and the lines of explanation: what the run was, for whoever wants to make it again.
 
 function buildDetails() {
-  const rule = run.rule, f = run.floor;
-  const gates = { total: "readings, own and received", received: "received bits", own: "own samples" };
+  const f = run.floor;
   const known = [
     ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
     ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
     ["Fill ratio", ratio(run.truth.fill_ratio)],
     ["Strategy", STRATEGY_WORDS[run.strategy] ?? run.strategy],
-    ["Decides", `beyond ${rule.credible_threshold}, after more than ${rule.min_observations} `
-      + `${gates[rule.gate] ?? rule.gate}`],
+    ["Decides", ruleWords(run.rule)],
   ];
   byId("details").replaceChildren(...[...known, ...run.details].map(([name, text]) =>
     make("div", "", make("dt", "", name), make("dd", "", text))));
+}
+
+// When a robot decides: by its belief, a gate, both, or by what only its strategy knows.
+function ruleWords(rule) {
+  const gates = { total: "readings, own and received", received: "received bits", own: "own samples" };
+  const words = [
+    ...(rule.by_belief ? [`beyond ${rule.credible_threshold}`] : []),
+    ...(rule.gated ? [`after more than ${rule.min_observations} ${gates[rule.gate] ?? rule.gate}`] : []),
+  ];
+  return words.join(", ") || "by a rule of its own";
 }
 
 const exactCm = (metres) => `${Number((100 * metres).toFixed(2))} cm`;
@@ -26,8 +34,11 @@ function buildLeads() {
     say(byId("belief-lead"), "Beliefs are those of two kinds of tile; flags show when robots decided.");
     return;
   }
-  say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides ${DECISION_WORDS[STILL]}, `
-    + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.${gateSentence()}${bandSentence()}`);
+  const rule = run.rule.by_belief
+    ? `Above ${limit} it decides ${DECISION_WORDS[STILL]}, below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.`
+    : "It decides by a rule of its own.";
+  say(byId("belief-lead"), hasBelief ? `p: its probability that ${claim}. ${rule}${gateSentence()}${bandSentence()}`
+    : "These robots report no belief; flags show when they decided.");
   const { tested } = run.rule, moved = tested !== boundary;
   const line = moved ? `${percent(tested)}, the share of ones expected at the boundary,` : boundary;
   const opinion = ["positive", "soft"].includes(run.strategy)

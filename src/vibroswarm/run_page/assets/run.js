@@ -39,6 +39,8 @@ function latestSample(robot, t) {
 
 // Whether robots count readings in a Beta posterior; those of some strategies keep something else.
 const hasPosterior = run.samples.alpha.every((alpha) => !Number.isNaN(alpha));
+// Whether robots report a belief.
+const hasBelief = !run.samples.belief_below.length || run.samples.belief_below.some((belief) => !Number.isNaN(belief));
 
 const PRIOR = {
   alpha: run.rule.prior_alpha, beta: run.rule.prior_beta, belief: run.rule.prior_belief,
