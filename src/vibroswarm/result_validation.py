@@ -72,9 +72,10 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
 
 
 def _not_given(scenario: Scenario) -> set[str]:
-    """Return the columns of ``REQUIRED`` that may have nulls with a scenario's strategy.
+    """Return the columns of ``REQUIRED`` that may have nulls with a scenario's strategy and faults.
 
-    A strategy may have no posterior or no belief, and send messages without a bit or not at every sample.
+    A strategy may have no posterior or no belief, and send messages without a bit or not at every sample. Robots whose
+    radio is dead send none.
     """
     strategy = known().get(scenario.strategy.name)
     if strategy is None:  # its code is not loaded
@@ -85,10 +86,14 @@ def _not_given(scenario: Scenario) -> set[str]:
     # For more than two kinds of tile there is no belief in one of two answers; of a sensor whose code is not loaded
     # their number is not known.
     of_many = strategy.answers_kinds or strategy.of_many is not None
-    if strategy.belief is None or (of_many and (sensor.kinds > 2 or sensor.model not in sensors.known())):
+    no_belief = of_many and (sensor.kinds > 2 or sensor.model not in sensors.known())
+    # ``reset`` has no belief in changes; that of a user's strategy may be nan.
+    is_own = scenario.strategy.code is not None
+    tells_change = getattr(scenario.strategy.params, "tells_change", False)
+    if strategy.belief is None or no_belief or is_own or tells_change:
         found.add("belief_below")
     # Only the package's strategies that count bits are known to send one at every sample.
-    if strategy.on_counts is None or scenario.strategy.code is not None:
+    if strategy.on_counts is None or is_own or scenario.faults.radio_dead:
         found.add("message")
     return found
 

@@ -312,7 +312,7 @@ def result_of(
         runs=of_runs,
         floors=floor_frame(floors),
         changes=change_frame(floors),
-        faults=fault_frame(scenario, seed, of_runs["run"].to_list()),
+        faults=fault_frame(scenario, seed, of_runs["run"].to_list(), of_runs["end_s"].to_numpy()),
         source=source_name,
         versions=versions(),
     )

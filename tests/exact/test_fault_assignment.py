@@ -92,12 +92,24 @@ def test_faults_after_the_end_are_none() -> None:
     fine = working(one, 7, RUNS)
     assert (fine == (times >= 1200.0)).all()
     assert 0.3 < fine.mean() < 0.7
-    table = fault_frame(one, 7, RUNS)
+    table = fault_frame(one, 7, RUNS, np.full(len(RUNS), 1200.0))
     assert table is not None
     assert table.height == (~fine).sum()
     assert sorted(table["from_s"].to_list()) == sorted(times[~fine].tolist())
-    assert fault_frame(Scenario(), 7, RUNS) is None
+    assert fault_frame(Scenario(), 7, RUNS, np.full(len(RUNS), 1200.0)) is None
     assert working(Scenario(), 7, RUNS).all()
+
+
+def test_faults_after_a_run_that_ended_early_are_none() -> None:
+    """Robot 0 of a swarm that had decided after a minute is not one that "stopped from 1100 s"."""
+    early = scenario(stopped=[0], stopped_from_s=1100.0, stuck_at_0=[1], sensor_from_s=5.0)
+    early = early.with_values(
+        {"run.stop": "all_decided", "decision.min_observations": 20, "floor.source": "random:0.2"}
+    )
+    result = simulate(early, 3, 2)
+    assert result.faults is not None
+    assert (result.runs["end_s"] < 1100.0).all()
+    assert result.faults.select("run", "robot", "from_s").rows() == [(0, 1, 5.0), (1, 1, 5.0)]
 
 
 @pytest.mark.parametrize(

@@ -216,6 +216,10 @@ def test_random_fields_have_the_stated_correlation() -> None:
         found = (g[:, :, apart:] * g[:, :, :-apart]).mean()
         assert found == pytest.approx(math.exp(-((apart / 3.0) ** 2)), abs=0.05)
     assert abs((random_field(12, 12, 0.3, 1, 0)[1:] - 0.5).mean()) < 0.2
+    short = ndtri(np.stack([random_field(12, 12, 1.0, 1, run) for run in range(400)]))
+    assert (short[:, :, 1:] * short[:, :, :-1]).mean() == pytest.approx(
+        0.26, abs=0.02
+    )  # docs/floors.md says so
 
 
 def test_gradients_and_hills_are_as_their_formula() -> None:

@@ -74,6 +74,15 @@ def test_the_share_of_any_kind_may_be_asked_for() -> None:
         PAPER.with_values({**three, "task.name": "share", "task.share.kind": 3})
 
 
+@pytest.mark.parametrize("strategy", ["none", "mcp"])
+def test_who_estimates_the_share_that_vibrates_is_asked_for_no_other(strategy: str) -> None:
+    """The share of ones was once scored against the share of still tiles."""
+    asked = {"task.name": "share", "task.share.kind": 0}
+    with pytest.raises(InputError, match=r"^task\.share\.kind: .*kind 0.*dirichlet or averaging"):
+        PAPER.with_values({**asked, "strategy.name": strategy})
+    PAPER.with_values({**asked, "strategy.name": "averaging"})
+
+
 def test_a_study_of_estimates_compares_their_errors() -> None:
     study = Study.of(SHARE, 12, seed=1, strategy__name=["none", "mcp"], task__name=["share", "fill_ratio"])
     result = study.run()

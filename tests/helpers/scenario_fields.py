@@ -131,6 +131,8 @@ def before(name: str) -> Scenario:
         needed[name] = chosen(part[0], part[1])
     if name in ("strategy.reset.tells_change", "strategy.reset.tells_anew"):
         needed[name] = {"strategy.name": "reset", "task.name": "share"}
+    if name.startswith("task.share."):
+        needed[name] = {"task.name": "share", "strategy.name": "averaging"}
     if name.startswith("task.changed."):
         needed[name] = {
             "task.name": "changed",

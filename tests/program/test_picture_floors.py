@@ -160,3 +160,22 @@ def test_a_palette_says_which_colour_is_which_kind(
     ):
         assert main(["floors", "measure", wrong, "--tiles", "2x3"]) == 2
         assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["", "palette:000000,ffffff:", "values:"])
+def test_pixels_smaller_than_a_robot_are_refused_however_a_picture_is_read(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from PIL import Image
+
+    from vibroswarm.cli import main
+
+    pixels = np.zeros((50, 50, 3), dtype=np.uint8)
+    pixels[:25] = 255
+    Image.fromarray(pixels).save(tmp_path / "mine.png")
+    assert main(["run", "--floor", f"{name}{tmp_path / 'mine.png'}", "--set", "run.t_end_s=20"]) == 2
+    (tmp_path / "one.toml").write_text(f'[floor]\nsource = "{name}mine.png"\n')
+    assert main(["run", "--scenario", str(tmp_path / "one.toml")]) == 2
+    (tmp_path / "s.toml").write_text(f'[grid]\n"floor.source" = ["{name}mine.png"]\n')
+    assert main(["evaluate", str(tmp_path / "s.toml")]) == 2
+    assert capsys.readouterr().err.count("smaller than a robot (30 mm); add --tiles") == 3

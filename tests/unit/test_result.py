@@ -91,6 +91,24 @@ def test_a_result_of_every_strategy_is_read_back(name: str, tmp_path: Path) -> N
     assert Result.read(tmp_path / "one").same_tables(simulated)
 
 
+CHANGED = {"strategy.name": "reset", "strategy.reset.tells_change": True, "task.name": "changed"}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"faults.radio_dead": [1], "faults.radio_dead_from_s": 30.0},
+        pytest.param({**SHORT, **CHANGED}, marks=pytest.mark.slow),
+        {"floor.values": [[0.0, 0.5], [1.0, 0.25]], "floor.source": "a file that is gone.csv"},
+    ],
+    ids=["no messages", "no belief", "values of a file"],
+)
+def test_a_result_that_lacks_something_is_read_back(values: dict[str, Any], tmp_path: Path) -> None:
+    simulated = simulate(Scenario().with_values({"run.t_end_s": 60.0, **values}), 1, 1)
+    simulated.write(tmp_path / "one")
+    assert Result.read(tmp_path / "one") == simulated
+
+
 def test_equality_sees_every_part(result: Result) -> None:
     """Negative control of the test above."""
     others = [

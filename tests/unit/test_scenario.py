@@ -681,6 +681,25 @@ def test_the_folder_of_a_floor_file_may_be_a_text(tmp_path: Path) -> None:
     assert scenario.floor.tiles == ("110", "000")
 
 
+def test_values_and_palettes_beside_a_scenario_are_found_and_its_copy_needs_no_file(tmp_path: Path) -> None:
+    """A saved scenario whose values came from a file once looked for that file again."""
+    from PIL import Image
+
+    beside, elsewhere = tmp_path / "beside", tmp_path / "elsewhere"
+    beside.mkdir(), elsewhere.mkdir()
+    (beside / "v.csv").write_text("3,12\n7.5,3\n")
+    Image.fromarray(np.array([[[255, 0, 0], [0, 0, 0]]], dtype=np.uint8)).save(beside / "mine.png")
+    for source, field, rows in (
+        ("values:3..12:v.csv", "values", ((0.0, 1.0), (0.5, 0.0))),
+        ("palette:000000,ff0000:mine.png", "tiles", ("10",)),
+    ):
+        (beside / "one.toml").write_text(f'[floor]\nsource = "{source}"\n')
+        scenario = Scenario.read(beside / "one.toml")
+        assert getattr(scenario.floor, field) == rows
+        (elsewhere / "copy.toml").write_text(scenario.to_toml())
+        assert Scenario.read(elsewhere / "copy.toml") == scenario
+
+
 @pytest.mark.parametrize("name", ["random:0.48", "RANDOM:0.1", "diagonal:0.46", "stripe:0.1", "alternating"])
 def test_tiles_are_not_called_like_a_pattern(name: str) -> None:
     with pytest.raises(InputError, match=r"^floor\.source: .*name of their own"):

@@ -143,6 +143,33 @@ def test_the_text_stands_alone(tmp_path: Path) -> None:
     assert "walk_duration_scale_ms" in text
 
 
+VALUES = ((0.0, 0.5), (1.0, 0.25))
+
+
+def test_floors_of_values_may_be_varied_and_take_no_effect_elsewhere(tmp_path: Path) -> None:
+    """Files of values were once read as kinds of tile, and values of the base stayed on all floors."""
+    (tmp_path / "v.csv").write_text("0,0.5\n1,0.25\n")
+    varied = '"floor.source" = ["values:v.csv", "random:0.48", "own", "diagonal:0.46"]'
+    (tmp_path / "s.toml").write_text(
+        f'[scenario]\nfloor = {{source = "values:v.csv"}}\n[grid]\n{varied}\n[floors]\nown = [[0.1, 0.9]]\n'
+    )
+    study = Study.read(tmp_path / "s.toml")
+    floors = [cell.scenario.floor for cell in study.cells]
+    assert [floor.values for floor in floors] == [VALUES, None, ((0.1, 0.9),), None]
+    assert [floor.tiles for floor in floors] == [None] * 4
+    (tmp_path / "v.csv").unlink()
+    assert Study.from_toml(study.to_toml()).hash == study.hash
+
+
+def test_scenarios_with_values_of_a_file_are_compared() -> None:
+    with_values = preset("paper").with_values({"floor.values": VALUES, "floor.source": "gone.csv"})
+    scenarios = {"values": with_values, "paper": preset("paper")}
+    study = Study.of_scenarios(scenarios, 2)
+    assert [cell.scenario for cell in study.cells] == list(scenarios.values())
+    assert Study.from_toml(study.to_toml()).hash == study.hash
+    assert Study.of(with_values, 2, strategy__name=["none", "soft"]).cells[0].scenario == with_values
+
+
 HEAD = "runs = 3\n"
 BAD = {
     "not TOML": ("runs = ", "is not TOML"),

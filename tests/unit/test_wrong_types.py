@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vibroswarm import Floor, Result, StudyResult, make_floor, measure, pose, replay, write_run_page
+from vibroswarm import Floor, Result, StudyResult, inspect, make_floor, measure, pose, replay, write_run_page
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -123,6 +123,11 @@ CALLS = {
     "Study.run executor": lambda x, r: Study(r.scenario).run(executor=x),
     "Study.run job": lambda x, r: Study(r.scenario).run(job=x),
     "StudyResult.open": lambda x, r: StudyResult.open(x),
+    "inspect": lambda x, r: inspect(x),
+    "inspect run": lambda x, r: inspect(r, run=[x]),  # type: ignore[arg-type]
+    "inspect seed": lambda x, r: inspect(r.scenario, seed=[x]),  # type: ignore[arg-type]
+    "inspect laws": lambda x, r: inspect(r, laws=x),
+    "inspect spread": lambda x, r: inspect(r, spread_m=[x]),  # type: ignore[arg-type]
 }  # fmt: skip
 
 
@@ -158,6 +163,7 @@ def test_sizes_and_numbers_out_of_range_are_refused(value: Any, ran: Result) -> 
         lambda: ran.scenario.floor_for(value, 0),
         lambda: ran.scenario.floor_for(0, value),
         lambda: measure(value),
+        lambda: measure([[1, 0]], [["x"]] if value is None else value),
         lambda: make_floor(value, 4, 0.5, 0.0),
         lambda: make_floor(4, 4, value, 0.0),
         lambda: make_floor(4, 4, 0.5, value),

@@ -36,7 +36,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import pattern
-from vibroswarm.floors.surfaces import STEPS
+from vibroswarm.floors.surfaces import STEPS, steps_of
 
 
 @dataclass(frozen=True)
@@ -141,9 +141,12 @@ def measure(tiles: ArrayLike, values: ArrayLike | None = None) -> Difficulty:
     Args:
         tiles: (rows, columns) of kinds, such as 0 and 1. values: of the same tiles, from 0 to 1; None: they have none.
     Raises:
-        InputError: ``tiles`` is not a rectangle of kinds.
+        InputError: ``tiles`` is not a rectangle of kinds, or ``values`` is not one of numbers from 0 to 1, of the same
+            size.
     """
     grid = as_tiles(tiles)
+    if values is not None and (shape := steps_of(values, "values").shape) != grid.shape:
+        raise InputError(f"are of shape {shape}, and the tiles of {grid.shape}", field="values")
     sizes = cluster_sizes(grid)
     ones = int((grid == 1).sum())
     return Difficulty(

@@ -255,16 +255,31 @@ def resolve(
 
 VALUES_OF: Final = "values:"
 """What the name of a file with values of tiles begins with, as a floor."""
+PALETTE_OF: Final = "palette:"
+"""What the name of a picture with a colour for each kind of tile begins with, as a floor."""
 
 
 _SCALE: Final = re.compile(r"-?\d*\.?\d+\.\.-?\d*\.?\d+:")
 
 
-def parts_of_values(spec: str) -> tuple[str, str]:
-    """Return the name of a file of values in two parts: ``values:`` or ``values:3..12:``, and the path."""
-    first, path = spec.strip()[: len(VALUES_OF)], spec.strip()[len(VALUES_OF) :]
+def parts_of_file(spec: str) -> tuple[str, str]:
+    """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and it."""
+    text = spec.strip()
+    if text.lower().startswith(PALETTE_OF):
+        path = text[len(PALETTE_OF) :].partition(":")[2]
+        return text[: len(text) - len(path)], path
+    if not text.lower().startswith(VALUES_OF):
+        return "", spec
+    first, path = text[: len(VALUES_OF)], text[len(VALUES_OF) :]
     scale = _SCALE.match(path)
     return (first, path) if scale is None else (first + scale[0], path[scale.end() :])
+
+
+def beside(spec: str, folder: Path) -> str:
+    """Return the name of a floor file with its path, if the file is in ``folder``; else the name as it is."""
+    prefix, path = parts_of_file(spec)
+    file = folder / path
+    return f"{prefix}{file}" if file.is_file() else spec
 
 
 def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, ...], ...], str] | None:
@@ -278,15 +293,11 @@ def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, .
     """
     if not spec.strip().lower().startswith(VALUES_OF):
         return None
-    prefix, path = parts_of_values(spec)
+    prefix, path = parts_of_file(spec)
     scale = prefix[len(VALUES_OF) : -1]
     ends = tuple(map(float, scale.split(".."))) if scale else (0.0, 1.0)
     values = read_values(path, size, (ends[0], ends[1]))
     return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
-
-
-PALETTE_OF: Final = "palette:"
-"""What the name of a picture with a colour for each kind of tile begins with, as a floor."""
 
 
 def _palette_tiles(spec: str, size: Size | None) -> tuple[NDArray[np.uint8], str]:

@@ -78,7 +78,7 @@ def steps_of(values: ArrayLike, field: str = "floor.values") -> Steps:
     """
     try:
         grid = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("a floor of values is a rectangle of numbers from 0 to 1", field=field) from None
     if grid.ndim != 2 or grid.size == 0:
         raise InputError(f"a floor of values is a rectangle, not of shape {grid.shape}", field=field)
@@ -133,7 +133,8 @@ def named_values(name: str, rows: int, columns: int, seed: int, run: int) -> Ste
 def random_field(rows: int, columns: int, length: float, seed: int, run: int) -> NDArray[np.float64]:
     """Return a random field with values uniform in (0, 1), (rows, columns).
 
-    It is Phi(g), with g normal and of correlation exp(-(d / length)^2) at a distance of d tiles.
+    It is Phi(g), with g normal and of correlation exp(-(d / length)^2) at a distance of d tiles. Tiles are too coarse
+    for lengths below 1.5 tiles: the correlation is lower, of neighbours 0.26 at a length of 1, in place of 0.37.
 
     Args:
         length: correlation length, tiles.

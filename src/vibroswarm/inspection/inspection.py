@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, number_of, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.assessment import Assessment, assess
 from vibroswarm.inspection.kind_map import any_but_still, kind_map
@@ -37,7 +37,7 @@ from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import simulate
+from vibroswarm.simulation import check_seed, simulate
 
 TIMES: Final = 60
 """Number of times of the maps, evenly spaced up to the last sample."""
@@ -144,7 +144,7 @@ def inspect(
     *,
     run: int = 0,
     seed: int = 1,
-    laws: Laws = None,
+    laws: Laws | Path = None,
     bits: bool = False,
     size_m: tuple[float, float] | None = None,
     spread_m: float = 0.0,
@@ -177,9 +177,13 @@ def inspect(
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """
+    known: Laws = str(laws) if isinstance(laws, Path) else laws
+    _check_types(source, known)
+    run, seed = whole_number_of(run, "run", 0, 2**32 - 1), check_seed(seed)
+    number_of(spread_m, "spread_m")
     # The error of a law costs many fits to sessions; a map alone does not use it.
     draws = 0 if question is None else DRAWS
-    samples = _samples_of(source, run, seed, laws, spreads, bits, size_m, spread_m, floor, draws)
+    samples = _samples_of(source, run, seed, known, spreads, bits, size_m, spread_m, floor, draws)
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(samples.began_s + (end_s - samples.began_s) / TIMES, end_s, TIMES)
@@ -197,6 +201,26 @@ def inspect(
     judged = samples if by_kind is None else any_but_still(samples)
     assessment = None if question is None else assess(judged, question, **damage)
     return Inspection(samples, times_s, pooled, own, by_kind, assessment)
+
+
+def _check_types(source: object, laws: object) -> None:
+    """Refuse a source of samples, or of the law of the sensor, of another type.
+
+    Raises:
+        InputError: as said.
+    """
+    check_kind(
+        source,
+        (Result, Scenario, Samples, str, Path),
+        "source",
+        "a result, a scenario, samples, or the path of a folder or CSV",
+    )
+    if isinstance(laws, str | Scenario | None):
+        return
+    words = "the name of a preset, a path, a scenario, or a list of recordings"
+    check_kind(laws, (list, tuple), "laws", words)
+    for one in laws:  # type: ignore[attr-defined]
+        check_kind(one, Recording, "laws", words)
 
 
 def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:

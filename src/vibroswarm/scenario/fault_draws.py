@@ -105,19 +105,27 @@ def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bo
     return fine
 
 
-def fault_frame(scenario: Scenario, seed: int, runs: Sequence[int]) -> pl.DataFrame | None:
+def fault_frame(
+    scenario: Scenario, seed: int, runs: Sequence[int], end_s: NDArray[np.float64]
+) -> pl.DataFrame | None:
     """Return the table of faults (``FAULT_COLUMNS``), sorted by run, robot and kind.
 
     Kinds sort in the order of ``FAULTS``. The result is None if the scenario has no faults; the table is empty if none
     begins before the end of a run.
+
+    Args:
+        end_s: (runs,), when each run ended, which may be before ``run.t_end_s``.
     """
     if not scenario.faults.kinds:
         return None
     numbers = np.array(runs, dtype=np.int64)  # of the runs, which need not be consecutive
     rows: list[tuple[int, int, int, float]] = []
+    until_s = np.minimum(end_s, scenario.run.t_end_s)[
+        :, None
+    ]  # a run may end with a whole tick after ``t_end_s``
     for kind_index, kind in enumerate(FAULTS):
         onset = onset_s(scenario, seed, runs, kind)
-        run_rows, robots = np.nonzero(onset < scenario.run.t_end_s)
+        run_rows, robots = np.nonzero(onset < until_s)
         rows += zip(  # run, robot, index of the kind, time
             numbers[run_rows].tolist(),
             robots.tolist(),

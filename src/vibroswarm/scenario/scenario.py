@@ -30,7 +30,7 @@ from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, in_file, nearest, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.io import THRESHOLD, is_picture
-from vibroswarm.floors.source import VALUES_OF, family, is_generated, parts_of_values, resolve, values_in
+from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
@@ -439,10 +439,10 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
-    """Replace, in place, a floor file that ``floor.source`` names by the file's tiles and name.
+    """Replace, in place, a floor file that ``floor.source`` names by the file's tiles, or values of tiles, and name.
 
-    Nothing changes if ``source`` is a pattern or a random floor, or if ``values`` have tiles already. Values that are
-    wrong are left to later checks.
+    Nothing changes if ``source`` is a pattern or a random floor, or if the floor has tiles or values already. What is
+    wrong is left to later checks.
 
     Returns: the path of the file if it is a picture each of whose pixels became a tile, else None.
 
@@ -450,28 +450,26 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
         InputError: there is no such file, or it is no floor.
     """
     floor = values.get("floor")
-    if not isinstance(floor, dict) or "tiles" in floor or not isinstance(floor.get("source"), str):
+    if not isinstance(floor, dict) or not {"tiles", "values"}.isdisjoint(floor):
         return None
-    source = floor["source"]
+    source = floor.get("source")
+    if not isinstance(source, str):
+        return None
     if is_generated(source) or family(source) is not None:
         return None
     # Numbers of rows and columns: a file of coordinates needs them, and a picture is divided into them.
     size = (floor.get("rows"), floor.get("columns"))
     shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
-    if source.lower().startswith(VALUES_OF):
-        prefix, path_of_values = parts_of_values(source)
-        beside = folder / path_of_values
-        named = f"{prefix}{beside}" if beside.is_file() else source
-        floor["values"], floor["source"] = values_in(named, shape)  # type: ignore[misc, arg-type]
-        return None
-    path = folder / source
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
-    file = str(path) if path.is_file() else source
-    grid, name = resolve(file, shape, threshold=threshold_of(floor))  # type: ignore[arg-type]
-    floor["source"] = name
-    floor["tiles"] = rows_of(grid)
-    return file if shape is None and is_picture(file) else None
+    file = beside(source, folder)
+    if (found := values_in(file, shape)) is not None:  # type: ignore[arg-type]
+        floor["values"], floor["source"] = found
+    else:
+        grid, floor["source"] = resolve(file, shape, threshold=threshold_of(floor))  # type: ignore[arg-type]
+        floor["tiles"] = rows_of(grid)
+    path = parts_of_file(file)[1]
+    return path if shape is None and is_picture(path) else None
 
 
 def threshold_of(floor: Mapping[str, Any]) -> float:

@@ -297,6 +297,13 @@ def _check_kinds(s: Sections) -> None:
                 "estimates no number; choose a strategy that counts readings, such as none or mcp",
                 field="strategy.name",
             )
+        is_of_others = s.task.name == "share" and getattr(s.task.params, "kind", 1) != 1
+        if is_of_others and not (strategy.shares or strategy.code):
+            raise InputError(
+                f"asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' estimates that of "
+                "tiles that vibrate; choose a strategy that estimates shares of kinds, such as dirichlet or averaging",
+                field="task.share.kind",
+            )
         return
     answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
     if len(answers) != decisions:

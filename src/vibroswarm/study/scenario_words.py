@@ -15,7 +15,7 @@ from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.grid_text import parse_tiles, printable
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
-from vibroswarm.floors.source import is_generated, resolve, values_in
+from vibroswarm.floors.source import is_generated, parts_of_file, resolve, values_in
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
@@ -147,8 +147,8 @@ def values_of(base: Scenario, **words: Unpack[ScenarioWords]) -> dict[str, Any]:
             settings[field] = chosen(kind, settings[field])
     values |= settings  # --set overrides other options
     # Without --tiles, each pixel of a picture became a tile.
-    if floor is not None and tiles is None and is_picture(floor):
-        check_pixel_tiles(base.with_values(values), floor)
+    if floor is not None and tiles is None and is_picture(picture := parts_of_file(floor)[1]):
+        check_pixel_tiles(base.with_values(values), picture)
     return values
 
 

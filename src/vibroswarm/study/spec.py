@@ -41,7 +41,7 @@ from vibroswarm.errors import (
 )
 from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.io import is_picture
-from vibroswarm.floors.source import family, is_generated, resolve
+from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
@@ -64,7 +64,14 @@ from vibroswarm.study.factors import (
     words_of_points,
 )
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.study_text import _checked_floors, as_toml, copy_of, plain_value
+from vibroswarm.study.study_text import (
+    Rows,
+    _checked_floors,
+    as_toml,
+    copy_of,
+    fields_of_floor,
+    plain_value,
+)
 
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Progress
@@ -98,6 +105,8 @@ OF_UNTIL: Final = ("figure", "max_runs", "level")
 
 SOURCE: Final = "floor.source"
 """The field that names the floor: ``random:0.48``, a pattern, or a file."""
+OF_ROWS: Final = frozenset(fields_of_floor(None))
+"""Fields of a floor that hold its rows."""
 
 
 KEEP: Final = ("samples",)
@@ -142,7 +151,8 @@ class Study(NotebookView):
         seed: the seed, which is the same for all cells.
         motion: name of the source of motion.
         keep: further tables that the store saves: "samples" or nothing.
-        floors: floors by name, each a list of rows of 0 and 1, the top row first; ``floor.source`` may name them.
+        floors: floors by name, each a list of rows of 0 and 1, or of values, the top row first; ``floor.source`` may
+            name them.
         name: a title.
         folder: folder of the floor files that the study names; None: the current folder.
     Raises:
@@ -156,7 +166,7 @@ class Study(NotebookView):
     seed: int = 1
     motion: str = "event"
     keep: tuple[str, ...] = ()
-    floors: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    floors: Mapping[str, Sequence[str] | Sequence[Sequence[float]]] = field(default_factory=dict)
     name: str = ""
     folder: Path | None = field(default=None, compare=False)
 
@@ -279,11 +289,8 @@ class Study(NotebookView):
                 sections.get(section, {}).pop(last, None)
         # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
         # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
-        floors = {
-            scenario.floor.source: scenario.floor.tiles
-            for scenario in scenarios.values()
-            if scenario.floor.tiles is not None and not is_generated(scenario.floor.source)
-        }
+        own = [one.floor for one in scenarios.values() if not is_generated(one.floor.source)]
+        floors = {floor.source: rows for floor in own if (rows := floor.tiles or floor.values) is not None}
         study = cls(sections, {"list": points}, runs, seed=seed, motion=motion, floors=floors, name=name)
         for cell, (label, scenario) in zip(study.cells, scenarios.items(), strict=True):
             if cell.scenario != scenario:
@@ -393,7 +400,10 @@ class Study(NotebookView):
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
         values |= {"motion": self.motion} if self.motion != "event" else {}
         values |= {"keep": list(self.keep)} if self.keep else {}
-        floors = {name: list(rows) for name, rows in self._named_floors.items()}
+        floors = {
+            name: [row if isinstance(row, str) else list(row) for row in rows]
+            for name, rows in self._named_floors.items()
+        }
         values |= {"scenario": self._with_tables(self._whole_base)} | ({"floors": floors} if floors else {})
         return as_toml(values | dict(self.vary))
 
@@ -478,8 +488,8 @@ class Study(NotebookView):
         return hashlib.sha256(json.dumps([data, points]).encode()).hexdigest()[:16]
 
     @cached_property
-    def _named_floors(self) -> dict[str, tuple[str, ...]]:
-        """Rows of 0 and 1 of the floors that the study defines or reads from files, by name.
+    def _named_floors(self) -> dict[str, Rows]:
+        """Rows of the floors that the study defines or reads from files, by name.
 
         Random floors and patterns are not among them: their name alone describes them. Any other floor that the base or
         a point names, and the study does not define, is a file in the study's folder or else in the working folder.
@@ -487,12 +497,16 @@ class Study(NotebookView):
         Raises:
             InputError: there is no such file, or it is no floor.
         """
-        floors = {name: tuple(rows) for name, rows in self.floors.items()}
+        floors = _checked_floors(self.floors)
         floor_section = self._sections.get("floor", {})
-        if not isinstance(floor_section, Mapping) or "tiles" in floor_section:
+        if not isinstance(floor_section, Mapping) or not OF_ROWS.isdisjoint(floor_section):
             floor_section = {}  # its tiles are given, so its name is not looked up
         # A point with tiles of its own needs no floor of that name.
-        of_points = [point.get(SOURCE) for point in self._points if "floor.tiles" not in point]
+        of_points = [
+            point.get(SOURCE)
+            for point in self._points
+            if point.keys().isdisjoint(f"floor.{name}" for name in OF_ROWS)
+        ]
         for name in [floor_section.get("source"), *of_points]:
             if (
                 isinstance(name, str)
@@ -500,18 +514,26 @@ class Study(NotebookView):
                 and not is_generated(name)
                 and family(name) is None
             ):
-                # The shape that the floor must have, if the base gives it; None: any shape.
-                rows, columns = floor_section.get("rows"), floor_section.get("columns")
-                shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
-                path = (self.folder or Path()) / name
-                file = str(path) if path.is_file() else name
-                tiles, _ = resolve(file, shape, threshold=threshold_of(floor_section))
-                floors[name] = rows_of(tiles)
-                if shape is None and is_picture(file):
-                    check_pixel_tiles(self._with_floor(floors[name]), file)
+                floors[name] = self._rows_in_file(name, floor_section)
         return floors
 
-    def _with_floor(self, rows: tuple[str, ...]) -> Scenario:
+    def _rows_in_file(self, name: str, floor_section: Mapping[str, Any]) -> Rows:
+        """Return the rows of a floor file; ``floor_section``: of the base."""
+        # The shape that the floor must have, if the base gives it; None: any shape.
+        rows, columns = floor_section.get("rows"), floor_section.get("columns")
+        shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
+        file = beside(name, self.folder or Path())
+        values = values_in(file, shape)
+        found: Rows
+        if values is not None:
+            found = values[0]
+        else:
+            found = rows_of(resolve(file, shape, threshold=threshold_of(floor_section))[0])
+        if shape is None and is_picture(picture := parts_of_file(file)[1]):
+            check_pixel_tiles(self._with_floor(found), picture)
+        return found
+
+    def _with_floor(self, rows: Rows) -> Scenario:
         """Return a scenario with the arena, the robots and the places of tiles of the base, and with these tiles."""
         floor = {
             k: v
@@ -521,7 +543,7 @@ class Study(NotebookView):
         parts = {
             name: self._sections[name] for name in ("preset", "arena", "robot") if name in self._sections
         }
-        return Scenario.from_base({**parts, "floor": {**floor, "tiles": rows}})
+        return Scenario.from_base({**parts, "floor": {**floor, **fields_of_floor(rows)}})
 
     @property
     def _sections(self) -> Mapping[str, Any]:
@@ -558,10 +580,10 @@ class Study(NotebookView):
         base = copy_of(self._sections) | preset
         # The study's own floors are put in as tiles, since the scenario cannot find them by name.
         floor = base.get("floor")
-        if isinstance(floor, dict) and "tiles" not in floor:
+        if isinstance(floor, dict) and OF_ROWS.isdisjoint(floor):
             name = floor.get("source")
             if isinstance(name, str) and name in self._named_floors:
-                floor["tiles"] = self._named_floors[name]
+                floor |= fields_of_floor(self._named_floors[name])
         return Scenario.from_base(base)
 
     def _scenario(self, point: Point) -> Scenario:
@@ -574,7 +596,8 @@ class Study(NotebookView):
         try:
             if isinstance(values.get(SOURCE), str):
                 # None for a random floor or a pattern: it removes tiles of the base, which are those of another floor.
-                values.setdefault("floor.tiles", self._named_floors.get(values[SOURCE]))
+                rows = fields_of_floor(self._named_floors.get(values[SOURCE]))
+                values = {f"floor.{name}": of_floor for name, of_floor in rows.items()} | values
             base = self._base({PRESET: point[PRESET]}) if PRESET in point else self._shared_base
             return base.with_values(values)
         except InputError as error:

@@ -63,24 +63,43 @@ def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
 
 
-def _checked_floors(values: Any) -> dict[str, tuple[str, ...]]:
+Rows = tuple[str, ...] | tuple[tuple[float, ...], ...]
+"""Rows of a floor, the top row first: a text of kinds of tile each, or values of tiles."""
+
+
+def _checked_floors(values: Any) -> dict[str, Rows]:
     """Return the floors that a study defines, by name, with their rows as tuples.
 
-    A row may be any text: that it consists of 0 and 1 is checked only when a cell uses the floor.
+    A row may be any text or list: that it consists of kinds, or of values, is checked only when a cell uses the floor.
 
     Args:
         values: ``floors`` of a study, as TOML or the caller gives it.
     Raises:
-        InputError: it is not a table, a name is that of a pattern or a random floor, or a floor is not a list of texts.
+        InputError: it is not a table, a name is that of a pattern or a random floor, or a floor is not a list of texts
+            or of lists.
     """
     if not isinstance(values, Mapping):
         raise InputError("must be a table of floors by name", field="floors")
-    for name, rows in values.items():
-        if is_generated(name) or family(name) is not None:
-            raise InputError(
-                "is the name of a pattern or of a random floor; give this one a name of its own",
-                field=f"floors.{name}",
-            )
-        if not isinstance(rows, list | tuple) or not all(isinstance(row, str) for row in rows):
-            raise InputError("must be a list of rows of 0 and 1, the top row first", field=f"floors.{name}")
-    return {name: tuple(rows) for name, rows in values.items()}
+    return {name: _checked_rows(name, rows) for name, rows in values.items()}
+
+
+def _checked_rows(name: str, rows: Any) -> Rows:
+    if is_generated(name) or family(name) is not None:
+        raise InputError(
+            "is the name of a pattern or of a random floor; give this one a name of its own",
+            field=f"floors.{name}",
+        )
+    if isinstance(rows, list | tuple):
+        if all(isinstance(row, str) for row in rows):
+            return tuple(rows)
+        if all(isinstance(row, list | tuple) for row in rows):
+            return tuple(map(tuple, rows))
+    raise InputError(
+        "must be a list of rows of 0 and 1, or of rows of values, the top row first", field=f"floors.{name}"
+    )
+
+
+def fields_of_floor(rows: Rows | None) -> dict[str, Rows | None]:
+    """Return the fields of a scenario's floor that hold its rows; None without rows, for a floor that its name says."""
+    has_values = rows is not None and any(not isinstance(row, str) for row in rows)
+    return {"tiles": None if has_values else rows, "values": rows if has_values else None}
