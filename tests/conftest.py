@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import helpers.common_instructions  # noqa: F401  # isort: skip - before NumPy
+
 import gc
 import os
 import subprocess

@@ -5,6 +5,8 @@
     python tests/helpers/ledger.py --write    makes ``ledger.json`` again, after a change of values that is meant; the
                                              commit says what has changed, and why
 
+Another processor may round otherwise; see ``helpers.common_instructions``.
+
 ``ledger.toml`` lists the combinations. Hashes are of values in the order of the columns that are named here or in
 ``ledger.json``: files and columns may be added. One that is renamed is renamed in ``ledger.json`` too.
 """
@@ -26,6 +28,11 @@ from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+if __name__ == "__main__":  # as a program it does not find its own package
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import helpers.common_instructions  # noqa: F401  # isort: skip - before NumPy
 
 import numpy as np
 import polars as pl
