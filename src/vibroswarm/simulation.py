@@ -320,12 +320,26 @@ def result_of(
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of the software behind a result, the processor architecture and the code hash."""
+    """Return the versions of the software behind a result, the kind of processor and the code hash."""
     packages = ("vibroswarm", "numpy", "numba", "scipy", "polars")
     return {
         **{name: version(name) for name in packages},
         "python": platform.python_version(),
-        "architecture": platform.machine(),
+        "architecture": _architecture(),
         "system": platform.system(),
         "code": code_hash(),
     }
+
+
+def _architecture() -> str:
+    """Return the architecture of the processor, and the vector instructions of NumPy's exp.
+
+    With other instructions its exp, log and powers have other last bits.
+    """
+    try:
+        from numpy.lib.introspect import opt_func_info
+    except ImportError:  # NumPy before 2.1
+        return platform.machine()
+    used = opt_func_info(func_name="^exp$", signature="float64")
+    levels = sorted({str(one["current"]) for of_types in used.values() for one in of_types.values()})
+    return " ".join([platform.machine(), *levels])

@@ -21,9 +21,9 @@ def verify(
 ) -> int:
     """Simulate a sample of saved runs again from their seed, and compare them bit by bit.
 
-    A run that differs was made by other code or other versions of libraries, on another processor architecture, or its
-    files were changed. Runs of folders within, such as a study's second block, are drawn too. The exit code is 1 if a
-    run differs, or a file with runs is damaged.
+    A run that differs was made by other code or other versions of libraries, on another kind of processor, or its files
+    were changed. Runs of folders within, such as a study's second block, are drawn too. The exit code is 1 if a run
+    differs, or a file with runs is damaged.
 
     examples:
       vibroswarm verify out/study

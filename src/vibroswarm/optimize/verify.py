@@ -1,7 +1,7 @@
 """Verify saved runs: simulate a sample of them again from their seed, and compare the tables bit by bit.
 
 Every run is determined by its scenario, seed and number, so a run that differs was made by other code or other versions
-of libraries, on another processor architecture, or its files were changed.
+of libraries, on another kind of processor, or its files were changed.
 """
 
 from __future__ import annotations
