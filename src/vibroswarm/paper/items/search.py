@@ -15,6 +15,7 @@ The measured values of the claims are rows of ``claims.MEASURED``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
@@ -166,8 +167,8 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
-    """Return believed / true - 1 with its limits, from the interval of the true cost, whose limits are above 0."""
-    ends = sorted(believed / end - 1.0 for end in (true.low, true.high))
+    """Return believed / true - 1 with its limits, from the interval of the true cost; infinite for a limit of 0."""
+    ends = sorted(believed / end - 1.0 if end else math.inf for end in (true.low, true.high))
     return true._replace(estimate=believed / true.estimate - 1.0, low=ends[0], high=ends[1])
 
 
