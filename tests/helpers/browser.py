@@ -32,6 +32,7 @@ class Tabs:
     def __init__(self, browser: Any) -> None:
         self.browser, self.free, self.taken = browser, defaultdict[bool, list[Any]](list), list[Any]()
         self.noise, self.addresses = list[str](), set[str]()
+        self.expected: tuple[str, ...] = ()  # how noise begins that the test at hand makes itself
 
     def open(
         self,
@@ -73,8 +74,8 @@ class Tabs:
             page.goto("about:blank")
             page.mouse.move(0, 0)
             self.free[java_script_enabled].append(page)
-        noise = self.noise
-        self.noise, self.addresses, self.taken = [], set(), []
+        noise = [one for one in self.noise if not one.startswith(self.expected)]
+        self.noise, self.addresses, self.taken, self.expected = [], set(), [], ()
         return noise
 
 

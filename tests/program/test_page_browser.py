@@ -265,8 +265,13 @@ def test_nothing_runs_over_the_side(open_page: Open) -> None:
         assert arena["x"] + arena["width"] < story["x"] or arena["y"] + arena["height"] < story["y"]
 
 
-def test_words_are_in_the_font_that_the_page_holds(open_page: Open, page_path: Path, tmp_path: Path) -> None:
+def test_words_are_in_the_font_that_the_page_holds(
+    open_page: Open, tabs: Tabs, page_path: Path, tmp_path: Path
+) -> None:
     """On the page and on canvases. The control is a page without the font's data."""
+    tabs.expected = (
+        "error: Unsafe attempt to load URL file:",
+    )  # of Chromium's inspector, which is asked below
     without = tmp_path / "without.html"
     text = re.sub(r"@font-face.*", "", page_path.read_text(encoding="utf-8"))
     without.write_text(text, encoding="utf-8")
