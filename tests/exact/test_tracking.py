@@ -75,17 +75,22 @@ def test_squares_are_found_again(x_m: float, y_m: float, up_rad: float, size_m: 
     assert np.abs(square_corners(along, 2 * size_m)).max() > 0.9 * size_m
 
 
+def robots_anywhere(count: int, size_m: float, chance: np.random.Generator) -> np.ndarray:
+    """Corners of robots' markers 30 mm above the floor, (count, 4, 3), m."""
+    return np.stack(
+        [
+            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), size_m, 0.03)
+            for _ in range(count)
+        ]
+    )
+
+
 def test_a_camera_is_found_from_markers_with_its_lens_and_without() -> None:
     """Noise-free corners of four floor markers, and 60 robots' markers anywhere."""
     markers = usual_markers(5, 1.0, 1.0)
     floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
     chance = np.random.default_rng(4)
-    robots = np.stack(
-        [
-            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), markers.size_m, 0.03)
-            for _ in range(60)
-        ]
-    )
+    robots = robots_anywhere(60, markers.size_m, chance)
     test = np.column_stack([chance.uniform(0, 1, (50, 2)), np.full(50, 0.03)])
     for lens, most_m in ((LENS, 1e-6), (None, 3e-3)):
         found = fit_camera(SIZE, floor_m, seen(floor_m), seen(robots), markers.size_m, 0.03, lens)
@@ -129,13 +134,7 @@ def test_how_far_places_may_be_off_is_known() -> None:
     """From straight above only the sizes of markers determine the height; a tilt, the height or a lens do it better."""
     markers = usual_markers(5, 1.0, 1.0)
     floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
-    chance = np.random.default_rng(4)
-    robots = np.stack(
-        [
-            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), markers.size_m, 0.03)
-            for _ in range(40)
-        ]
-    )
+    robots = robots_anywhere(40, markers.size_m, np.random.default_rng(4))
     lens = Lens(LENS.matrix, np.zeros(5), 0.0)
     straight = Camera(lens, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.5, 1.5]), 0.0, True)
     tilted = replace(straight, rotation=cv2.Rodrigues(np.array([0.18, 0.0, 0.0]))[0] @ straight.rotation)

@@ -34,7 +34,7 @@ from vibroswarm.inference.outcomes import Array
 LEVEL: Final = 0.95
 """Confidence level of all intervals together."""
 FEWEST: Final = 10
-"""Units below which no contestant is told apart: the largest of many differences of so few draws is too small."""
+"""With fewer units no contestant is told apart: the intervals would hold together in less than 95 %."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def warn_of_equal_error(study: Study, comparison: Comparisons) -> None:
     if comparison.equal_error:
         reason = why_not_at_equal_error(study, pairs_of(study, comparison.reference))
         if reason is not None:
-            say(f"--equal-error: nothing is compared at equal error: {reason}")
+            say(f"Warning: --equal-error: nothing is compared at equal error: {reason}")
 
 
 def confirm_and_print(

@@ -219,7 +219,7 @@ def _check_types(source: object, laws: object) -> None:
         return
     words = "the name of a preset, a path, a scenario, or a list of recordings"
     check_kind(laws, (list, tuple), "laws", words)
-    for one in laws:  # type: ignore[attr-defined]
+    for one in laws:  # type: ignore[attr-defined]  # a list or a tuple, as checked
         check_kind(one, Recording, "laws", words)
 
 

@@ -120,9 +120,8 @@ def fault_frame(
         return None
     numbers = np.array(runs, dtype=np.int64)  # of the runs, which need not be consecutive
     rows: list[tuple[int, int, int, float]] = []
-    until_s = np.minimum(end_s, scenario.run.t_end_s)[
-        :, None
-    ]  # a run may end with a whole tick after ``t_end_s``
+    # A run may end with a whole tick after ``t_end_s``.
+    until_s = np.minimum(end_s, scenario.run.t_end_s)[:, None]
     for kind_index, kind in enumerate(FAULTS):
         onset = onset_s(scenario, seed, runs, kind)
         run_rows, robots = np.nonzero(onset < until_s)
