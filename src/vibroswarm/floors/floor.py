@@ -221,10 +221,10 @@ class Floor(NotebookView):
             if sides is None and not self.surface.patches and kind < 2:  # exactly, as of kinds
                 return self._mean_value if kind == 1 else 1.0 - self._mean_value
             contrast, share = self.contrast_shares(width_m, height_m)
-            return float(share @ (contrast if kind == 1 else 1.0 - contrast)) if kind < 2 else 0.0
+            return float((share * (contrast if kind == 1 else 1.0 - contrast)).sum()) if kind < 2 else 0.0
         assert sides is not None
         across, up = sides  # the width of each column and the height of each row inside the arena, m
-        return float(up @ (self.tiles == kind) @ across / (up.sum() * across.sum()))
+        return float((up[:, None] * (self.tiles == kind) * across).sum() / (up.sum() * across.sum()))
 
     def contrast_shares(
         self, width_m: float, height_m: float

@@ -26,6 +26,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.elementary import exp
 from vibroswarm.core.rng import PATCH, Purpose, uniform, uniforms
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.patches import Patch, place_within
@@ -119,7 +120,7 @@ def named_values(name: str, rows: int, columns: int, seed: int, run: int) -> Ste
         at_x, at_y, radius = _parts(text, ",", 3, name, "hill:0.3,0.6,0.2")
         if radius <= 0.0:
             raise InputError(f"the radius of '{name}' must be above 0", field=_FIELD)
-        return steps_of(np.exp(-0.5 * ((x - at_x) ** 2 + (y - at_y) ** 2) / radius**2), _FIELD)
+        return steps_of(exp(-0.5 * ((x - at_x) ** 2 + (y - at_y) ** 2) / radius**2), _FIELD)
     (length,) = _parts(text, ",", 1, name, "field:2")
     if not 0.0 < length <= max(rows, columns):
         raise InputError(
@@ -143,12 +144,12 @@ def random_field(rows: int, columns: int, length: float, seed: int, run: int) ->
 
     # White noise, smoothed by a normal kernel of standard deviation length / 2 along each axis.
     reach = math.ceil(2.0 * length)  # 4 standard deviations
-    kernel = np.exp(-2.0 * (np.arange(-reach, reach + 1) / length) ** 2)
-    kernel /= math.sqrt(float(kernel @ kernel))  # so that g has variance 1
+    kernel = exp(-2.0 * (np.arange(-reach, reach + 1) / length) ** 2)
+    kernel /= math.sqrt(float((kernel * kernel).sum()))  # so that g has variance 1
     shape = rows + 2 * reach, columns + 2 * reach
     noise = ndtri(uniforms(seed, run, 0, Purpose.PATCH, shape[0] * shape[1])).reshape(shape)
-    smooth = np.apply_along_axis(np.convolve, 0, noise, kernel, mode="valid")
-    return np.asarray(ndtr(np.apply_along_axis(np.convolve, 1, smooth, kernel, mode="valid")))
+    smooth = sum(weight * noise[i : i + rows] for i, weight in enumerate(kernel))
+    return np.asarray(ndtr(sum(weight * smooth[:, i : i + columns] for i, weight in enumerate(kernel))))
 
 
 def named_patches(

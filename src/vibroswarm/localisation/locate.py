@@ -242,7 +242,7 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
     bias_deg_s = errors.bias_deg_s if rezero_deg_s is None else rezero_deg_s
     mean, spread = speed_law(robot)
     threshold_m = min(scenario.walk.avoidance_threshold_mm / 1000.0, rays.range_m)
-    angles = np.radians(np.array(rays.angle_deg))
+    angles = [math.radians(angle) for angle in rays.angle_deg]
     # How far to the side of the robot's axis each ray is at the length at which the robot avoids.
     aside = [
         abs(side + threshold_m * math.sin(angle)) for side, angle in zip(rays.side_m, angles, strict=True)
@@ -255,8 +255,8 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
         radius_m=robot.body_radius_m,
         ray_forward_m=rays.forward_m,
         ray_side_m=read_only(np.array(rays.side_m, dtype=np.float64)),
-        ray_cos=read_only(np.cos(angles)),
-        ray_sin=read_only(np.sin(angles)),
+        ray_cos=read_only(np.array([math.cos(angle) for angle in angles])),
+        ray_sin=read_only(np.array([math.sin(angle) for angle in angles])),
         avoidance_threshold_m=threshold_m,
         blind_s=(scenario.walk.blind_after_turn_ms or 0.0) / 1000.0,
         full_speed_m_s=robot.full_speed_m_s,

@@ -123,13 +123,13 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
     if floor.surface is not PLAIN:
         contrasts, shares_of_them = floor.contrast_shares(*size)
         below = mean_shares_below(sensor, np.unique(contrasts))[sensor.kinds :, 0]  # of two classes
-        ones = shares_of_them @ (1.0 - below)[np.searchsorted(np.unique(contrasts), contrasts)]
+        ones = (shares_of_them * (1.0 - below)[np.searchsorted(np.unique(contrasts), contrasts)]).sum()
         tiled, beside = tiled_share(floor.geometry, size), rates(sensor)[0, 1]
         ones = tiled * ones + (1.0 - tiled) * beside
         return np.array([1.0 - ones, ones])
-    shares = [floor.share_within(kind, *size) for kind in range(sensor.kinds)]
+    shares = np.array([floor.share_within(kind, *size) for kind in range(sensor.kinds)])
     tiled, by_kind = tiled_share(floor.geometry, size), rates(sensor, place_of(floor))
-    return np.asarray(tiled * (shares @ by_kind) + (1.0 - tiled) * by_kind[0])
+    return np.asarray(tiled * (shares[:, None] * by_kind).sum(axis=0) + (1.0 - tiled) * by_kind[0])
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:

@@ -27,6 +27,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.elementary import exp
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.core.numbers import number
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
@@ -358,7 +359,7 @@ def _log_normal(u: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
     """
     from scipy.special import ndtri
 
-    return np.asarray(np.exp(spread * ndtri(u) - 0.5 * spread**2))
+    return exp(spread * ndtri(u) - 0.5 * spread**2)
 
 
 def factor_numbers(seed: int, run: int, count: int, robots: bool) -> NDArray[np.float64]:

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import sensors
+from vibroswarm.core.elementary import exp, log
+from vibroswarm.core.quadrature import over_normal
 from vibroswarm.errors import InputError
 from vibroswarm.floors.place import Place
 from vibroswarm.scenario import plugins
@@ -120,8 +121,7 @@ def mean_shares_below(
         return np.asarray(shares_below(sensor, contrasts=contrasts, place=place)[0])
     factors, weights = typical_factors(sensor)
     shares = shares_below(sensor, factors, contrasts, place)
-    means = [weights @ np.ascontiguousarray(shares[:, kind, j]) for kind, j in np.ndindex(shares.shape[1:])]
-    return np.array(means).reshape(shares.shape[1:])
+    return np.asarray((weights[:, None, None] * shares).sum(axis=0))
 
 
 def error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
@@ -242,15 +242,9 @@ def typical_factors(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.flo
     """
     # The logarithms of a tile's and a robot's factor are normal, so their variances add up.
     spread = math.hypot(sensor.tile_spread or 0.0, sensor.robot_spread or 0.0)
-    nodes, weights = _nodes()
-    # The term -spread^2 / 2 gives the log-normal distribution mean 1. The weights are scaled to a sum of 1.
-    return np.exp(spread * nodes - 0.5 * spread**2), weights / weights.sum()
-
-
-@cache
-def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return nodes and weights of Gauss-Hermite quadrature for a standard normal weight function, (NODES,) each."""
-    return np.polynomial.hermite_e.hermegauss(NODES)
+    nodes, weights = over_normal(NODES)
+    # The term -spread^2 / 2 gives the log-normal distribution mean 1.
+    return exp(spread * nodes - 0.5 * spread**2), weights
 
 
 MOST: Final = 8.0
@@ -335,7 +329,7 @@ def log_ratios_of_classes(
     """
     shares = np.maximum(claimed_rates(sensor, place), 1e-6)  # shares of exactly 0 would give infinite ratios
     of_kind = shares[1:].mean(axis=0) if kind is None else shares[kind]
-    return np.asarray(np.clip(np.log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
+    return np.asarray(np.clip(log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
 
 
 def log_ratios_of_energies(
@@ -361,8 +355,7 @@ def log_likelihood(
     """
     model, p = model_of(sensor), _params(sensor, place)
     found = _mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))
-    with np.errstate(divide="ignore"):  # ln 0 is -inf
-        return np.log(found)
+    return log(found)
 
 
 def likelihood_at(

@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 from pydantic import BaseModel
 
+from vibroswarm.core.quadrature import over_interval
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError
 from vibroswarm.floors.patches import mixed
@@ -147,10 +148,10 @@ def _between(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
 
 def _masses(model: SensorModel, p: Any, low: Values, high: Values) -> Values:
     """Return the integral of the likelihood over each interval by the Gauss-Legendre rule, (kinds, intervals)."""
-    at, weight = np.polynomial.legendre.leggauss(NODES)
+    at, weight = over_interval(NODES)
     value = low[:, None] + 0.5 * (high - low)[:, None] * (1.0 + at)
-    rows = [_density(model, kind, value, p) @ weight for kind in range(model.number_of("kinds", p))]
-    return 0.5 * (high - low) * np.array(rows)
+    densities = np.array([_density(model, kind, value, p) for kind in range(model.number_of("kinds", p))])
+    return np.asarray((high - low) * (densities * weight).sum(axis=2))
 
 
 def _density(model: SensorModel, kind: int, value: Values, p: Any) -> Values:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.core.elementary import exp, log
 from vibroswarm.sensors.base import SensorModel, Values, register
 
 
@@ -64,7 +65,7 @@ def likelihood(kind: int, value: Values, p: Any) -> Values:
     shape, scale, location = law_of(kind, p)
     above = (value - location) / scale
     inside = np.maximum(above, 1e-300)  # so that the logarithm exists; the density is 0 where above <= 0
-    density = np.exp((shape - 1.0) * np.log(inside) - inside - math.lgamma(shape)) / scale
+    density = exp((shape - 1.0) * log(inside) - inside - math.lgamma(shape)) / scale
     return np.where(above > 0.0, density, 0.0)
 
 

@@ -78,7 +78,8 @@ class EventRun(KernelRun):
         self.made_world: World | None = None
         swarm = self.swarm
         swarm["self_event_tick"], swarm["lookahead_tick"] = 1, NEVER  # only the robot's own event wakes it
-        swarm["sin_h"], swarm["cos_h"] = np.sin(swarm["heading_rad"]), np.cos(swarm["heading_rad"])
+        heading_rad = swarm["heading_rad"].tolist()
+        swarm["sin_h"], swarm["cos_h"] = list(map(math.sin, heading_rad)), list(map(math.cos, heading_rad))
         # Waking at tick 1 adds the control period of tick 0 to ``stop_ticks`` (``stand_on``).
         swarm["mid_x_m"], swarm["mid_y_m"], swarm["stop_ticks"] = swarm["x_m"], swarm["y_m"], 0
         self.wakes[:] = self.all_wake
