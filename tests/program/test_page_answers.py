@@ -91,6 +91,10 @@ def test_only_robots_that_decide_by_their_belief_are_said_to(
         page = open_page(file=tmp_path / f"{name}.html")
         assert lead in page.inner_text("#belief-lead")
         assert page.locator("#details div", has_text="Decides").locator("dd").inner_text() == decides
+        heads = page.locator("#roster thead tr").last.locator("th").all_text_contents()
+        assert ("p" in heads, "p then" in heads) == (name != "silent", name != "silent")
+        columns = page.locator("#roster tbody tr").first.locator("th, td").count()
+        assert columns == len(heads)  # a column that no robot has is left out, heads and cells alike
 
 
 @pytest.mark.parametrize(
@@ -257,6 +261,7 @@ def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
     assert plain.locator("#layer-map").count() == 0
     assert page.locator("#cards").is_hidden()
     assert plain.locator("#cards").is_visible()
+    assert page.locator("#roster [data-column=alpha]").count() == 0
     assert "NaN" not in page.locator("body").inner_text()
 
 

@@ -112,7 +112,8 @@ function drawBeliefFrame(context, box, followed) {
   }
   drawTooEarly(context, box, followed);
   context.lineWidth = 1;
-  for (const [p, colour] of [[0, "line-strong"], [0.5, "line"], [1, "line-strong"]]) {
+  const scale = hasBelief ? [[0, "line-strong"], [0.5, "line"], [1, "line-strong"]] : [[0, "line-strong"]];
+  for (const [p, colour] of scale) {
     context.strokeStyle = colours[colour];
     line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
   }
@@ -131,7 +132,7 @@ function drawBeliefTicks(context, box) {
   context.fillStyle = colours["ink-2"];
   context.textBaseline = "middle";
   context.textAlign = "right";
-  for (const p of [0, 0.5, 1]) context.fillText(String(p), box.left - 7, box.y(p));
+  for (const p of hasBelief ? [0, 0.5, 1] : []) context.fillText(String(p), box.left - 7, box.y(p));
   context.textBaseline = "top";
   const steps = timeSteps(END_S, Math.max(box.width / 70, 2));
   context.strokeStyle = colours["line-strong"];

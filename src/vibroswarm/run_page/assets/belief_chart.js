@@ -79,7 +79,7 @@ function drawFlag(context, box, flag, past) {
   context.beginPath();
   context.moveTo(flag.place, flag.radius * 2);
   context.lineTo(flag.x, box.top - 5);
-  context.lineTo(flag.x, box.y(flag.belief ?? 0.5));
+  context.lineTo(flag.x, box.y(hasBelief ? flag.belief ?? 0.5 : 0));
   context.stroke();
   drawPip(context, flag.place, flag.radius, flag.radius, flag.robot.final.decision, flag.name,
     flag.robots.length > 1 ? 9 : undefined);

@@ -1,8 +1,14 @@
 // The table, robot by robot: what it does now, what it decided, and its counts over the run.
 
+// Columns that no robot of this run has are left out.
+const ROSTER_BELIEF = hasBelief ? ["p"] : [], ROSTER_THEN = hasBelief ? ["p then"] : [], ROSTER_LOST = radio ? ["lost"] : [];
+const ROSTER_COUNTS = [
+  ...(hasPosterior ? [["alpha", "\u03b1"], ["beta", "\u03b2"]] : []),
+  ["samples", "samples"], ["sent", "sent"], ["messages_received", "received"],
+];
 const ROSTER_HEADS = [
-  ["", ["#"]], ["Now", radio ? ["doing", "p", "lost"] : ["doing", "p"]], ["Decision", ["", "after", "p then"]],
-  ["By the end", ["\u03b1", "\u03b2", "samples", "sent", "received"]],
+  ["", ["#"]], ["Now", ["doing", ...ROSTER_BELIEF, ...ROSTER_LOST]], ["Decision", ["", "after", ...ROSTER_THEN]],
+  ["By the end", ROSTER_COUNTS.map(([, head]) => head)],
 ];
 const rosterRows = [];
 
@@ -14,7 +20,8 @@ function buildRoster(onChoose) {
     head.scope = "colgroup";
     groups.append(head);
     columns.forEach((name, i) => {
-      const cell = make("th", i === 0 && group ? "first" : "", name || "says");
+      const ofWords = ["doing", ""].includes(name) ? " words" : "";
+      const cell = make("th", i === 0 && group ? `first${ofWords}` : "", name || "says");
       cell.scope = "col";
       names.append(cell);
     });
@@ -38,14 +45,14 @@ function rosterRow(robot, onChoose) {
   };
   const head = make("th", "", choose);
   head.scope = "row";
-  const state = cell("state", "", "first words"), belief = cell("belief", "");
-  const lost = radio ? [cell("lost", "")] : [];
-  row.append(head, state, belief, ...lost,
+  const state = cell("state", "", "first words");
+  const belief = ROSTER_BELIEF.map(() => cell("belief", "")), lost = ROSTER_LOST.map(() => cell("lost", ""));
+  const then = final.belief_at_decision === null ? "\u2013" : probability(final.belief_at_decision);
+  row.append(head, state, ...belief, ...lost,
     cell("decision", verdictOf(final), "first words"),
     cell("decision_time_s", final.decision_time_s === null ? "\u2013" : exactSeconds(final.decision_time_s)),
-    cell("belief_at_decision", final.belief_at_decision === null ? "\u2013" : probability(final.belief_at_decision)),
-    cell("alpha", String(final.alpha ?? "\u2013"), "first"));
-  for (const name of ["beta", "samples", "sent", "messages_received"]) row.append(cell(name, String(final[name] ?? "\u2013")));
+    ...ROSTER_THEN.map(() => cell("belief_at_decision", then)),
+    ...ROSTER_COUNTS.map(([name], i) => cell(name, String(final[name] ?? "\u2013"), i === 0 ? "first" : "")));
   rosterRows.push({ robot, row, choose, state, belief, lost });
   return row;
 }
@@ -64,7 +71,7 @@ function drawRoster(t, followed) {
   for (const { robot, row, choose, state, belief, lost } of rosterRows) {
     const mind = mindAt(robot, t), pose = poseAt(robot, t);
     say(state, pose ? doingWords(robot, pose, t) : "\u2013");
-    say(belief, probability(mind.belief));
+    for (const element of belief) say(element, probability(mind.belief));
     for (const element of lost) say(element, String(lostBy(robot, t)));
     mark(choose, "data-decision", String(mind.decision));
     mark(choose, "aria-pressed", String(robot === followed));

@@ -43,7 +43,7 @@ const hasPosterior = run.samples.alpha.every((alpha) => !Number.isNaN(alpha));
 const hasBelief = !run.samples.belief_below.length || run.samples.belief_below.some((belief) => !Number.isNaN(belief));
 
 const PRIOR = {
-  alpha: run.rule.prior_alpha, beta: run.rule.prior_beta, belief: run.rule.prior_belief,
+  alpha: run.rule.prior_alpha, beta: run.rule.prior_beta, belief: hasBelief ? run.rule.prior_belief : NaN,
   decision: -1, samples: 0, received: 0,
 };
 
