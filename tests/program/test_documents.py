@@ -322,3 +322,13 @@ def test_the_glossary_has_the_values_of_preset_paper():
     assert len(found) >= 12
     for name, value in found:
         assert float(value) == value_of(preset("paper"), name), name
+
+
+def test_the_glossary_has_the_posteriors_of_a_hundred_runs():
+    from vibroswarm import Study, preset
+
+    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
+    (said,) = re.findall(r"\(preset `paper`, 100 runs, seed 1\) the posterior(.*?)\n\n", text, re.DOTALL)
+    ran = Study.of(preset("paper"), runs=100, seed=1, strategy__name=["none", "soft", "positive"]).run()
+    rows = ran.summary().select("estimate", "estimate_low", "estimate_high").rows()
+    assert re.findall(r"0\.\d+", said) == [f"{value:.3f}" for row in rows for value in row]

@@ -462,7 +462,7 @@ FIGURES: Final = (
     ),
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
-    RunFigure("estimate", "estimate of the fill ratio", _mean_of("estimate")),
+    RunFigure("estimate", "estimate", _mean_of("estimate")),
     RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1, least=0.0),
     RunFigure(
         "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"

@@ -23,7 +23,7 @@ they sample.
 
 By the radio's data sheet, a frame of 32 bytes at 1 Mbit/s with its acknowledgement takes 0.7 ms on air, so ``frame_ms``
 cannot be less. The default, 2.1 ms, is a compromise: with the library's 25 ms it is nearest to the published shares of
-lost packets of all six swarm sizes (root mean square 1.5 points), but loses 2.0 % with five robots and 11.6 % with ten,
+lost packets of all six swarm sizes (root mean square 1.5 points), but loses 2.1 % with five robots and 11.6 % with ten,
 where 0.9 and 9.0 % are published. ``loss_by_size`` has the published shares.
 """
 
@@ -80,7 +80,7 @@ class Params:
         Field(
             ge=0,
             le=1e6,
-            description="Time of a frame of 24 bytes from node to node, ms; 0: no load. With 2.1, 2.0 % are lost with "
+            description="Time of a frame of 24 bytes from node to node, ms; 0: no load. With 2.1, 2.1 % are lost with "
             "five robots and 11.6 % with ten (published: 0.9 and 9.0 %).",
         ),
     ] = 2.1
