@@ -78,6 +78,17 @@ def test_the_declared_set_covers_the_surface_and_stays_within_it() -> None:
         declared((1200.0, 800.0), SIDES_M)
 
 
+def test_cracks_along_a_narrow_beam_are_declared() -> None:
+    """A crack that is declared along both axes lies along the one that it fits; it was refused."""
+    assert declared((2.0, 0.1), [(0.3, 0.05), (0.05, 0.3), 0.1]).forms == (
+        (0.3, 0.05, False),
+        (0.1, 0.1, False),
+    )
+    for wrong in ([(0.3, 0.15), (0.15, 0.3)], [], "10", [(0.1,)], [True], 0.1):
+        with pytest.raises(InputError, match=r"^(sides_m|--sizes): "):
+            declared((2.0, 0.1), wrong)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("spread_m", [0.0, 0.03])
 def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
     samples = drawn_samples(1, count=80, spread_m=spread_m)

@@ -163,6 +163,18 @@ def test_a_start_without_a_pose_is_left_out(monkeypatch: pytest.MonkeyPatch) -> 
         fit_camera(SIZE, floor_m, seen(floor_m), seen(floor_m).reshape(-1, 4, 2), 0.022, 0.0)
 
 
+def test_a_camera_exactly_above_is_found() -> None:
+    """OpenCV's pose from points in a plane (IPPE) is wrong there: the markers' places were said not to fit."""
+    markers = usual_markers(5, 1.0, 1.0)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    lens = Lens(matrix_of(1100.0, (np.array(SIZE) - 1) / 2), np.zeros(5), 0.0)
+    for height_m in (1.3, 1.5, 2.0):
+        at_m = np.array([0.5, 0.45, height_m])
+        above = Camera(lens, np.diag([-1.0, 1.0, -1.0]), at_m, 0.0, True)
+        found = fit_camera(SIZE, floor_m, above.project(floor_m), np.empty((0, 4, 2)), 0.022, 0.03, lens)
+        assert found.position_m == pytest.approx(at_m, abs=1e-6)
+
+
 def test_places_that_do_not_fit_are_refused() -> None:
     markers = usual_markers(5, 1.0, 1.0)
     floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])

@@ -108,6 +108,19 @@ def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) 
     assert "0 of 1 tiles vibrate and 1 is still, each" in capsys.readouterr().out
 
 
+def test_what_a_csv_does_not_have_is_refused_and_repeated_rows_are_warned_of(
+    plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Both options had no effect, and copied rows counted twice without a word."""
+    given = ("--laws", plate / "reference.csv", "--size", "1x1", "--tiles", "5x5")
+    assert "--bits: leave it out" in error_of(capsys, plate / "plate.csv", *given, "--bits")
+    assert "--run: leave it out" in error_of(capsys, plate / "plate.csv", *given, "--run", "3")
+    lines = (plate / "plate.csv").read_text().splitlines()
+    (tmp_path / "twice.csv").write_text("\n".join([*lines, lines[7]]))
+    assert run("inspect", tmp_path / "twice.csv", *given) == 0
+    assert "The file repeats 1 row" in capsys.readouterr().out
+
+
 def test_a_saved_run_is_inspected_as_it_was_simulated(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -45,7 +45,7 @@ def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:
     )
     assert (gated["decision_time_s"] == gated["decision_time_s_logged"]).all()
     assert replayed.put_back == 4
-    assert replayed.unsent < 0.005 * real.inference.group_by("run", "robot").last()["messages_received"].sum()
+    assert replayed.unsent == 0
 
 
 def test_at_a_lower_threshold_session_two_goes_wrong(real: Recording) -> None:

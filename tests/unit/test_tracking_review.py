@@ -130,7 +130,7 @@ STILL, MOVING = ({17: [(0, AT), (75, AT + away_px)]} for away_px in (1.0, 90.0))
             {"change": hide, "samples": (GLARE, GLARE)},
             "where the picture is white, as in a reflection",
         ),
-        (["still"], {"change": stand}, "Robot 1 never moved in the 20 s in which it was seen"),
+        (["still"], {"change": stand}, "Robot 1 never left its place in the 20 s in which it was seen"),
         (["carried"], {"change": carry}, "Robot 0 moved 2"),
         (["size", "small"], {"change": shrink}, "Robot 0's marker measures 36.0 mm"),
         (["size"], {"markers": LARGER}, "-14 % from the 70 mm"),

@@ -11,6 +11,8 @@ import pytest
 from vibroswarm import Floor, Result, StudyResult, inspect, make_floor, measure, pose, replay, write_run_page
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
+from vibroswarm.inspection.missed import plan
+from vibroswarm.inspection.stopping import Question
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import check_runs, simulate
 from vibroswarm.study.spec import Study
@@ -127,6 +129,21 @@ CALLS = {
     "inspect run": lambda x, r: inspect(r, run=[x]),  # type: ignore[arg-type]
     "inspect seed": lambda x, r: inspect(r.scenario, seed=[x]),  # type: ignore[arg-type]
     "inspect laws": lambda x, r: inspect(r, laws=x),
+    "inspect bits": lambda x, r: inspect(r, bits="x" if x is True else x),
+    "inspect floor": lambda x, r: inspect(r, floor=x),
+    "inspect size": lambda x, r: inspect(r, size_m=x),
+    "inspect spreads": lambda x, r: inspect(r, spreads=x),
+    "inspect question": lambda x, r: inspect(r, question=x),
+    "inspect shapes": lambda x, r: inspect(r, shapes=x),
+    "inspect looks": lambda x, r: inspect(r, looks=[x]),  # type: ignore[arg-type]
+    "inspect replicates": lambda x, r: inspect(r, replicates=[x]),  # type: ignore[arg-type]
+    "inspect sizes": lambda x, r: inspect(r, sides_m=[[x]], question=Question()),
+    "Question": lambda x, r: Question(least_m=[x]),
+    "Question contrasts": lambda x, r: Question(contrasts=x),
+    "Question risk": lambda x, r: Question(risk=[x]),
+    "Question strict": lambda x, r: Question(strict=[x]),
+    "plan": lambda x, r: plan(x, [3], [60.0]),
+    "plan robots": lambda x, r: plan(r.scenario, [[x]], [60.0]),  # type: ignore[list-item]
     "inspect spread": lambda x, r: inspect(r, spread_m=[x]),  # type: ignore[arg-type]
 }  # fmt: skip
 

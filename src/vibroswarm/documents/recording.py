@@ -157,7 +157,8 @@ def replay_document(found: Replays) -> Document:
     """Return what strategies would have decided on a recording's observations.
 
     Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
-    before one of its samples than the other robots can have sent by then, the surplus is left out (``unsent``).
+    before one of its samples than the other robots sent by then and it has not heard, the surplus is left out
+    (``unsent``).
     """
     recording, replays, draws = found.recording, found.by_strategy, count(found.draws, "draw")
     logged = logged_outcomes(recording)

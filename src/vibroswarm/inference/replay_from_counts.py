@@ -2,8 +2,8 @@
 
 A robot's log has the number n of messages that it received between two samples. A replay draws which messages these
 are: n of the messages that other robots sent since its previous sample, chosen at random. Times in a log are a little
-late, so n may be larger than the number of messages sent in that time. The rest is then drawn from those messages of
-the interval before that the robot has not heard, and after that from messages sent up to ``slack_s`` later.
+late, so n may be larger than the number of messages sent in that time. The rest is then drawn from messages that the
+robot has not heard: those of the interval before, those sent up to ``slack_s`` later, and at last all older ones.
 
 ``Session`` holds the samples of one recorded run, one per row; the message of a row is the one that its robot sent at
 that sample. ``seed`` and ``run`` are part of the address of all random numbers.
@@ -79,11 +79,11 @@ def hear(
 ) -> tuple[int, int]:  # fmt: skip
     """Choose the messages that robot ``i`` has received between its previous sample and that in row ``k``.
 
-    They are chosen from three ranges of rows, each used only if the ranges before it hold too few messages that the
+    They are chosen from four ranges of rows, each used only if the ranges before it hold too few messages that the
     robot has not heard. The first range holds the messages that are new at this sample: by the times in the log, they
     were sent before its ``hears_until_s``, but too late to be new at the robot's previous sample. The second holds the
     messages that were new at that previous sample. The third holds those sent up to ``slack_s`` after
-    ``hears_until_s``.
+    ``hears_until_s``, the fourth those before the second.
 
     Args:
         heard_messages: changed: the chosen messages are marked as heard, and the ranges move on to the next sample.
@@ -100,8 +100,10 @@ def hear(
     while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
         later += 1
     received, ones, zeros = session.received[k], 0, 0
-    # New messages, those left over from the range of the previous sample, and late ones.
-    for first, last in ((new_from[i], until), (leftover_from[i], new_from[i]), (until, later)):
+    leftover = leftover_from[i]
+    for first, last in ((new_from[i], until), (leftover, new_from[i]), (until, later), (0, leftover)):
+        if ones + zeros >= received:
+            break
         more_ones, more_zeros = choose(
             session, heard[i], messages, i, first, last, received - ones - zeros, seed, run, session.sample[k]
         )

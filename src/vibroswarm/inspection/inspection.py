@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import Any, Final
 
 import numpy as np
@@ -14,9 +15,11 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
-from vibroswarm.errors import InputError, check_kind, number_of, whole_number_of
+from vibroswarm.errors import InputError, check_choice, check_kind, number_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.inspection.assessment import Assessment, assess
+from vibroswarm.inspection.damage import SHAPES
 from vibroswarm.inspection.kind_map import any_but_still, kind_map
 from vibroswarm.inspection.laws import (
     DRAWS,
@@ -41,6 +44,8 @@ from vibroswarm.simulation import check_seed, simulate
 
 TIMES: Final = 60
 """Number of times of the maps, evenly spaced up to the last sample."""
+LEAST_M: Final = 1e-3
+"""Least width and height of a surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +186,11 @@ def inspect(
     _check_types(source, known)
     run, seed = whole_number_of(run, "run", 0, 2**32 - 1), check_seed(seed)
     number_of(spread_m, "spread_m")
+    check_kind(bits, bool, "bits", "True or False")
+    size_m = None if size_m is None else _pair_of(size_m, "size_m", LEAST_M)
+    spreads = _pair_of(spreads, "spreads", 0.0)
+    check_kind(floor, (Floor, tuple, NoneType), "floor", "a Floor, or a pair of rows and columns")
+    _check_asked(question, replicates, looks, shapes)
     # The error of a law costs many fits to sessions; a map alone does not use it.
     draws = 0 if question is None else DRAWS
     samples = _samples_of(source, run, seed, known, spreads, bits, size_m, spread_m, floor, draws)
@@ -223,6 +233,31 @@ def _check_types(source: object, laws: object) -> None:
         check_kind(one, Recording, "laws", words)
 
 
+def _pair_of(value: object, field: str, low: float) -> tuple[float, float]:
+    """Return a pair of numbers of at least ``low``.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise InputError(f"{shown(value)} is not a pair of numbers", field=field)
+    return number_of(value[0], field, low), number_of(value[1], field, low)
+
+
+def _check_asked(question: object, replicates: object, looks: object, shapes: object) -> None:
+    """Refuse what is asked about damage, if it is of another type.
+
+    Raises:
+        InputError: as said.
+    """
+    check_kind(question, (Question, NoneType), "question", "a Question")
+    whole_number_of(replicates, "replicates", 0, 10**6)
+    whole_number_of(looks, "looks", 1, 100)
+    check_kind(shapes, (tuple, list), "shapes", f"a list of shapes ({', '.join(SHAPES)})")
+    for shape in shapes:  # type: ignore[attr-defined]  # a list or a tuple, as checked
+        check_choice(shape, "shapes", SHAPES)
+
+
 def _maps(samples: Samples, times_s: Floats) -> tuple[Floats, Floats | None]:
     """Return the probability of each tile over time, and that of each kind at the end if there are more than two."""
     if samples.kinds is None:
@@ -236,17 +271,31 @@ def _samples_of(
     size_m: tuple[float, float] | None, spread_m: float, floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
     """Return the samples of a source; the arguments are those of ``inspect``, and the draws of the law."""
+    if isinstance(source, str | Path) and (path := Path(source)).suffix.lower() == ".csv":
+        _refuse_given({"--run": run, "--bits": bits}, "a CSV has one inspection, with the values that it has")
+        return _of_csv(path, laws, spreads, size_m, spread_m, floor, draws)
+    _refuse_given({"size_m": size_m, "floor": floor}, "describes a CSV; the source has its own")
     if isinstance(source, Samples):
+        own = {"run": run, "laws": laws, "bits": bits, "spread_m": spread_m, "spreads": any(spreads)}
+        _refuse_given(own, "samples have their own")
         return source
     if isinstance(source, str | Path):
-        path = Path(source)
-        if path.suffix.lower() == ".csv":
-            return _of_csv(path, laws, spreads, size_m, spread_m, floor, draws)
-        source = read_result(path)
+        source = read_result(Path(source))
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
     law = _law_of(source, run, laws, spreads, draws)
     return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
+
+
+def _refuse_given(values: dict[str, Any], words: str) -> None:
+    """Refuse arguments that a source does not have; one that is None, False or 0 is not given.
+
+    Raises:
+        InputError: one is given.
+    """
+    for field, value in values.items():
+        if value:
+            raise InputError(f"leave it out: {words}", field=field)
 
 
 def _law_of(
@@ -287,5 +336,7 @@ def _of_csv(
         raise InputError("a CSV needs the size of the surface", field="--size")
     # Without a grid the question is always whether there is damage, and that needs the error of the law.
     law = _law_of(None, 0, laws, spreads, DRAWS if floor is None else draws)
-    grid = grid_of(*floor, size_m) if isinstance(floor, tuple) else floor
-    return samples_of_csv(path, law, size_m, spread_m, grid, truth_known=isinstance(floor, Floor))
+    is_known = isinstance(floor, Floor)
+    if isinstance(floor, tuple):
+        floor = grid_of(*parse_tiles("x".join(map(str, floor)), "floor"), size_m)
+    return samples_of_csv(path, law, size_m, spread_m, floor, truth_known=is_known)

@@ -15,7 +15,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.numbers import stated
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, number_of, whole_number_of
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
@@ -194,8 +194,14 @@ def plan(
     Raises:
         InputError: fewer than 4 runs, with which there is no threshold, or an end before the first samples.
     """
-    if runs < 4:
-        raise InputError(f"{runs} runs are too few; at least 4", field="runs")
+    check_kind(scenario, Scenario, "scenario", "a Scenario")
+    for field, values in {"robots": robots, "until_s": until_s, "sides_m": sides_m}.items():
+        check_kind(values, (tuple, list, np.ndarray), field, "a list of numbers")
+        for value in values:
+            number_of(value, field)
+    whole_number_of(runs, "runs", 4, 10**6)
+    whole_number_of(each, "each", 1, 10**6)
+    number_of(level, "level", 0.0, 1.0)
     rows: list[tuple[float | None, ...]] = []
     for number in robots:
         made = scenario.with_values(

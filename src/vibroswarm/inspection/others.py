@@ -5,6 +5,9 @@
 | map of the others | p_t | map of a grid (``tile_map``), or raster of called patches (``scan``), without its samples |
 | felt | q | probability that a sample feels vibration: its place, with its spread and the blur of edges, on this map |
 
+Damage lies between the patches that are declared, whose places are a step apart: of a raster, places are taken as sure
+only to the largest step of the called patches, besides their own spread.
+
 A sample is judged by this map, not by one to which it has added: otherwise its own value would say where it counts. A
 robot that took all samples by itself is judged by its own map.
 """
@@ -20,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inspection.patches import Patches, Shares
+from vibroswarm.inspection.patches import Form, Patches, Shares
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, critical_by, within
 from vibroswarm.inspection.sources import grid_of
@@ -106,7 +109,7 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
     Args:
         critical: T from which a patch is called by all samples. prior: probability of damage.
     """
-    robot, maps = samples.frame["robot"].to_numpy(), {}
+    robot, maps, step_m = samples.frame["robot"].to_numpy(), {}, 0.0
     centres_m = [(np.arange(CELLS) + 0.5) * whole / CELLS for whole in samples.size_m]
     x_m, y_m = np.meshgrid(centres_m[0], centres_m[1][::-1])
     for one in samples.robots:
@@ -116,8 +119,11 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
         close = np.zeros_like(cells, dtype=bool)
         for box in boxes:
             close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)
+            step_m = max(step_m, Form(*box[2:]).step_m)
         maps[one] = np.where(close, cells, 0.0).ravel()
-    return _judged(replace(samples, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
+    spreads_m = {name: np.hypot(samples.column(name), step_m) for name in ("spread_x_m", "spread_y_m")}
+    seen = samples.with_columns(**spreads_m)
+    return _judged(replace(seen, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 
 
 def _judged(samples: Samples, maps: dict[int, Floats]) -> Others:

@@ -24,7 +24,7 @@ from scipy.special import ndtr
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, number_of, shown
 from vibroswarm.inspection.samples import Floats, Samples
 
 SIZES_M: Final = (0.07, 0.10, 0.14, 0.20, 0.28)
@@ -64,6 +64,10 @@ class Form(NamedTuple):
     def step_m(self) -> float:
         """Distance between its places in the declared set."""
         return max(min(self.width_m, self.height_m) / 4.0, FINEST_M)
+
+    def is_within(self, size_m: tuple[float, float]) -> bool:
+        """Return whether it has a size, and fits a surface of that width and height."""
+        return all(0.0 < side <= whole for side, whole in zip(self[:2], size_m, strict=True))
 
 
 Side = float | tuple[float, float] | Form
@@ -108,21 +112,40 @@ class Patches(NotebookView):
         return Patches(self.left_m[which], self.bottom_m[which], form, tuple(self.forms[k] for k in kept))
 
 
+def _form(side: object) -> Form:
+    """Return the form of a declared size.
+
+    Raises:
+        InputError: it is something else.
+    """
+    sides = side if isinstance(side, tuple) else (side, side)
+    if len(sides) != 2 and not isinstance(sides, Form):
+        raise InputError(f"{shown(side)} is neither a side nor a width and height, in m", field="sides_m")
+    return Form(number_of(sides[0], "sides_m"), number_of(sides[1], "sides_m"), *sides[2:])
+
+
 def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> Patches:
     """Return the declared set on a surface.
 
     Args:
-        size_m: width and height of the surface.
+        size_m: width and height of the surface. sides_m: sizes; a crack that is declared along both axes, but fits the
+            surface along one of them only, lies along that one.
     Raises:
-        InputError: a patch is larger than the surface, or has no size, or there are too many places.
+        InputError: no size is declared, a patch is larger than the surface, or has no size, or there are too many
+            places.
     """
-    forms = tuple(Form(side, side) if isinstance(side, int | float) else Form(*side) for side in sides_m)
-    for form in forms:
-        if not all(0.0 < side <= whole for side, whole in zip(form[:2], size_m, strict=True)):
+    check_kind(sides_m, (tuple, list, np.ndarray), "sides_m", "a list of sizes, in m")
+    given = [_form(side) for side in sides_m]
+    forms = tuple(form for form in given if form.is_within(size_m))
+    for form in given:
+        turned = Form(form.height_m, form.width_m, form.is_disc)
+        if form not in forms and turned not in forms:
             raise InputError(
                 f"a patch of {form.width_m:g} m x {form.height_m:g} m is not within the surface",
                 field="--sizes",
             )
+    if not forms:
+        raise InputError("no size is declared", field="sides_m")
     numbers = [
         [math.ceil((whole - side) / form.step_m) + 1 for side, whole in zip(form[:2], size_m, strict=True)]
         for form in forms

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.camera import corrected
-from vibroswarm.core.numbers import listed, stated
+from vibroswarm.core.numbers import count, listed, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import FittedLaw, hash_of_run
@@ -232,7 +232,10 @@ def samples_of_csv(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
     )  # fmt: skip
-    return replace(found, left_out=log.tracks.height)
+    copies = frame.height - frame.n_unique()
+    words = f"The file repeats {count(copies, 'row')}: if they are copies, their samples count twice."
+    warning = " ".join(filter(None, [found.warning, words if copies else ""]))
+    return replace(found, left_out=log.tracks.height, warning=warning)
 
 
 def _column_map(names: list[str], path: Path) -> ColumnMap:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, number_of
 from vibroswarm.floors.patches import place_within
 from vibroswarm.inspection.damage import contrast_ratios, drawn_parts, judged, patch_of, random_places
 from vibroswarm.inspection.patches import Patches, Shares, ratios_at_looks, shares_of, told_risk
@@ -68,13 +68,18 @@ class Question(NotebookView):
     """Share of messages that a robot loses, if the robots stop by themselves."""
 
     def __post_init__(self) -> None:
-        """Refuse probabilities outside (0, 1), and contrasts outside (0, 1]."""
+        """Refuse values of another type, probabilities outside (0, 1), and contrasts outside (0, 1]."""
+        check_kind(self.contrasts, tuple, "--contrasts", "a tuple of numbers, such as (1.0, 0.5)")
+        check_kind(self.strict, bool, "--strict", "True or False")
+        number_of(self.least_m, "least_m", 1e-3)
+        for name in ("prior", "risk", "level", "loss"):
+            number_of(getattr(self, name), f"--{name}", 0.0, 1.0)
+        for contrast in self.contrasts:
+            number_of(contrast, "--contrasts", 0.0, 1.0)
         for name in ("prior", "risk", "level"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise InputError("must be a share between 0 and 1", field=f"--{name}")
-        if not 0.0 <= self.loss <= 1.0:
-            raise InputError("must be a share from 0 to 1", field="--loss")
-        if not self.contrasts or not all(0.0 < c <= 1.0 for c in self.contrasts):
+        if not self.contrasts or not all(self.contrasts):
             raise InputError("must be above 0 and at most 1", field="--contrasts")
 
 

@@ -12,6 +12,7 @@ Its parameters, ``vibrating_energies`` and ``still_energies``, are fields of the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -43,8 +44,14 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
     """Return the density of energies on a kind of tile, from a histogram; energies beyond it are in its outer bins."""
-    edges, densities = histogram([measured_of(0, p), measured_of(1, p)])
+    edges, densities = _histogram_of(tuple(p.still_energies), tuple(p.vibrating_energies))
     return densities[kind][np.searchsorted(edges, value, side="right")]
+
+
+@lru_cache(maxsize=2)
+def _histogram_of(*measured: tuple[float, ...]) -> tuple[Values, list[Values]]:
+    """Return the ``histogram`` of energies: of one law it is asked for hundreds of times, factor by factor."""
+    return histogram([np.asarray(energies, dtype=np.float64) for energies in measured])
 
 
 def histogram(measured: Sequence[Values]) -> tuple[Values, list[Values]]:

@@ -272,11 +272,10 @@ class _Seen:
         else:  # the lens has its centre in the middle of the image, and no distortion
             middle = (np.array([width, height]) - 1) / 2
             matrix, distortion = matrix_of(focal * width, middle), np.zeros(5)
-        # The method IPPE finds the pose from points that lie in a plane.
+        # IPPE, for points in a plane, finds wrong poses from exactly above.
         solved, turn, shift = cv2.solvePnP(
-            self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
+            self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_SQPNP
         )
-        # From exactly above it may find nan.
         if not solved or not np.isfinite([turn, shift]).all():
             return None
         # Focal length, centre (2), k1 and k2; see the table of parameters.

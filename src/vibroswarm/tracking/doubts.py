@@ -4,7 +4,7 @@
 |---|---|
 | gap | a robot was not seen for more than a second |
 | jump | a position too far from those before and after it, which was dropped |
-| still | a robot never moved, while others did |
+| still | a robot never left its place, while others did |
 | carried | a robot seen all the time moved faster than it can drive: by hand, or the marker is another robot's |
 | twice | one marker was seen at two places of a frame |
 | unexpected | a marker was seen that is in no list: it moves, or it never does and is likely no marker |
@@ -45,7 +45,7 @@ SIZE_SHARE: Final = 0.05
 """A marker is of another size if it differs from the stated size by more than this share."""
 TITLES: Final = {
     "gap": "Robots that were lost",
-    "still": "Robots that never moved",
+    "still": "Robots that never left their place",
     "carried": "Robots that moved too fast",
     "jump": "Positions that were dropped",
     "twice": "Markers seen twice",
@@ -175,7 +175,7 @@ def _still(tracking: Tracking) -> Iterator[Doubt]:
     rows = rows.with_columns(moves=pl.max_horizontal("width_m", "height_m") > least_m)
     stood = rows.filter(pl.col("moves").any(), ~pl.col("moves"), pl.col("span_s") > STILL_S)
     for robot, span_s, time_s in stood.select("robot", "span_s", "time_s").iter_rows():
-        words = f"Robot {robot} never moved in the {number(span_s, 0)} s in which it was seen."
+        words = f"Robot {robot} never left its place in the {number(span_s, 0)} s in which it was seen."
         yield Doubt("still", words, robot=robot, time_s=time_s, shots=((time_s, "it stands"),), weight=span_s)
 
 
