@@ -48,6 +48,15 @@ def in_file(path: Path) -> Iterator[None]:
         raise InputError(f"{error.reason} (in {shown_name(path)})", field=error.field) from None
 
 
+@contextmanager
+def named(field: str) -> Iterator[None]:
+    """Name the field in an ``InputError`` about a value that was given in it under another name."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(error.reason, field=field) from None
+
+
 class RunError(RuntimeError):
     """Something failed during the work: a full disk, a folder that cannot be written."""
 

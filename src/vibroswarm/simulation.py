@@ -221,8 +221,7 @@ def check_scenario(scenario: object) -> None:
     for part in scenario.choices:
         if part.code is not None and part.selected not in type(part).known():
             raise InputError(
-                f"'{part.code.partition(plugins.HASH)[0]}' is not loaded; name its file with --{part.kind}, or add "
-                "--trust to run the one that is named",
+                f"'{part.code.partition(plugins.HASH)[0]}' is not loaded; add --trust to run the file",
                 field=plugins.field_of(part.kind),
             )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from vibroswarm import Study, preset, simulate
 from vibroswarm.analysis.floor_maps import floor_maps
 from vibroswarm.analysis.map_figures import keeps_map
+from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.documents.detection import detection_document
 from vibroswarm.documents.league import league_document
 from vibroswarm.documents.study import study_document
@@ -74,6 +76,14 @@ def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     assert table["map_brier"].item() == pytest.approx(stored["map_brier"].mean())
     assert table["map_brier_low"].item() < table["map_brier"].item() < table["map_brier_high"].item()
     assert 0.5 < table["map_auc"].item() <= 1.0
+
+
+def test_a_map_with_nan_has_no_score() -> None:
+    """The AUC took nan for the largest probability."""
+    floor = preset("paper").floor_for(0, 0)
+    p = np.where(np.arange(floor.tiles.size) == 3, np.nan, 0.5)
+    scores = map_scores(p, floor)
+    assert all(math.isnan(scores[name]) for name in ("brier", "auc", "location_error_m"))
 
 
 def test_maps_are_compared_with_the_floor_at_the_end() -> None:

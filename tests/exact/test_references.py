@@ -38,6 +38,14 @@ def paper() -> Result:
     return simulate(preset("paper"), 21, 200)
 
 
+def test_limits_of_what_two_runs_claim_stay_within_what_they_may() -> None:
+    """A decided run claims at most alpha."""
+    two = simulate(preset("paper"), 21, 2)
+    found = could_be_known(two, "mirror", alpha=0.05)
+    assert found.known.estimate == 1.0
+    assert 0.0 <= found.claimed.low <= found.claimed.estimate <= found.claimed.high <= 0.05
+
+
 def test_first_passages_as_a_plain_loop_has_them(paper: Result) -> None:
     passages = first_passages(paper, [0, 7], "count", np.array([0.5, 3.0, 11.5, 5000.0]))
     for r, run in enumerate((0, 7)):

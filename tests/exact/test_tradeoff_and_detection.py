@@ -77,6 +77,12 @@ def test_limits_of_an_error_are_those_of_a_share() -> None:
         assert curve["error_high"].max() <= 1.0
 
 
+def test_settings_that_look_alike_are_two_and_the_same_setting_is_one() -> None:
+    """Both ended in an error of zip."""
+    curve = time_error_curve(SHORT, 5, 2, [0.9999991, 0.9999992, 0.9999992], [20])
+    assert curve["credible_threshold"].to_list() == [0.9999991, 0.9999992]
+
+
 def test_wrong_wishes_of_a_curve() -> None:
     with pytest.raises(InputError, match="at least one"):
         time_error_curve(SHORT, 5, 2, [], [10])

@@ -319,7 +319,8 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--runs", "10"], "a search has a --budget"),
         (["compare", "nothing.toml"], "neither a file nor a preset"),
         (["compare", "paper", "--budget", "10"], "--budget: unknown option"),
-        (["sensitivity", "--mixed"], "--mixed: applies to a search"),
+        (["sensitivity", "--mixed"], "--mixed: unknown option"),
+        (["--mixed"], "--mixed: has no effect without --out DIR"),
         (["compare", "paper", "--runs", "1"], "at least 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["sensitivity", "--budget", "10"], "too few"),
@@ -354,6 +355,9 @@ def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
     assert (search.settings.method, search.budget) == ("tpe", 90)
     path.write_text(SMALL.replace("budget = 150", "budget = 2"))
     assert searched(["optimize", str(path), "--budget", "90"]).budget == 90
+    path.write_text(SMALL.partition("[search]")[0])
+    fixed = searched(["optimize", str(path), "--budget", "18", "--noise", "fixed"])
+    assert (fixed.pso.noise, fixed.budget) == ("fixed", 18), "beside the race of other noise it is too few"
 
 
 def test_a_search_refuses_a_number_of_runs_of_each_cell(

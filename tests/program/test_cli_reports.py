@@ -400,6 +400,10 @@ def test_a_tradeoff_without_right_answers_has_no_front(capsys: pytest.CaptureFix
     assert said.startswith("No decision is right in these runs")
     assert "The front" not in said
     assert "The front" in told(capsys, *line)[1]
+    boundary = " ".join(told(capsys, *line, "--floor", "random:0.52", "--tiles", "5x5")[1].split())
+    assert "Warning: " not in boundary
+    boundary = " ".join(told(capsys, *line, "--floor", "random:0.5", "--tiles", "4x4")[1].split())
+    assert "Warning: The fill ratio is the boundary itself, 50.0 %: neither decision is right." in boundary
 
 
 def test_until_a_precision_tells_the_interval_that_was_looked_at(

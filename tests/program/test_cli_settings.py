@@ -38,10 +38,12 @@ def defaults(command: list[str]) -> dict[str, object]:
 
 
 def test_it_sets_style_and_workers_and_options_count_more(config):
-    assert defaults(["evaluate"])["style"] == "column", "no file"
+    assert defaults(["evaluate"])["style"] is None, "no file"
     config('style = "slide"\nworkers = 3\n')
     for command in (["evaluate"], ["evaluate", "x.toml"], ["evaluate", "tradeoff"], ["optimize"]):
-        assert (defaults(command)["style"], defaults(command)["workers"]) == ("slide", 3)
+        found = defaults([*command, "--out", "out"])
+        assert (found["style"], found["workers"]) == ("slide", 3)
+        assert defaults(command)["style"] is None, "pictures are not saved"
     assert defaults(["evaluate", "--style", "page", "--workers", "1"])["style"] == "page"
     assert defaults(["evaluate", "--style", "page", "--workers", "1"])["workers"] == 1
     assert defaults(["reproduce"])["workers"] == 3

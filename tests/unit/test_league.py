@@ -387,7 +387,13 @@ def test_a_league_of_one_entry_is_compared_with_nothing(
         ("--vary sofd:decision.credible_threshold=0.8", "soft"),
         ("--vary decision.credible=0.8", "decision.credible"),
         ("--vary none", "--vary"),
+        (
+            "--vary decision.credible_threshold=0.9,0.9",
+            "two entries are called 'none (credible_threshold 0.9)'",
+        ),
         ("--floor random:0.48", "--patterns"),
+        ("--task mean", "'mean' asks for a number, and a league compares how often decisions are wrong"),
+        (f"--seed {2**63 - 1}", "--seed: 9223372036854775807 is not from 0 to 4611686018427387904"),
         ("--settings nothing.toml", "--untuned"),
         ("--own-motion", "--own-motion"),
         ("--faults stuck_at_2", "stuck_at_1"),

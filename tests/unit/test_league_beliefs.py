@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.errors import InputError
 from vibroswarm.league import belief_calibration as module
 from vibroswarm.league.belief_calibration import (
@@ -106,8 +107,9 @@ def test_robots_that_think_their_sensors_too_good_are_found_too_sure() -> None:
 
 
 def test_intervals_of_ratios() -> None:
-    """As many units as you like that are alike: no uncertainty. By simulation, 95 % hold the truth."""
-    assert ratio_interval(np.array([1.0, 2.0]), np.array([2.0, 4.0])) == pytest.approx((0.5, 0.5, 0.5))
+    """Units that are alike say what runs of one robot would. By simulation, 95 % hold the truth."""
+    same = ratio_interval(np.array([1.0, 2.0]), np.array([2.0, 4.0]))
+    assert same == pytest.approx((0.5, *map(float, wilson_limits(1.0, 2.0))))
     assert all(math.isnan(value) for value in ratio_interval(np.zeros(3), np.zeros(3)))
     random = np.random.default_rng(1)
     held = 0

@@ -140,6 +140,7 @@ def test_a_floor_and_its_mirror_are_averaged() -> None:
     assert by_difficulty(floors).rows() == [
         ("stripe 0.46", "a", pytest.approx(15.0)), ("stripe 0.46", "b", pytest.approx(60.0)),
     ]  # fmt: skip
+    assert by_difficulty(floors, 3)["x"].to_list() == ["stripe 0.46", "stripe 0.54"] * 2, "no mirrors"
 
 
 @pytest.fixture(scope="module")

@@ -365,6 +365,7 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
     beaten = replace(front, members=(replace(front.members[0], stays=False, failed=3), *front.members[1:]))
     told = page_of(found, None, beaten)
     assert warned(told, beaten.words)
+    assert seen(page_html(told)).count(beaten.words) == 1, "not in the answer too"
     assert warned(told, "3 fresh runs of the front's candidates FAILED")
     assert warned(page_of(found, None), "The front was not scored on fresh runs")
     assert warned(page_of(replace(found, front=()), None), "There is no front")

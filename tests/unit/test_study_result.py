@@ -60,6 +60,16 @@ def test_a_cell_that_is_not_there_is_refused(result: StudyResult, number: Any) -
             ask(number)
 
 
+@pytest.mark.parametrize("name", ["nonsense", "estimate", "map_brier"])
+def test_figures_that_need_other_columns_are_refused(result: StudyResult, name: str) -> None:
+    """Those of maps were nan, the others ended in a KeyError."""
+    with pytest.raises(InputError, match=f"figures: there is no '{name}'"):
+        result.by_run(["sent", name])
+    with pytest.raises(InputError, match=r"columns: there is no 'decison', did you mean 'decision'"):
+        list(result.arrays(["decison"]))
+    assert all(np.isfinite(values).all() for values in result.by_run(["sent", "decision_time_s"]).values())
+
+
 def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
     counts = result.runs().group_by("floor.source", "strategy.name", maintain_order=True).len()
     assert counts.rows() == [

@@ -91,6 +91,15 @@ def test_whole_numbers_between_bounds_are_all_hit():
     assert min(counts) > 150
 
 
+@pytest.mark.parametrize("kind", ["random", "sobol"])
+def test_whole_numbers_are_drawn_on_a_logarithmic_scale_too(kind: str) -> None:
+    """The scale was ignored: half were above 250."""
+    points = points_of({kind: {"points": 400, ROBOTS: {"from": 1, "to": 500, "scale": "log"}}})
+    robots = sorted(p[ROBOTS] for p in points)
+    assert (robots[0], robots[-1] <= 500) == (1, True)
+    assert 14 <= robots[200] <= 32, "three standard errors about the middle, sqrt(501)"
+
+
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "unknown block": ({"gird": {}}, "did you mean 'grid'"),
     "unknown field": ({"grid": {"swarm.robot": [5]}}, "did you mean 'swarm.robots'"),

@@ -33,7 +33,7 @@ from vibroswarm.analysis.intervals import (
     mean_interval,
     quantile_interval,
     rate_interval,
-    robots_share_interval,
+    share_interval,
     time_interval,
     wilson,
     within,
@@ -318,14 +318,14 @@ class RunFigure(NotebookView):
     def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
         """Average it over runs, with Student's limits, which stay within what a mean can be.
 
-        A share is from 0 to 1, and has limits if it is the same in all runs (``robots_share_interval``).
+        A share is from 0 to 1, and has limits if it is the same in all runs (``share_interval``).
 
         Args:
             by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
                 known, then limits of times may be later.
         """
         if self.is_share:
-            return robots_share_interval(by_run, level)
+            return share_interval(by_run, level)
         if self.unit == "s" and self.least == 0.0:
             return time_interval(by_run, t_end_s, level)
         return within(mean_interval(by_run, level), self.least, self.most)
@@ -570,7 +570,12 @@ READ: Final = (
     *("decision", "decision_time_s", "belief_in_truth", "sent"),
     *("truth", "consensus", "right", "wrong", "undecided"),
 )
-"""Columns of a study's rows that are enough for time, forced error, messages and shares of robots."""
+"""Columns of a study's rows that are enough for ``OF_READ``."""
+OF_READ: Final = (
+    *("decision_time_s", "forced_error", "belief_in_truth", "sent"),
+    *("robots_right", "robots_wrong", "robots_undecided", "robot_error"),
+)
+"""Figures that need only the columns ``READ``."""
 
 BY_NAME: Final = {figure.name: figure for figure in FIGURES}
 """Each figure by its name as a figure of a cell."""

@@ -243,18 +243,11 @@ def rate_interval(values: ArrayLike, of_one_event: float = math.nan, level: floa
 def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """Compute a mean over runs of values between 0 and 1, with Student's limits clipped to that range.
 
-    The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1.
+    The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1. If all runs
+    have the same share, the limits are Wilson's, as if each run were a single robot (``cluster_share``): the same share
+    in a few runs does not say that no other occurs.
     """
-    return within(mean_interval(values, level), 0.0, 1.0)
-
-
-def robots_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """Compute a mean over runs of shares of robots, as ``share_interval`` does unless all runs have the same share.
-
-    Then the limits are Wilson's, as if each run were a single robot (``cluster_share``): the same share in a few runs
-    does not say that no other occurs.
-    """
-    found = share_interval(values, level)
+    found = within(mean_interval(values, level), 0.0, 1.0)
     if found.n < 2 or found.high - found.low > 1e-12:
         return found
     low, high = (float(end) for end in wilson_limits(found.estimate * found.n, found.n, level))
@@ -265,11 +258,18 @@ def robots_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 def time_interval(times_s: ArrayLike, t_end_s: float = math.nan, level: float = 0.95) -> Interval:
     """Compute a mean over runs of times, s, with Student's limits clipped to a run; one run has no limits.
 
+    If all runs last to their end, the lower limit is Wilson's of the share of such runs, as if all others took no time.
+
     Args:
         t_end_s: end of the runs, s; nan: not known, then limits may be later.
     """
     found = mean_interval(times_s, level)
-    return found if found.n < 2 else within(found, 0.0, t_end_s)
+    if found.n < 2:
+        return found
+    found = within(found, 0.0, t_end_s)
+    if found.estimate < t_end_s or math.isnan(t_end_s):
+        return found
+    return found._replace(low=t_end_s * float(wilson_limits(found.n, found.n, level)[0]), how="wilson")
 
 
 def within(found: Interval, least: float, most: float) -> Interval:
@@ -285,14 +285,14 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 
     A few shares near 0 or 1 have a skew distribution, and Student's limits of their mean may lie outside [0, 1]. So
     Student's limits are computed for asin(sqrt(mean)), with the standard error of the mean times the slope of this
-    angle, and transformed back. (The mean angle of the shares is that of another number than their mean.) For one run
-    the limits are 0 and 1.
+    angle, and transformed back. (The mean angle of the shares is that of another number than their mean.) For one run,
+    and if all runs have the same share, limits are those of ``share_interval``.
     """
     shares = np.clip(without_nan(values), 0.0, 1.0)
-    of_shares = within(mean_interval(shares, level), 0.0, 1.0)
-    mean = of_shares.estimate
-    if shares.size < 2 or not 0.0 < mean < 1.0:
+    of_shares = share_interval(shares, level)
+    if of_shares.n < 2 or of_shares.how == "wilson":
         return of_shares
+    mean = of_shares.estimate
     error = float(shares.std(ddof=1)) / math.sqrt(shares.size)
     half = float(stdtrit(shares.size - 1, 0.5 + level / 2)) * error / (2.0 * math.sqrt(mean * (1.0 - mean)))
     angle = math.asin(math.sqrt(mean))

@@ -45,9 +45,9 @@ def map_scores(p: Values, floor: Floor) -> dict[str, float]:
 
 
 def _auc(p: Values, x: Values) -> float:
-    """Return the area under the curve of hits against false calls; nan if all tiles are alike."""
+    """Return the area under the curve of hits against false calls; nan if all tiles are alike or one p is nan."""
     vibrating, still = int((x == 1).sum()), int((x == 0).sum())
-    if not vibrating or not still:
+    if not vibrating or not still or np.isnan(p).any():
         return float("nan")
     # Mann and Whitney: ranks of the vibrating tiles, ties at their mean rank, less those among themselves.
     ranks = (

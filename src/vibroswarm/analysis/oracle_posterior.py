@@ -55,7 +55,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.intervals import Interval, mean_interval, plain, time_interval, wilson, wilson_limits
+from vibroswarm.analysis.intervals import (
+    Interval,
+    mean_interval,
+    plain,
+    time_interval,
+    wilson,
+    wilson_limits,
+    within,
+)
 from vibroswarm.analysis.tile_posterior import (
     Prior,
     Values,
@@ -171,7 +179,7 @@ def could_be_known(
         over_time=_over_time(runs, in_truth, times, level),
         known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
         wrong=wilson(wrong, decided.height, level),
-        claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
+        claimed=within(mean_interval(decided["claimed_error"].to_numpy(), level), 0.0, alpha),
         time_s=time_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), t_end_s, level),
     )
 

@@ -53,7 +53,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import Interval, mean_interval, within
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import mean_by_run
@@ -415,7 +415,7 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
         products = (deviation[1:] * deviation[:-1]).sum(axis=1)[same_robot]
         variance = float((deviation**2).sum(axis=1).mean())
         correlations.append(float(products.mean()) / variance if products.size and variance > 0 else math.nan)
-    return mean_interval(correlations, level)
+    return within(mean_interval(correlations, level), -1.0, 1.0)
 
 
 def packet_loss(result: Result) -> pl.DataFrame:

@@ -32,7 +32,7 @@ def completion(
 
 def tree() -> argparse.ArgumentParser:
     """Return one parser of all commands, as the package shtab reads it."""
-    from vibroswarm.cli.commands import COMMANDS, COMMON, top_parser
+    from vibroswarm.cli.commands import COMMANDS, COMMON, tasks_of, top_parser
 
     top = top_parser()
     parsers: dict[str, argparse.ArgumentParser] = {"": top}
@@ -46,14 +46,17 @@ def tree() -> argparse.ArgumentParser:
             fill(parser, command.function(), COMMON)
         parser.description = command.does
         for action in parser._actions:
-            _complete(action)
+            _complete(action, [task.words.split()[1] for task in tasks_of(words)])
     return top
 
 
-def _complete(action: argparse.Action) -> None:
+def _complete(action: argparse.Action, tasks: list[str]) -> None:
     """Set how the value of an option or argument is completed: with names, files or folders, or not at all.
 
     shtab reads this from the attribute ``complete``.
+
+    Args:
+        tasks: of the command; they stand in the place of its argument, a file.
     """
     import shtab
 
@@ -62,10 +65,24 @@ def _complete(action: argparse.Action) -> None:
         return
     if option.names is not None:
         vars(action)["complete"] = _words(action.dest, option.names())
+    elif tasks and not action.option_strings:
+        vars(action)["complete"] = _files_and(tasks)
     elif action.metavar == "DIR":
         vars(action)["complete"] = shtab.DIRECTORY
     elif action.type is Path or action.metavar in ("FLOOR", "FILE"):
         vars(action)["complete"] = shtab.FILE
+
+
+def _files_and(tasks: list[str]) -> dict[str, Any]:
+    """Return how each shell completes an argument that is a file, or one of these tasks; see ``_words``."""
+    listed = " ".join(tasks)
+    function = f"_vibroswarm_files_and_{'_'.join(tasks)}"
+    return {
+        "bash": function,
+        "zsh": f"{{_alternative 'tasks:task:({listed})' 'files:file:_files'}}".replace(":", "\\:"),
+        "fish": f"{listed} (__fish_complete_path (commandline -ct))",
+        "preamble": {"bash": f'{function}() {{\n  compgen -W "{listed}" -- "$1"\n  compgen -f -- "$1"\n}}'},
+    }
 
 
 def _words(name: str, names: Iterable[str]) -> dict[str, Any]:

@@ -20,9 +20,9 @@ from vibroswarm.cli.options import (
     Force,
     Paged,
     ScenarioBase,
-    Seed,
     SeveralSizes,
     SeveralStrategies,
+    Where,
 )
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.output import print_saved_file
@@ -37,7 +37,8 @@ from vibroswarm.core.atomic_io import remove_folder, whole_file, write_files
 class Players(ScenarioBase, SeveralSizes, SeveralStrategies):
     """Strategies, swarms and floors that play, and the scenario that they have in common."""
 
-    seed: Seed = 1
+    # The two seeds that follow are those of tests and of later rounds.
+    seed: Annotated[int, Option("same scenario and seed: same result", "S", low=0, high=2**62)] = 1
     patterns: Annotated[tuple[str, ...] | None, Option("patterns of floors (default: the paper's five)")] = (
         None
     )
@@ -136,7 +137,7 @@ def league(
         asked.league.study
     )  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
-    claim(output, lambda folder: Store.existing(folder, study, shards=False))
+    claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=execution.mixed)
     tested = len(asked.basic.entries) * bool(belief_runs or fault_runs)
     print_plan(study, output.out, None, tests=tested)
     standings, tables = played(
@@ -170,7 +171,7 @@ def tune(
     out: Annotated[Path | None, Option("write the settings here, for 'vibroswarm league --settings'")] = None,
     force: Force = False,
     scenario: Players,
-    execution: Execution,
+    execution: Where,
 ) -> None:
     """Find settings for the strategies of a league: those that decide soonest at each of several forced errors.
 

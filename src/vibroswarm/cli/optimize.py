@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination, deliver, print_document
-from vibroswarm.cli.options import Drawn, Execution, Json
+from vibroswarm.cli.options import Drawn, Execution, Json, Where
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, say_compiling, search_progress
 from vibroswarm.cli.scenario_options import scenario_named, warn_of
 from vibroswarm.cli.studies import print_plan
 from vibroswarm.cli.terminal import report
 from vibroswarm.core.registry import written_names
-from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.spec import Search
@@ -95,7 +94,7 @@ def _search(file: Path | None, options: SearchOptions, execution: Execution, out
     check_budgeted(search)
     check_libraries(search)  # now, since `--force` removes the folder
     # Making a `SearchFolder` writes nothing, but refuses a folder that holds anything but this search.
-    claim(output, lambda folder: SearchFolder(folder, search, mixed=execution.mixed))
+    claim(output, lambda folder: SearchFolder(folder, search, mixed=execution.mixed), mixed=execution.mixed)
     _start(search)
     for sentence in plan_sentences(search):
         report(sentence)
@@ -112,7 +111,7 @@ def _grid(file: Path | None, options: SearchOptions, execution: Execution, outpu
 
     grid, fresh = grid_of(file, **vars(options))
     # `Store.existing` refuses a folder that holds anything but runs of this study.
-    claim(output, lambda folder: Store.existing(folder, grid.study, shards=False))
+    claim(output, lambda folder: Store.existing(folder, grid.study, shards=False), mixed=execution.mixed)
     print_plan(grid.study, output.out, None)
     made = grid_searched(grid, fresh, output.out, stages=STAGES, **execution.how)
     deliver(grid_document(*made), output, "optimize --method grid")
@@ -125,7 +124,7 @@ def sensitivity(
     budget: Annotated[int, Option("runs of the analysis")] = 20_000,
     cost: Cost = None,
     seed: Seed = None,
-    execution: Execution,
+    execution: Where,
     output: Drawn,
 ) -> None:
     """Find which fields of a search matter, by Sobol indices.
@@ -137,8 +136,6 @@ def sensitivity(
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
     from vibroswarm.optimize.words import counting, search_of
 
-    if execution.mixed:
-        raise InputError("applies to a search or a grid that is continued", field="--mixed")
     made = search_of(search, cost=cost, seed=seed)
     design_of(made, budget)  # refuses a small budget now, since `--force` removes the folder
     destination = Destination(output, "optimize sensitivity", made.hash, budget)
@@ -162,7 +159,7 @@ def compare(
     runs: Annotated[int, Option("runs of each")] = 2000,
     seed: Seed = None,
     json: Json = False,
-    execution: Execution,
+    execution: Where,
 ) -> None:
     """Score two scenarios on the same fresh runs, in pairs, twice with different seeds.
 

@@ -151,9 +151,8 @@ class ScenarioOptions(ScenarioBase, OneSize, OneStrategy):
 MOTIONS: Final = ("event", "fixed-step", "mujoco", "mujoco-planar")
 """Sources of motion of this package, as ``vibroswarm.motion`` registers them; a test compares them."""
 Seed = Annotated[int, Option("same scenario and seed: same result", "S")]
-Motion = Annotated[
-    str, Option("engine: {names} (default event), or FILE.py:NAME", names=partial(list, MOTIONS))
-]
+ENGINE: Final = "engine: {names} (default event), or FILE.py:NAME"
+Motion = Annotated[str, Option(ENGINE, names=partial(list, MOTIONS))]
 Json = Annotated[bool, Option("print JSON and nothing else on stdout")]
 Force = Annotated[bool, Option("replace the file or folder if it exists")]
 
@@ -172,10 +171,10 @@ class Simulated(ScenarioOptions):
 
 @dataclass(kw_only=True)
 class Compared(ScenarioBase, SeveralSizes, SeveralStrategies):
-    """Scenarios side by side, their seed and the source of their motion."""
+    """Scenarios side by side, their seed and the source of their motion; a study file has its own."""
 
-    seed: Seed = 1
-    motion: Motion = "event"
+    seed: Annotated[int | None, Option("same scenario and seed: same result (default 1)", "S")] = None
+    motion: Annotated[str | None, Option(ENGINE, names=partial(list, MOTIONS))] = None
 
 
 @dataclass(kw_only=True)
@@ -210,7 +209,9 @@ class Pictures:
         bool, Option("also write the report's pictures as files, and their numbers as CSV")
     ] = False
     no_pictures: Annotated[bool, Option("numbers only, without pictures")] = False
-    style: Annotated[Style, Option("style of picture files: column, page, slide (default column)")] = "column"
+    style: Annotated[Style | None, Option("style of picture files: column, page, slide (default column)")] = (
+        None
+    )
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
@@ -235,8 +236,9 @@ class Drawn(Pictures, Paged):
         """Refuse options that exclude each other, and a page or pictures that are not saved."""
         Pictures.__post_init__(self)
         Paged.__post_init__(self)
-        if self.pictures and self.out is None:
-            raise InputError("needs --out DIR, where the pictures are saved", field="--pictures")
+        for option in ("pictures", "style"):
+            if getattr(self, option) and self.out is None:
+                raise InputError("needs --out DIR, where the pictures are saved", field=f"--{option}")
 
 
 @dataclass(kw_only=True)
@@ -250,19 +252,25 @@ Workers = Annotated[
 
 
 @dataclass(kw_only=True)
-class Execution:
-    """Where and how runs are executed."""
+class Where:
+    """Where runs are executed."""
 
     workers: Workers = None
     executor: Annotated[
         str, Option("threads (default), processes, dask://HOST:PORT, or a Dask scheduler file", "WHERE")
     ] = "threads"
-    mixed: Annotated[bool, Option("resume results of other versions; the report says so")] = False
 
     @property
     def where(self) -> dict[str, Any]:
         """Executor and workers as keyword arguments of functions that simulate."""
         return {"executor": self.executor, "workers": self.workers}
+
+
+@dataclass(kw_only=True)
+class Execution(Where):
+    """Where runs are executed, and whether those of other versions are resumed."""
+
+    mixed: Annotated[bool, Option("resume results of other versions; the report says so")] = False
 
     @property
     def how(self) -> dict[str, Any]:

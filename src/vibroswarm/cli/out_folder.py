@@ -22,7 +22,9 @@ ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choos
 """Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
 
 
-def claim(arguments: Any, check: Callable[[Path], object], *, at_once: bool = True) -> None:
+def claim(
+    arguments: Any, check: Callable[[Path], object], *, at_once: bool = True, mixed: bool = False
+) -> None:
     """Refuse the folder of ``--out`` before the work begins, unless ``check`` accepts it or ``--force`` replaces it.
 
     A missing or empty folder is accepted; otherwise ``check`` decides. With ``--force``, a folder that ``check``
@@ -33,15 +35,17 @@ def claim(arguments: Any, check: Callable[[Path], object], *, at_once: bool = Tr
             called if the folder exists and is not empty.
         at_once: whether ``--force`` removes the folder now. False if the caller writes a new folder and puts it in the
             place of the old one when it is complete.
+        mixed: whether ``--mixed`` is given.
     Raises:
         InputError: ``check`` refuses the folder, and ``--force`` is not given or vibroswarm did not write the folder;
-            or ``--force`` is given without ``--out``.
+            or ``--force`` or ``--mixed`` is given without ``--out``.
     """
     out: Path | None = arguments.out
     saves_in(out, resumes=at_once)
     if out is None:
-        if arguments.force:
-            raise InputError("has no effect without --out DIR", field="--force")
+        for option, is_given in (("--force", arguments.force), ("--mixed", mixed)):
+            if is_given:
+                raise InputError("has no effect without --out DIR", field=option)
         return
     # A missing or empty folder is accepted. A link is checked even if it leads to such a folder or to nothing.
     try:

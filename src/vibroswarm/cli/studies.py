@@ -134,7 +134,7 @@ def run_parts(
                 raise InputError(
                     f"is of the whole study, of which {part} runs a part; omit it", field=f"--{option}"
                 )
-    claim(output, lambda folder: Store.existing(folder, study, shards=False))
+    claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=execution.mixed)
     warn_of(cell.scenario for cell in study.cells)
     if execution.batch is not None and out is not None:
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)

@@ -69,8 +69,12 @@ def read() -> dict[str, Any]:
 
 
 def apply(settings: dict[str, Any], values: argparse.Namespace, words: Sequence[str]) -> None:
-    """Put each setting in the place of an option's value, unless the option is given or the command has none."""
+    """Put each setting in the place of an option's value, unless the option is given or the command has none.
+
+    A style is of pictures, which are saved in the folder of ``--out``.
+    """
     for name, value in settings.items():
         given = any(word.partition("=")[0] == f"--{name}" for word in words)
-        if hasattr(values, name) and not given:
+        is_of_use = name != "style" or getattr(values, "out", None) is not None
+        if hasattr(values, name) and not given and is_of_use:
             setattr(values, name, value)

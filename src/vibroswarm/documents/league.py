@@ -85,7 +85,7 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             ),
             *_beliefs(tables.get("beliefs")),
             *_faults(tables.get("faults")),
-            *_by_floor(standings.main.floor_table, tables["floor_differences"]),
+            *_by_floor(standings.main.floor_table, tables["floor_differences"], league.base.sensor.kinds),
             *_all_figures(tables.get("summary")),
             *_every_setting(standings),
             _settings(league),
@@ -391,16 +391,18 @@ def _fault_figure(curves: pl.DataFrame, kind: str) -> Figure:
     )
 
 
-def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section, ...]:
+def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame, kinds: int) -> tuple[Section, ...]:
     """Return the sections on single floors: a picture, differences from the reference, and all figures.
 
     Args:
         floors: ``Standings.floor_table``. differences: ``Standings.floor_differences``; empty for a single entry.
+        kinds: of tile.
     """
+    share = "tiles in the minority" if kinds == 2 else "kind 1"
     picture = Figure(
         "floors",
         lambda style: draw_heat(
-            by_difficulty(floors), x_label="pattern and share of tiles in the minority", y_label="",
+            by_difficulty(floors, kinds), x_label=f"pattern and share of {share}", y_label="",
             label="forced error (%)", best="low", style=style,
         ),
     )  # fmt: skip
@@ -433,14 +435,18 @@ def _all_figures(summary: pl.DataFrame | None) -> tuple[Section, ...]:
     return (Section("All figures of an entry", (table,), folded=True),)
 
 
-def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
+def by_difficulty(floors: pl.DataFrame, kinds: int = 2) -> pl.DataFrame:
     """Average each entry's forced error over a floor and its mirror 1 - f, for a heat map.
 
-    Returns: x (pattern and the smaller fill ratio), y (entry) and value (forced error in %).
+    Floors of more kinds of tile have no mirror.
+
+    Returns: x (pattern and the smaller fill ratio, or the share of kind 1), y (entry) and value (forced error in %).
     """
-    minority = pl.min_horizontal("fill_ratio", 1.0 - pl.col("fill_ratio")).round(6)
+    share = pl.col("fill_ratio")
+    if kinds == 2:
+        share = pl.min_horizontal(share, 1.0 - share)
     return (
-        floors.with_columns(x=pl.format("{} {}", "pattern", minority), y="name")
+        floors.with_columns(x=pl.format("{} {}", "pattern", share.round(6)), y="name")
         .group_by("x", "y", maintain_order=True)
         .agg(value=100.0 * pl.col("forced_error").mean())
     )

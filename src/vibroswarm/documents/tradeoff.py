@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.decidability import decidability
 from vibroswarm.core.numbers import Estimate, count, stated, with_limits
 from vibroswarm.documents.cell_figures import figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import setting, told
@@ -26,6 +27,7 @@ from vibroswarm.study.tradeoff import Tradeoff
 def tradeoff_document(found: Tradeoff) -> Document:
     """Return what a trade-off says: the ends of the front, the front, and all settings."""
     curve, scenario = found.curve, found.scenario
+    decidable = decidability(scenario)
     front = curve.filter("pareto").sort("decision_time_s", maintain_order=True).drop("pareto")
     figure = Figure("front", lambda style: _draw_front(curve, style))
     on_front = (Section("The front", (Text(_FRONT), figure, _front_table(front))),) if front.height else ()
@@ -33,6 +35,7 @@ def tradeoff_document(found: Tradeoff) -> Document:
         title=f"Time against wrong decisions: {scenario.strategy.name}",
         answer=_answer(front, curve.height),
         knew=told([scenario]),
+        warnings=(decidable.says,) if decidable.is_warning else (),
         parts=(
             Text(_setting_of(curve, scenario)),
             *([] if scenario.task.costs is None else [Text(_COSTS)]),

@@ -31,7 +31,7 @@ import numpy as np
 import polars as pl
 from scipy.special import stdtrit
 
-from vibroswarm.analysis.intervals import columns_of, jackknife_error
+from vibroswarm.analysis.intervals import columns_of, jackknife_error, share_interval
 from vibroswarm.floors.source import source_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import Entry, LeagueFloor
@@ -193,7 +193,8 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
     Args:
         top, bottom: numerator and denominator of each unit, (units,) each; 0 or more, and top at most bottom.
     Returns: estimate, lower limit, upper limit, cut off at 0 and 1. All are nan if sum(bottom) is 0. The limits are nan
-        if there is only one unit, or only one with ``bottom`` above 0.
+        if there is only one unit, or only one with ``bottom`` above 0; if all units have the same ratio they are those
+        of ``share_interval``.
     """
     total = bottom.sum()
     if total <= 0.0:
@@ -204,4 +205,6 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
         return estimate, np.nan, np.nan
     without = (top.sum() - top) / rest  # the ratio without each unit
     reach = float(stdtrit(top.size - 1, 0.975)) * jackknife_error(without)
+    if reach < 1e-12:  # the same ratio in all units
+        return share_interval(np.full(top.size, estimate))[:3]
     return estimate, max(estimate - reach, 0.0), min(estimate + reach, 1.0)

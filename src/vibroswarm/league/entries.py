@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of
+from vibroswarm.errors import InputError, check_choice, check_known_keys, named, number_of
 from vibroswarm.floors.source import is_random, resolve, source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names, parse_values
@@ -287,11 +287,8 @@ def _tiles_of(source: str) -> NDArray[np.uint8]:
     Raises:
         InputError: it has no such fill ratio.
     """
-    size = (ROWS, COLUMNS) if is_random(source) else None
-    try:
-        return resolve(source, size)[0]
-    except InputError as error:
-        raise InputError(error.reason, field="fills") from None
+    with named("fills"):
+        return resolve(source, (ROWS, COLUMNS) if is_random(source) else None)[0]
 
 
 def floors_of_kinds(shares: Sequence[float]) -> tuple[LeagueFloor, ...]:

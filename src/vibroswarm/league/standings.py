@@ -119,8 +119,15 @@ class League(NotebookView):
         """Refuse floors with the fill ratio of a decision boundary: neither decision is right there, and none wrong.
 
         Raises:
-            InputError: there is such a floor. (Other tasks than ``fill_ratio`` are not checked.)
+            InputError: there is such a floor. (Other tasks than ``fill_ratio`` are not checked.) Or the task asks for a
+                number, so that no decision is right.
         """
+        if self.base.task.asks_number:
+            raise InputError(
+                f"'{self.base.task.name}' asks for a number, and a league compares how often decisions are wrong; "
+                "compare estimates by 'vibroswarm evaluate'",
+                field="task.name",
+            )
         if self.base.task.name != "fill_ratio":
             return
         for floor in self.floors:
@@ -137,10 +144,16 @@ class League(NotebookView):
         """The study of all cells, ordered by entry, then floor, then swarm size.
 
         Raises:
-            InputError: no decision is right on a floor, or ``Study`` refuses a value, such as the scenario of a cell or
-                the number of runs.
+            InputError: no decision is right on a floor, two entries have one label, or ``Study`` refuses a value, such
+                as the scenario of a cell or the number of runs.
         """
         self._check_floors()
+        labels = [entry.label for entry in self.entries]
+        for label in labels:
+            if labels.count(label) > 1:
+                raise InputError(
+                    f"two entries are called '{label}'; give values that differ", field="entries"
+                )
         # Blocks of a study: a list with one point per entry, and a grid of all pairs of floor and swarm size.
         # A strategy that is not built in is named by its file and class (``code``).
         entry_points = [

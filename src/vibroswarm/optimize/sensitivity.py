@@ -21,7 +21,6 @@ but describes only the region that the search explored; Sobol indices describe t
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -31,7 +30,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.intervals import Interval, generator
+from vibroswarm.analysis.paired import drawn_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
@@ -58,7 +58,8 @@ LEAST: Final = 8
 class Field(NotebookView):
     """First-order and total index of one field, with 95 % limits.
 
-    All are nan if the noise hides all effects, or if the cost does not vary.
+    All are nan if the noise hides all effects, or if the cost does not vary; limits alone if it does so in more than
+    5 % of the resamples.
     """
 
     name: str
@@ -87,8 +88,6 @@ class Sensitivity(NotebookView):
     replicates: int
     """Runs of each point."""
     runs: int
-    failed: int
-    """Always 0: the indices need all runs."""
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs, both as estimated. If it is 1 or more, all
     indices are nan. It is 0 with a single run per point, where the noise is unknown, and if the cost does not vary."""
@@ -177,7 +176,8 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
 def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     """Compute the indices of all fields, with bootstrap limits, from the costs of the runs of a design.
 
-    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block.
+    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block. Limits are as
+    much wider as few blocks need (``draw_limits``).
 
     Args:
         names: of the fields. costs: cost of each run, (N (d + 2), replicates), points in the order of ``saltelli``.
@@ -193,21 +193,9 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     random, blocks = generator(seed, "bootstrap of Sobol indices"), mean_by_block.shape[0]
     resamples = random.integers(0, blocks, (DRAWS, blocks))
     drawn = [_shares(mean_by_block[chosen], noise_by_block[chosen]) for chosen in resamples]
-    # Limits of 95 %, each (2, d). A resample in which the noise hides all effects is nan, and is left out. If all are,
-    # the limits are nan, without a warning.
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
-        low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
+    values = np.array([estimate, *drawn])  # (1 + draws, 2, d); nan where the noise hides all effects
     fields = [
-        Field(
-            name=name,
-            first=float(estimate[0, k]),
-            first_low=float(low[0, k]),
-            first_high=float(high[0, k]),
-            total=float(estimate[1, k]),
-            total_low=float(low[1, k]),
-            total_high=float(high[1, k]),
-        )
+        _field(name, *(drawn_interval(values[:, index, k], blocks, "bootstrap") for index in (0, 1)))
         for k, name in enumerate(names)
     ]
     pooled = np.concatenate([mean_by_block[:, 0], mean_by_block[:, -1]])  # of all points A and B
@@ -216,9 +204,13 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
         points=mean.size,
         replicates=replicates,
         runs=costs.size,
-        failed=0,
         noise_share=float(noise.mean() / pooled.var()) if pooled.var() > 0 else 0.0,
     )
+
+
+def _field(name: str, first: Interval, total: Interval) -> Field:
+    """Make the indices of one field."""
+    return Field(name, *first[:3], *total[:3])
 
 
 def _shares(mean: Array, noise: Array) -> Array:

@@ -205,6 +205,7 @@ class Search(NotebookView):
         method: str | None = None,
         cost: str | None = None,
         budget: int | None = None,
+        noise: str | None = None,
     ) -> Search:
         """Read a search from TOML text.
 
@@ -216,7 +217,7 @@ class Search(NotebookView):
             cost: name of the cost of a single objective that replaces all objectives of the text. It keeps two settings
                 of the first of them: its statistic, and whether the score is that of the worst case or the mean over
                 cases (``over``).
-            budget: replaces the budget of the text.
+            budget, noise: replace the budget and ``pso.noise`` of the text.
         Raises:
             InputError: the text is not TOML, or has an unknown or invalid entry, which the message names.
         """
@@ -244,6 +245,9 @@ class Search(NotebookView):
             defaults = {"method": "nsga2"} if len(objectives) > 1 else {}
             replaced = {"method": method, "budget": budget}
             settings = defaults | dict(settings) | {k: v for k, v in replaced.items() if v is not None}
+        swarm = search_values.get("pso", {})
+        if noise is not None and isinstance(swarm, Mapping):
+            swarm = {**swarm, "noise": noise}
         if cost is not None:
             objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
         with plugins.search_beside(folder):
@@ -253,7 +257,7 @@ class Search(NotebookView):
             space=Space.of(PAPER if block is None else block),
             objectives=objectives,
             settings=made,
-            pso=_settings(PsoSettings, search_values.get("pso", {}), "pso"),
+            pso=_settings(PsoSettings, swarm, "pso"),
             start=None if start is None else tuple(start),
         )
 
@@ -265,10 +269,11 @@ class Search(NotebookView):
         method: str | None = None,
         cost: str | None = None,
         budget: int | None = None,
+        noise: str | None = None,
     ) -> Search:
         """Read a search from the TOML file ``path``.
 
-        ``method``, ``cost`` and ``budget``, if given, replace those of the file, see ``from_toml``.
+        ``method``, ``cost``, ``budget`` and ``noise``, if given, replace those of the file, see ``from_toml``.
 
         Files that the search names (scenario, floors, code) are looked for in the folder of this file.
 
@@ -279,7 +284,13 @@ class Search(NotebookView):
         text = read_text(path, "a search")
         with in_file(path):
             return cls.from_toml(
-                text, name=str(path), folder=path.parent, method=method, cost=cost, budget=budget
+                text,
+                name=str(path),
+                folder=path.parent,
+                method=method,
+                cost=cost,
+                budget=budget,
+                noise=noise,
             )
 
     def to_values(self) -> dict[str, Any]:

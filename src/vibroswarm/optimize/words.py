@@ -51,7 +51,9 @@ def search_of(
         raise InputError("needs --method grid; a search has a --budget", field="--runs")
     method = None if method is None else chosen("method", method)
     # `Search.read` gets these words, since it checks how they fit the other entries of the file.
-    search = Search() if file is None else Search.read(file, method=method, cost=cost, budget=budget)
+    search = (
+        Search() if file is None else Search.read(file, method=method, cost=cost, budget=budget, noise=noise)
+    )
     # The words change the default search too.
     given: dict[str, Any] = {"budget": budget, "fresh": fresh, "method": method}
     changes = {name: value for name, value in given.items() if value is not None}

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.numbers import number, stated
-from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.errors import InputError, named, nearest, shown
 from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
 from vibroswarm.floors.source import SUM_TO_1, is_random, is_redrawn, named_tiles
@@ -191,10 +191,8 @@ def patched(name: str, floor: Floor, number: int, seed: int, run: int) -> NDArra
     """
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
     box_m = (left_m, bottom_m, left_m + columns * width_m, bottom_m + rows * height_m)
-    try:
+    with named("change.to"):
         patches = named_patches(name, box_m, seed, run, draw=number + 1)
-    except InputError as error:
-        raise InputError(error.reason, field="change.to") from None
     if any(patch.contrast != 1.0 for patch in patches):
         raise InputError(f"'{name}' has a contrast; tiles vibrate or do not", field="change.to")
     x_m = (left_m + (np.arange(columns) + 0.5) * width_m)[None, :]

@@ -333,8 +333,7 @@ def found(kind: str, name: str, registry: Registry[T]) -> T:
     known: Any = registry.known().get(name_in(name))
     if known is None or known.code != name:
         raise InputError(
-            f"'{name.partition(HASH)[0]}' is not loaded; name its file by --{kind}, or add --trust to run "
-            "the one that is named",
+            f"'{name.partition(HASH)[0]}' is not loaded; add --trust to run the file",
             field=registry.field,
         )
     return known  # type: ignore[no-any-return]

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vibroswarm.analysis.centralised_baseline import PooledCounting, pooled_counting
-from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval
+from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval, within
 from vibroswarm.analysis.oracle_posterior import Known, could_be_known, on_both_sides
 from vibroswarm.analysis.sampling import lag_one, packet_loss
 from vibroswarm.errors import InputError
@@ -166,7 +166,7 @@ def _references(cell: Cell, simulated: Result) -> References:
     ):
         pooled = pooled_counting(simulated)
     known, notes = _could_be_known(simulated)
-    loss = mean_interval(packet_loss(simulated)["packet_loss"].drop_nulls().to_numpy())
+    loss = packet_loss(simulated)["packet_loss"].drop_nulls().to_numpy()
     return References(
         cell=cell,
         runs=simulated.runs.height,
@@ -174,7 +174,7 @@ def _references(cell: Cell, simulated: Result) -> References:
         known=known,
         says=notes,
         lag_one=lag_one(simulated),
-        packet_loss=loss,
+        packet_loss=within(mean_interval(loss), 0.0, 1.0),
     )
 
 

@@ -20,7 +20,7 @@ from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, named
 from vibroswarm.floors.source import resolve, source_of
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
@@ -231,8 +231,9 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
 
     below = [fill for fill in in_tiles((0.0, boundary / 3, boundary * 2 / 3)) if fill < boundary]
     if given is not None:
-        for fill in given:
-            _check_fill(fill, scenario)
+        with named("fills"):  # refuses those that the scenario's floors cannot have
+            for fill in given:
+                resolve(source_of("random", fill), (scenario.floor.rows, scenario.floor.columns))
         added = [] if any(fill < boundary for fill in given) else below
         return [*added, *given], added
     if boundary == 0.5:  # FILLS are chosen for this boundary
@@ -242,14 +243,6 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
     step = min(boundary, 1.0 - boundary) / 3
     above = in_tiles(boundary + step * times for times in (1, 2, 3, 5, 7))
     return below + [fill for fill in above if fill > boundary], []
-
-
-def _check_fill(fill: float, scenario: Scenario) -> None:
-    """Refuse a given fill ratio that the scenario's floors cannot have, by the name of the word that gave it."""
-    try:
-        resolve(source_of("random", fill), (scenario.floor.rows, scenario.floor.columns))
-    except InputError as error:
-        raise InputError(error.reason, field="fills") from None
 
 
 MOST_ALARMS: Final = 0.5

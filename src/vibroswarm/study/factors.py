@@ -269,10 +269,12 @@ def _at(given: Any, u: float, name: str) -> Any:
         # ``min`` would give the last choice for u = 1, which is never drawn.
         return given[min(int(u * len(given)), len(given) - 1)]
     low, high, scale, is_whole = bounds_of(given, name)
-    # Without steps, u is drawn: each whole number from low to high has the same probability, whatever the scale. If the
+    # Without steps, u is drawn: on a linear scale each whole number from low to high has the same probability. If the
     # ends are large, rounding may give high + 1, so ``min`` limits the number.
     if is_whole and "steps" not in given:
-        return int(min(math.floor(low + u * (high - low + 1)), high))
+        end = high + 1
+        value = low * (end / low) ** u if scale == "log" else low + u * (end - low)
+        return int(min(math.floor(value), high))
     return value_between(low, high, scale, is_whole, u)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.agreement import is_followed
-from vibroswarm.analysis.figures import BY_NAME, READ, Swarms, run_figures
+from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, run_figures
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.displayed import study_verbs
@@ -287,7 +287,10 @@ class StudyResult(NotebookView):
             step = max(ROWS_AT_A_TIME // max(per_cell, 1), 1)
             for first in range(0, len(cells), step):
                 block = cells[first : first + step]
-                rows = self.unsorted_rows(*(cell.number for cell in block)).select(read).collect()
+                stored = self.unsorted_rows(*(cell.number for cell in block))
+                for name in columns:
+                    check_choice(name, "columns", stored.collect_schema())
+                rows = stored.select(read).collect()
                 if rows.height != per_cell * len(block):
                     self._refuse_missing(rows, block)
                 yield block, rows
@@ -308,11 +311,13 @@ class StudyResult(NotebookView):
         """Compute figures that need only the columns ``figures.READ``, of each run of the selected cells.
 
         Args:
-            figures: their names (``RunFigure.name``).
+            figures: names, of ``figures.OF_READ``; method ``figures`` has all others.
         Returns: an array (cells, runs) for each, nan where a run does not have the figure.
         Raises:
-            InputError: runs of a cell are missing, or cells have different numbers of runs.
+            InputError: another figure, runs of a cell are missing, or cells have different numbers of runs.
         """
+        for name in figures:
+            check_choice(name, "figures", OF_READ)
         places = {number: place for place, number in enumerate(self.selected)}
         found: dict[str, Array] = {}
         for cells, robots, of_runs in self.arrays(READ):

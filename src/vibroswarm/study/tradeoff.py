@@ -30,7 +30,6 @@ from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import cluster_share, columns_of, share_interval
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array, costs_of, forced_errors, numbers
 from vibroswarm.scenario.scenario import Scenario
@@ -81,7 +80,7 @@ def time_error_curve(
         credible_thresholds: values of p_c. min_observations: values of O_c.
         undecided_counts: u, how much an undecided robot counts as an error, 0 to 1. level: confidence level.
         how: further arguments of ``study.run.run``, such as workers.
-    Returns: one row for each pair; pairs are in the given order, with all values of O_c for the first p_c first.
+    Returns: one row for each pair, in the given order, with all values of O_c for the first p_c first.
         Columns: credible_threshold, min_observations, error, error_low, error_high, all columns of
         ``CellSummary.as_row``, and pareto (whether the point is on the Pareto front). The error is over the runs with
         a truth; if there are none, it is null and no point is on the front.
@@ -89,7 +88,7 @@ def time_error_curve(
         InputError: no settings, u outside [0, 1], a seed or a number of runs that ``Study`` refuses, a level outside
             (0, 1), a setting that the scenario refuses, or a strategy that steers.
     """
-    settings = list(product(credible_thresholds, min_observations))
+    settings = list(dict.fromkeys(product(credible_thresholds, min_observations)))
     if not settings:
         raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
     if not 0.0 <= undecided_counts <= 1.0:
@@ -99,7 +98,7 @@ def time_error_curve(
     refuse_steering(scenario)
     base = scenario.with_values({"run.stop": "t_end"})
     points = {
-        f"p_c {stated(p_c)}, O_c {o_c}": base.with_values(
+        f"p_c {p_c}, O_c {o_c}": base.with_values(
             {"decision.credible_threshold": p_c, "decision.min_observations": o_c}
         )
         for p_c, o_c in settings

@@ -32,8 +32,8 @@ def study_of(
     figure: str | None = None,
     max_runs: int | None = None,
     keep_samples: bool = False,
-    seed: int = 1,
-    motion: str = "event",
+    seed: int | None = None,
+    motion: str | None = None,
     **scenario: Unpack[ScenarioWords],
 ) -> Study:
     """Return the study of a file, or that of a scenario: its base, the varied fields, and the number of runs.
@@ -53,7 +53,7 @@ def study_of(
             "max_runs": max_runs,
             "keep_samples": keep_samples,
         }
-        _refuse_beside_file({**scenario, "seed": seed != 1, "motion": motion != "event", **own})
+        _refuse_beside_file({**scenario, "seed": seed, "motion": motion, **own})
         study = Study.read(file)
         return study if runs is None else study.with_runs(runs)
     varied = _varied(vary)
@@ -76,8 +76,8 @@ def study_of(
         vary={"grid": varied} if varied else {},
         runs=None if precision else RUNS if runs is None else runs,
         until=precision,
-        seed=seed,
-        motion=chosen("motion", motion),
+        seed=1 if seed is None else seed,
+        motion=chosen("motion", motion or "event"),
         keep=("samples",) if keep_samples else (),
         folder=Path(),  # floor files that options name are relative to the current folder
     )
@@ -85,7 +85,7 @@ def study_of(
 
 def _refuse_beside_file(words: dict[str, Any]) -> None:
     """Refuse words for a scenario beside a study file."""
-    given = [name for name, value in words.items() if value]
+    given = [name for name, value in words.items() if value or (value == 0 and value is not False)]
     if given:
         name = "set" if given[0] == "settings" else given[0].replace("_", "-")
         raise InputError("is not for a study file, which says what is simulated", field=f"--{name}")
