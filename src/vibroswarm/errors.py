@@ -194,6 +194,17 @@ def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: 
         raise InputError(f"{shown(value)} is not {words}", field=field)
 
 
+def check_flags(**flags: object) -> None:
+    """Refuse arguments, by name, that are neither True nor False; those of NumPy are accepted.
+
+    Raises:
+        InputError: a value is something else, such as "no", which Python would take for true.
+    """
+    for name, value in flags.items():
+        if type(value).__name__ not in ("bool", "bool_"):
+            raise InputError(f"{shown(value)} is wrong; give True or False", field=name)
+
+
 def check_callable(value: object, field: str) -> None:
     """Refuse a value that is neither callable nor None.
 

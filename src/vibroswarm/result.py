@@ -24,7 +24,7 @@ from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, texts, words
-from vibroswarm.errors import InputError, path_of, shown, whole_number_of
+from vibroswarm.errors import InputError, check_flags, path_of, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -282,6 +282,7 @@ class Result(NotebookView):
             InputError: ``path`` exists and may not be replaced, or it cannot be written.
             RunError: the disk is full or failed.
         """
+        check_flags(replace=replace)
         with whole_folder(path_of(path), replace=replace) as part:
             self.write_into(part)
 

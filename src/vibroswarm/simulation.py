@@ -16,7 +16,7 @@ import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves k
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
-from vibroswarm.errors import InputError, check_callable, check_kind, shown, whole_number_of
+from vibroswarm.errors import InputError, check_callable, check_flags, check_kind, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
@@ -31,7 +31,7 @@ from vibroswarm.result import Result, change_frame, floor_frame
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import fault_frame
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import known, strategy
+from vibroswarm.strategies import known
 
 PIECE_S = 100.0
 """Length of the pieces in which motion advances if progress is reported, s."""
@@ -69,6 +69,7 @@ def simulate(
     """
     check_scenario(scenario)
     check_callable(progress, "progress")
+    check_flags(segments=segments, moves=moves, energies=energies)
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
     # These two calls refuse scenarios that cannot be simulated before any work is done.
@@ -219,11 +220,7 @@ def check_scenario(scenario: object) -> None:
             field="scenario",
         )
     for part in scenario.choices:
-        if part.code is not None and part.selected not in type(part).known():
-            raise InputError(
-                f"'{part.code.partition(plugins.HASH)[0]}' is not loaded; add --trust to run the file",
-                field=plugins.field_of(part.kind),
-            )
+        part.check_loaded()
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
@@ -237,8 +234,9 @@ def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, F
 
 
 def steers(scenario: Scenario) -> bool:
-    """Return whether a scenario's strategy steers the robots."""
-    return strategy(scenario.strategy.name).steer is not None
+    """Return whether a scenario's strategy steers the robots; False if its code is not loaded."""
+    chosen = known().get(scenario.strategy.name)
+    return chosen is not None and chosen.steer is not None
 
 
 def refuse_steering(scenario: Scenario) -> None:

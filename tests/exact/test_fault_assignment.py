@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from vibroswarm.core.rng import Purpose, uniform, uniforms
 from vibroswarm.errors import InputError
-from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.energy_model import error_rates, shares_below
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import fault_frame, onset_s, working
 from vibroswarm.scenario.fault_fields import FAULTS, SINCE
@@ -189,6 +189,26 @@ def test_biased_sensors_follow_their_definition_sample_by_sample(fine: Result) -
         changed += expected[-1] != bit
     assert bits(biased).tolist() == expected
     assert changed > 50
+
+
+@pytest.mark.parametrize("floor", [{"floor.values": [[0.75] * 5] * 5}, {"floor.source": "patch:1x1@0.75"}])
+def test_between_still_and_vibrating_the_contrast_weighs_both_shifts(floor: dict[str, Any]) -> None:
+    """They once were those of still tiles, so that a shift of false negatives had no effect at 99.5 % either."""
+    asked = Scenario().with_values({**floor, "task.name": "mean", "run.t_end_s": 400.0})
+    shifts = {"false_positive_shift": 0.08, "false_negative_shift": 0.2, "false_negative_drift_per_h": 1.2}
+    biased = simulate(
+        asked.with_values(
+            {f"faults.{name}": value for name, value in shifts.items()} | {"faults.biased": [1]}
+        ),
+        5,
+    )
+    below = shares_below(asked.sensor, contrasts=np.array([0.75]))[0, 2, 0]
+    own = biased.motion["robot"].to_numpy() == 1
+    hours = biased.motion["time_s"].to_numpy()[own] / 3600.0
+    u = uniforms(5, 0, 1, Purpose.SENSING, own.sum())
+    expected = u > below + 0.75 * (0.2 + 1.2 * hours) - 0.25 * 0.08
+    assert (bits(biased)[own] == expected).all()
+    assert (expected != (u > below)).sum() > 5
 
 
 def test_shifts_beyond_0_and_1_are_cut_off(fine: Result) -> None:

@@ -83,7 +83,10 @@ def test_a_study_keeps_cells_apart_and_is_shown_without_the_code(
     forget("voter")
     capsys.readouterr()
     assert main(["show", str(out)]) == 0
-    assert "4 cells" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "4 cells" in shown
+    assert "Differences run by run" in shown
+    assert "Outcome" in shown
     assert main([*study, "--runs", "14"]) == 0  # goes on
     forget("voter")
     mine.write_text(mine.read_text(encoding="utf-8").replace("0.05", "0.06"), encoding="utf-8")

@@ -68,6 +68,15 @@ def test_show_tells_seeds_apart(capsys):
     assert outs[0] == outs[1] != outs[2]
 
 
+@pytest.mark.parametrize(
+    "words", [("show", "diagonal:0.48"), ("measure", "diagonal:0.48", "hill:0.3,0.6,0.2")]
+)
+def test_a_seed_where_no_floor_is_random_is_refused(words, capsys):
+    with pytest.raises(InputError, match=r"--seed: applies to random floors, not to 'diagonal:0\.48'"):
+        run(*words, "--seed", 0)
+    assert run("measure", "random:0.48", "diagonal:0.48", "--seed", 3) == 0
+
+
 def test_measure_as_text_and_json(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")  # paths may be long
     (tmp_path / "still.txt").write_text("000\n000\n")

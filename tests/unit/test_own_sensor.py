@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.sensors.base import forget
 
 GOOD = """
 import numpy as np
@@ -68,6 +69,31 @@ def run(text: str) -> int:
 
 def test_a_file_is_a_sensor(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(GOOD) == 0, capsys.readouterr().err
+
+
+def test_one_that_is_not_loaded_says_how_to_load_it(capsys: pytest.CaptureFixture[str]) -> None:
+    """It once said: name its file with --sensor, an option that there is not."""
+    assert run(GOOD) == 0
+    forget("mine")  # as in another process
+    capsys.readouterr()
+    again = ["run", "--scenario", "run/scenario.toml"]
+    assert main(again) == 2
+    assert (
+        "sensor.model: 'mine.py:mine' is not loaded; add --trust to run the file" in capsys.readouterr().err
+    )
+    assert main([*again, "--trust"]) == 0
+
+
+def test_the_results_of_a_study_say_what_they_need(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine.py").write_text(GOOD, encoding="utf-8")
+    short = ["--set", "sensor.model=mine.py:mine", "--set", "run.t_end_s=20", "--runs", "2"]
+    assert main(["evaluate", "--trust", *short, "--no-pictures", "--no-confirm", "--out", "study"]) == 0
+    forget("mine")
+    assert main(["show", "study"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "need code that is not loaded (sensor.model: 'mine.py:mine' is not loaded; add --trust" in shown
+    assert main(["show", "study", "--trust"]) == 0
+    assert "Outcome" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("what", list(BAD))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -41,7 +42,9 @@ def result() -> Result:
     return replace(
         simulated,
         failures=pl.DataFrame([(4, 59.0, "for a test")], schema=FAILURES, orient="row"),
-        reports=pl.DataFrame([(4, 0, 0, "trust", 0, 0.5)], schema=REPORTS, orient="row"),
+        reports=pl.DataFrame(
+            [(4, 0, 0, "trust", 0, 0.5), (4, 0, 1, "trust", 0, math.inf)], schema=REPORTS, orient="row"
+        ),
     )
 
 

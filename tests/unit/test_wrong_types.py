@@ -208,3 +208,26 @@ def test_workers_are_a_whole_number(short: Scenario, count: Any) -> None:
 def test_an_unknown_argument_of_run_is_named(short: Scenario) -> None:
     with pytest.raises(InputError, match=r"^worker: .*did you mean 'workers'"):
         Study(short).run(worker=2)
+
+
+FLAGS = {
+    "segments": lambda x, r, out: simulate(r.scenario, segments=x),
+    "energies": lambda x, r, out: simulate(r.scenario, energies=x),
+    "replace": lambda x, r, out: r.write(out, replace=x),
+    "bits": lambda x, r, out: inspect(r, bits=x),
+    "allow_failures": lambda x, r, out: Study(r.scenario, runs=1).run(out, allow_failures=x),
+    "equal_error": lambda x, r, out: Study(r.scenario, runs=1).run().compare(equal_error=x),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("flag", FLAGS)
+def test_flags_are_true_or_false(flag: str, ran: Result, tmp_path: Path) -> None:
+    """A text such as "no" was true: ``replace="no"`` replaced."""
+    for value in ("no", 1, None, [], np.array([True])):
+        with pytest.raises(InputError, match=rf"^{flag}: .*give True or False"):
+            FLAGS[flag](value, ran, tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_flags_of_numpy_are_taken(short: Scenario) -> None:
+    assert simulate(short, segments=np.bool_(True)).segments is not None  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,7 +22,7 @@ if TYPE_CHECKING:  # imported when needed: --help stays fast
     from vibroswarm.floors.floor import Floor
 
 FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)", "FLOOR")
-Seed = Annotated[int, Option("seed of a random floor")]
+Seed = Annotated[int | None, Option("seed of a random floor (default 0)")]
 
 
 def list_patterns(
@@ -50,14 +51,14 @@ def show(
     *,
     tiles: Tiles = None,
     image_threshold: ImageThreshold = None,
-    seed: Seed = 0,
+    seed: Seed = None,
     out: Annotated[Path | None, Option("picture to write: .png, .svg or .pdf")] = None,
     force: Force = False,
 ) -> None:
     """Draw a floor in the terminal or to a file."""
     from vibroswarm.documents.floor import floor_document
 
-    found = _floor(floor, tiles, image_threshold, seed)
+    found = _floor(floor, tiles, image_threshold, _seed(seed, [floor]))
     if out is not None:
         from vibroswarm.plots.run import draw_floor
 
@@ -70,14 +71,15 @@ def measure(
     *floors: Annotated[str, FLOOR],
     tiles: Tiles = None,
     image_threshold: ImageThreshold = None,
-    seed: Seed = 0,
+    seed: Seed = None,
     json: Json = False,
 ) -> None:
     """Measure fill ratio, Moran index, entropy and clusters."""
     from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure_floor
 
-    measured = {floor: measure_floor(_floor(floor, tiles, image_threshold, seed)) for floor in floors}
+    number = _seed(seed, floors)
+    measured = {floor: measure_floor(_floor(floor, tiles, image_threshold, number)) for floor in floors}
     print_document(floors_document(measured), as_json=json)
 
 
@@ -118,6 +120,15 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     from vibroswarm.floors.io import can_draw_blocks, draw
 
     return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
+
+
+def _seed(seed: int | None, floors: Iterable[str]) -> int:
+    """Return the seed of random floors; refuse one that is given where no floor is random."""
+    from vibroswarm.floors.source import is_redrawn
+
+    if seed is not None and not any(map(is_redrawn, floors)):
+        raise InputError(f"applies to random floors, not to {', '.join(map(shown, floors))}", field="--seed")
+    return seed or 0
 
 
 def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: int) -> Floor:

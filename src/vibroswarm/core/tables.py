@@ -13,6 +13,7 @@ restores the texts.
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -52,7 +53,7 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(("message", "estimate"), _SHARE),
     "estimate_spread": (0.0, 1e6),
     "index": _COUNT,
-    "value": (-1e12, 1e12),
+    "value": (-math.inf, math.inf),  # a report, which may be any number
     **dict.fromkeys(("observation", "truth"), (0.0, _LAST_KIND)),
     "decision": (-1.0, _LAST_KIND),
     "tile": (-1.0, 2.0**31 - 1),
@@ -76,7 +77,7 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(("avoid_per_sample_s", "spacing_s"), (0.0, LONG_S)),
     "distance_m": (0.0, 1e9),
     # Infinite in analysis tables of two robots that always or never read alike.
-    "effective_samples": (0.0, float("inf")),
+    "effective_samples": (0.0, math.inf),
 }
 """Least and greatest value of a column of this name; words and times of day have none."""
 

@@ -99,12 +99,10 @@ def _warnings(about: dict[str, Any], needed: str) -> Iterator[str]:
     if len(about["made_by"]) > 1:
         yield "Parts come from different versions; the whole may not be repeatable."
     if needed:
-        yield (
-            f"Results need code that is not loaded ({needed}). Run the command that made them again to print them."
-        )
+        yield f"The results need code that is not loaded ({needed})."
 
 
-OF_CODE: Final = ("strategy.name", "network.name", "task.name")
+OF_CODE: Final = ("strategy.name", "network.name", "task.name", "sensor.model")
 """Fields of a scenario that may name the user's own code."""
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, stated, whole
 from vibroswarm.core.untrusted_files import read_bytes
-from vibroswarm.errors import InputError, number_of, warn_once
+from vibroswarm.errors import InputError, check_flags, number_of, warn_once
 from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, as_tiles, rows_of
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 from vibroswarm.floors.surfaces import steps_of
@@ -190,6 +190,7 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
         RunError: the disk is full or failed.
     """
     path, grid = Path(path), as_tiles(tiles)
+    check_flags(replace=replace)
     kind = check_suffix(path)
     if kind == ".png" and grid.max() > 1:
         raise InputError("a picture holds two kinds of tile; end the name with .csv", field="--out")

@@ -96,7 +96,12 @@ class Swarm(NamedTuple):
 
 
 def strategy_of_kinds(scenario: Scenario) -> Strategy:
-    """Return the scenario's strategy for its number of kinds of tile and of classes of readings."""
+    """Return the scenario's strategy for its number of kinds of tile and of classes of readings.
+
+    Raises:
+        InputError: it is a user's, and its file is not loaded.
+    """
+    scenario.strategy.check_loaded()
     return strategy_of(scenario.strategy.name).for_kinds(scenario.sensor)
 
 

@@ -27,9 +27,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm import tasks
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
 
@@ -110,11 +108,7 @@ class _Question:
 
     def __init__(self, scenario: Scenario) -> None:
         asked = scenario.task
-        if asked.code is not None and asked.name not in type(asked).known():
-            raise InputError(
-                f"'{asked.code.partition(plugins.HASH)[0]}' is not loaded; add --trust to run the file",
-                field="task.name",
-            )
+        asked.check_loaded()
         self.task, self.params = task(asked.name), asked.params
         self._asked = Asked(
             scenario.arena.width_m,

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
-from vibroswarm.errors import InputError, check_choice, check_kind, number_of, shown, whole_number_of
+from vibroswarm.errors import (
+    InputError,
+    check_choice,
+    check_flags,
+    check_kind,
+    number_of,
+    shown,
+    whole_number_of,
+)
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.inspection.assessment import Assessment, assess
@@ -184,9 +192,9 @@ def inspect(
     """
     known: Laws = str(laws) if isinstance(laws, Path) else laws
     _check_types(source, known)
+    check_flags(bits=bits)
     run, seed = whole_number_of(run, "run", 0, 2**32 - 1), check_seed(seed)
     number_of(spread_m, "spread_m")
-    check_kind(bits, bool, "bits", "True or False")
     size_m = None if size_m is None else _pair_of(size_m, "size_m", LEAST_M)
     spreads = _pair_of(spreads, "spreads", 0.0)
     check_kind(floor, (Floor, tuple, NoneType), "floor", "a Floor, or a pair of rows and columns")

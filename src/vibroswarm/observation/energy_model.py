@@ -30,7 +30,6 @@ from vibroswarm.core.elementary import exp, log
 from vibroswarm.core.quadrature import over_normal
 from vibroswarm.errors import InputError
 from vibroswarm.floors.place import Place
-from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors.claims import CLAIMED_AS_TRUE
@@ -44,11 +43,7 @@ def model_of(sensor: Sensor) -> SensorModel:
     Raises:
         InputError: it is a user's, and its file is not loaded.
     """
-    if sensor.code is not None and sensor.model not in sensors.known():
-        raise InputError(
-            f"'{sensor.code.partition(plugins.HASH)[0]}' is not loaded; add --trust to run the file",
-            field="sensor.model",
-        )
+    sensor.check_loaded()
     return sensors.sensor(sensor.model)
 
 

@@ -138,10 +138,10 @@ def read(
         kind = patched_kind(x_m, y_m, kind, ground.response, 0, seed, run, robot, sample)
     row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
-    shares = ground.response.shares_below
+    shares, contrasts = ground.response.shares_below, ground.response.contrasts
     return (
         tile,
-        observation_of(ground.faults, 0, robot, time_s, kind, u, shares, row, seed, run, sample),
+        observation_of(ground.faults, 0, robot, time_s, kind, u, shares, contrasts, row, seed, run, sample),
         kind,
         row,
     )
@@ -260,7 +260,18 @@ def read_samples(
                 sensed[k] = at
             kind, row = kind_of(own, at), factor_row(response, r, i, at)
             observation[k] = observation_of(
-                faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row, seed, runs[r], number
+                faults,
+                r,
+                i,
+                time_s[k],
+                kind,
+                numbers[k],
+                response.shares_below,
+                response.contrasts,
+                row,
+                seed,
+                runs[r],
+                number,
             )
             if with_kinds:
                 kinds[k], factors[k] = kind, response.factors[row]
@@ -330,6 +341,7 @@ def read_patches(
                     kind,
                     numbers[k],
                     response.shares_below,
+                    response.contrasts,
                     row,
                     seed,
                     runs[r],

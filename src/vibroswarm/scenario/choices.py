@@ -229,6 +229,15 @@ class Choice(FrozenModel):
         entries = type(self).known()
         return _defaults_of(entries[name].params) if name in entries else {}
 
+    def check_loaded(self) -> None:
+        """Refuse an entry of a user's file that is not loaded.
+
+        Raises:
+            InputError: the entry is not registered.
+        """
+        if self.code is not None and self.selected not in type(self).known():
+            raise plugins.not_loaded(self.code, plugins.field_of(self.kind))
+
     @property
     def defaults(self) -> dict[str, Any]:
         """Default parameters of the selected entry by name; if its code is not loaded, the parameters given."""

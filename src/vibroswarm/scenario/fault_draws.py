@@ -215,6 +215,7 @@ def observation_of(
     kind: int,
     u: float,
     shares: NDArray[np.float64],
+    contrasts: NDArray[np.float64],
     row: int,
     seed: int,
     run: int,
@@ -224,7 +225,8 @@ def observation_of(
 
     Args:
         r: row of the run in the arrays of ``faults``. kind: of the tile that the robot senses. u: the sample's uniform
-            number. shares: (rows, kinds, classes - 1): ``Response.shares_below``. row: of the sample in them.
+            number. shares: (rows, kinds, classes - 1): ``Response.shares_below``. contrasts: ``Response.contrasts``.
+            row: of the sample in ``shares``.
         seed, run, sample: with ``i``, address of the sample's random numbers.
     """
     below = shares[row, kind, 0]
@@ -233,14 +235,13 @@ def observation_of(
     stuck = stuck_class_of(faults, r, i, time_s)
     if stuck >= 0:
         return stuck
-    # Higher error rates: the sensor reads 0 more often on vibrating tiles, and less often on still ones. A share beyond
-    # 0 or 1 acts as 0 or 1, because u is strictly between them.
+    # Higher error rates: the sensor reads 0 more often on vibrating tiles, and less often on still ones; in between
+    # the contrast weighs both. A share beyond 0 or 1 acts as 0 or 1, because u is strictly between them.
     for_s = time_s - faults.biased_from_s[r, i]  # how long it has been biased
     if for_s >= 0.0:
-        if kind == 1:
-            below += faults.shifts[2] + faults.shifts[3] * for_s
-        else:
-            below -= faults.shifts[0] + faults.shifts[1] * for_s
+        contrast = contrasts[kind - 2] if kind >= 2 and contrasts.size > 0 else float(kind)
+        below += contrast * (faults.shifts[2] + faults.shifts[3] * for_s)
+        below -= (1.0 - contrast) * (faults.shifts[0] + faults.shifts[1] * for_s)
     found = class_of(u, below, shares, row, kind)
     return misread(faults, for_s, found, shares.shape[2] + 1, seed, run, i, sample)
 

@@ -332,11 +332,16 @@ def found(kind: str, name: str, registry: Registry[T]) -> T:
         return registry.get(name)
     known: Any = registry.known().get(name_in(name))
     if known is None or known.code != name:
-        raise InputError(
-            f"'{name.partition(HASH)[0]}' is not loaded; add --trust to run the file",
-            field=registry.field,
-        )
+        raise not_loaded(name, registry.field)
     return known  # type: ignore[no-any-return]
+
+
+def not_loaded(code: str, field: str) -> InputError:
+    """Return the error that the file of a reference to code is not loaded; ``field`` names what selects the object."""
+    return InputError(
+        f"'{code.partition(HASH)[0]}' is not loaded; add --trust to run the file (in Python: load_code)",
+        field=field,
+    )
 
 
 def load_installed() -> None:

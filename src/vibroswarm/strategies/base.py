@@ -38,7 +38,8 @@ from types import FunctionType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, Field, create_model
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator
+from pydantic_core import PydanticCustomError
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
@@ -444,24 +445,57 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     return np.dtype(parts or [("unused", np.int64)])
 
 
+class Parameters(FrozenModel):
+    """Base of the models of parameters. Defaults become what the same value becomes where it is given."""
+
+    model_config = ConfigDict(validate_default=True)
+
+    @field_validator("*")
+    @classmethod
+    def _refuse_long(cls, value: object) -> object:
+        """Refuse whole numbers that a row, which has 64 bits, cannot hold."""
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            raise PydanticCustomError("too_long", "input should have at most 64 bits")
+        return value
+
+
 def as_params(declared: type, name: str) -> type[BaseModel]:
     """Return the frozen, strict Pydantic model of a class of annotated fields; a model is returned unchanged.
 
     Args:
-        declared: the class; an attribute without a value is a required field. name: of the strategy, network or task,
-            from which the model is named.
+        declared: the class. name: of the strategy, network or task, from which the model is named.
+    Raises:
+        InputError: a field has no default, or one that its type or its bounds exclude.
     """
     if issubclass(declared, BaseModel):
         return declared
     hints = get_type_hints(declared, include_extras=True)
+    for field_name in hints:
+        if not hasattr(declared, field_name):
+            raise InputError("has no default; give one", field=f"Params.{field_name}")
     definitions: dict[str, Any] = {
-        # TOML and --set give a tuple as a list, which strict models refuse. Pydantic's ...: required
-        field: (_from_list(hint), getattr(declared, field, ...))
-        for field, hint in hints.items()
+        # TOML and --set give a tuple as a list, which strict models refuse.
+        field_name: (_from_list(hint), getattr(declared, field_name))
+        for field_name, hint in hints.items()
     }
-    return create_model(
-        f"{name.title()}Params", __base__=FrozenModel, __doc__=declared.__doc__, **definitions
-    )  # fmt: skip
+    model = create_model(
+        f"{name.title()}Params", __base__=Parameters, __doc__=declared.__doc__, **definitions
+    )
+    if not is_shipped(declared):
+        _check_defaults(model)
+    return model
+
+
+def _check_defaults(model: type[BaseModel]) -> None:
+    """Refuse defaults that would be refused if they were given."""
+    try:
+        model()
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise InputError(
+            f"the default {shown(first['input'])} is wrong: {first['msg'][0].lower()}{first['msg'][1:]}",
+            field=".".join(map(str, ("Params", *first["loc"]))),
+        ) from None
 
 
 def _from_list(hint: Any) -> Any:

@@ -24,10 +24,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from vibroswarm import strategies
 from vibroswarm.motion.source import robot_s_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION
+from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, steers
 from vibroswarm.study.spec import Cell, Study
 
 MOST: Final = 4096
@@ -243,12 +242,6 @@ def missing(wanted: Range, there: Iterable[Range]) -> list[Range]:
         if low >= end:
             break
     return [*gaps, (low, end)] if low < end else gaps
-
-
-def steers(scenario: Scenario) -> bool:
-    """Return whether a scenario's strategy steers the robots; False if its code is not loaded."""
-    known = strategies.known().get(scenario.strategy.name)
-    return known is not None and known.steer is not None
 
 
 def _motion_key(scenario: Scenario) -> str:

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import is_cached
 from vibroswarm.core.numbers import count
-from vibroswarm.errors import CodeError, InputError, RunError
+from vibroswarm.errors import CodeError, InputError, RunError, check_flags
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
 from vibroswarm.study.executors import Workers, check_worker, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of
@@ -162,6 +162,7 @@ def run_batch(study: Study, folder: str | Path, batch: str, *, mixed: bool = Fal
     Raises:
         InputError: there is no such batch, the folder holds another study, or versions differ.
     """
+    check_flags(mixed=mixed)
     match = re.fullmatch(r"(\d+):(\d+)-(\d+)", batch)
     group, first, last = map(int, match.groups()) if match else (0, 0, 0)  # an empty range is refused below
     if not first < last <= MOST_RUNS:

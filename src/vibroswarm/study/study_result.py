@@ -26,7 +26,7 @@ from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.displayed import study_verbs
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, whole
-from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
+from vibroswarm.errors import InputError, check_choice, check_flags, nearest, path_of, shown, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
@@ -450,6 +450,7 @@ class StudyResult(NotebookView):
             cell: its number. runs: number of a run, or several numbers.
             segments: whether the result includes the paths between samples, from which poses are computed.
         """
+        check_flags(segments=segments)
         scenario, study = self.cell(cell).scenario, self.study
         if not self._is_slow:
             return simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
@@ -536,6 +537,7 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
+        check_flags(confirm=confirm, equal_error=equal_error)
         comparison: Comparison = study_verbs().compared(self, reference, confirm, equal_error)
         return comparison
 
@@ -561,6 +563,7 @@ class StudyResult(NotebookView):
             RunError: the disk is full or failed.
         """
         own = None if folder is None else path_of(folder, "folder")
+        check_flags(replace=replace)
         written: ReportFile = study_verbs().reported(self, own, replace)
         return written
 

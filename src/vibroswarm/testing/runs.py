@@ -145,6 +145,7 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
     if sent and inference["message"].to_list() != sent:
         yield "column message"
     yield from _robots_differ(result, plain)
+    yield from _reports_differ(result, plain)
 
 
 def _counts_differ(frame: pl.DataFrame, states: Sequence[Any], words: str) -> Iterator[str]:
@@ -170,6 +171,21 @@ def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
     for name, attribute in (("decision_time_s", "decided_s"), ("belief_at_decision", "belief_at_decision")):
         if not _equal_numbers(robots[name], [getattr(robot, attribute) for robot in plain.robots]):
             yield f"{name} of the robots"
+
+
+def _reports_differ(result: Result, plain: PlainRun) -> Iterator[str]:
+    """Yield the reports of the strategy that differ, see ``inference.reports``."""
+    if result.reports is None:
+        return
+    rows = sorted(plain.rows, key=lambda row: (row["robot"], row["sample"]))
+    states = [row["state"] for row in rows]
+    arrays = [robot.arrays for robot in plain.robots if robot.samples > 0]
+    for (name,), reported in result.reports.group_by("name", maintain_order=True):
+        in_state = bool(states) and name in states[0].dtype.names
+        holders = states if in_state else arrays
+        expected = [float(value) for holder in holders for value in np.ravel(getattr(holder, str(name)))]
+        if not _equal_numbers(reported["value"], expected):
+            yield f"report {name}"
 
 
 def in_pieces(scenarios: Scenarios) -> Iterator[str]:
