@@ -40,7 +40,7 @@ ALLOWED = {
     "a fill ratio against a boundary, which more kinds have not; refused": """analysis/centralised_baseline
         analysis/decidability analysis/detection documents/detection observation/decision_boundary
         observation/edge_response league/belief_calibration paper/item""",
-    "the law of still and vibrating values": """scenario/fields scenario/fault_draws sensors/energies sensors/gamma
+    "the law of still and vibrating values": """scenario/fields sensors/energies sensors/gamma
         observation/measured_csv study/scenario_words testing/sensor floors/patches""",
     "likelihood ratios of two kinds, beside those of more": """observation/energy_model analysis/oracle_posterior
         analysis/tile_posterior""",
@@ -55,8 +55,8 @@ ALLOWED = {
         paper/items/calibration""",
     "floors of a given fill ratio and difficulty; kind 1 is what vibrates": """floors/anneal floors/design
         floors/difficulty floors/floor floors/grid_text floors/io floors/source documents/floor""",
-    "asks for the number of kinds, to say or refuse what holds for two": """documents/run documents/study
-        inference/outcomes league/entries league/standings league/words plots/run result_validation
+    "asks for the number of kinds, to say or refuse what holds for two": """documents/league documents/run
+        documents/study inference/outcomes league/entries league/standings league/words plots/run result_validation
         scenario/validation study/baselines tasks/mean view/server run_page/payload""",
     "the share read as kind 1, a figure": """analysis/sampling analysis/verdict core/tables paper/cells
         run_page/write study/summary""",

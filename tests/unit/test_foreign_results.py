@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 from collections.abc import Callable
@@ -104,7 +105,7 @@ def put(column: str, value: Any, row: int = 0) -> Change:
 def _outside(column: str, kind: Any) -> Any:
     """A value that the type can hold and the column may not; None where there is none."""
     low, high = ALLOWED.get(column, (None, None))
-    for value in () if low is None else (high + 1, low - 1):
+    for value in () if low in (None, -math.inf) else (high + 1, low - 1):
         series = pl.Series([value], dtype=pl.Float64).cast(kind, strict=False)
         if series[0] is not None and float(series[0]) == value:
             return series[0]
@@ -126,7 +127,9 @@ def _ways(name: str, column: str) -> dict[str, Change]:
     if (value := _outside(column, kind)) is not None:
         ways["outside"] = put(column, value)
     if kind in (pl.Float32, pl.Float64):
-        ways |= {"nan": put(column, float("nan")), "infinite": put(column, -float("inf"))}
+        ways["nan"] = put(column, math.nan)
+        if ALLOWED.get(column) != (-math.inf, math.inf):
+            ways["infinite"] = put(column, -math.inf)
     return ways
 
 

@@ -39,7 +39,11 @@ class State:
     decided: int
 
 
-@pytest.mark.parametrize("part", [{"decision": decision}, {"state": State}, {"params": State}])
+class Params:
+    decided: int = 0
+
+
+@pytest.mark.parametrize("part", [{"decision": decision}, {"state": State}, {"params": Params}])
 def test_a_shipped_strategy_with_a_part_of_the_users_is_checked(part):
     with pytest.raises(InputError, match="no such field"):
         replace(soft.soft, **part)

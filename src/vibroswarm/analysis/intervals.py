@@ -252,7 +252,8 @@ def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
         return found
     low, high = (float(end) for end in wilson_limits(found.estimate * found.n, found.n, level))
     # Rounding must not put the mean outside its limits.
-    return found._replace(low=min(low, found.estimate), high=max(high, found.estimate), how="wilson")
+    low, high = min(low, found.estimate), max(high, found.estimate)
+    return within(found._replace(low=low, high=high, how="wilson"), 0.0, 1.0)
 
 
 def time_interval(times_s: ArrayLike, t_end_s: float = math.nan, level: float = 0.95) -> Interval:

@@ -445,7 +445,7 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     return np.dtype(parts or [("unused", np.int64)])
 
 
-class Parameters(FrozenModel):
+class _Parameters(FrozenModel):
     """Base of the models of parameters. Defaults become what the same value becomes where it is given."""
 
     model_config = ConfigDict(validate_default=True)
@@ -479,7 +479,7 @@ def as_params(declared: type, name: str) -> type[BaseModel]:
         for field_name, hint in hints.items()
     }
     model = create_model(
-        f"{name.title()}Params", __base__=Parameters, __doc__=declared.__doc__, **definitions
+        f"{name.title()}Params", __base__=_Parameters, __doc__=declared.__doc__, **definitions
     )
     if not is_shipped(declared):
         _check_defaults(model)
