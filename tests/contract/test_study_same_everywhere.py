@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import random
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from polars.testing import assert_frame_equal
 
 from helpers.dask_cluster import Cluster
 from helpers.forked import FORKED, begin, begin_another, run_study
+from vibroswarm.core.child_python import command, environment
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.study import executors, runner
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
@@ -137,6 +139,33 @@ def test_processes_that_die_while_they_look_whether_to_stop_block_nobody(tmp_pat
     ending.start()
     ending.join(30)
     assert not ending.is_alive()
+
+
+def test_no_process_is_started_once_the_pools_end() -> None:
+    """A process whose parent ends while it starts prints a traceback."""
+    pools = executors.SingleProcessPools(1)
+    pools.cancel.set()
+    with pytest.raises(RunError, match="stopped before"):
+        pools.submit(int).result(60)
+    pools.shutdown()
+    assert not multiprocessing.active_children()
+
+
+BLOCKED = """
+import signal
+from vibroswarm.study.executors import SingleProcessPools
+pools = SingleProcessPools(1)
+print(pools.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result())
+pools.shutdown()
+"""
+
+
+def test_the_first_process_holds_off_ctrl_c_while_it_starts() -> None:
+    """Multiprocessing's resource tracker, which starts with the first process, lets Ctrl-C through again."""
+    said = subprocess.run(
+        command("-c", BLOCKED), env=environment(), capture_output=True, text=True, timeout=120
+    )
+    assert "SIGINT" in said.stdout, said.stderr
 
 
 @pytest.mark.slow

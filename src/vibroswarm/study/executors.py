@@ -24,6 +24,7 @@ from concurrent.futures import (
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Final
 
@@ -200,13 +201,14 @@ class SingleProcessPools(Executor):
 
         Raises:
             WorkerDied: the process died.
-            RunError: no process can be started.
+            RunError: no process can be started, or none is any longer, after ``shutdown``.
         """
-        _hold_off_ctrl_c()
         process = getattr(self._own, "process", None)
         if process is None:
-            process = self._own.process = _OneProcess.start(self._context, self.cancel)
-            with self._lock:
+            with self._lock:  # a process whose parent ends while it starts prints a traceback
+                if self.cancel.is_set():
+                    raise RunError("stopped before its process was started")
+                process = self._own.process = _OneProcess.start(self._context, self.cancel)
                 self._processes.append(process)
         try:
             return process.pool.submit(function, *arguments, **named).result()
@@ -237,6 +239,7 @@ class _OneProcess:
         """Start a process that stops its batch when ``cancel`` is set."""
         begun = _ProcessFlag()
         with safe_start():
+            _hold_off_ctrl_c()
             pool = ProcessPoolExecutor(1, context, _begin_process, (cancel, begun))
             pool.submit(int)  # a pool starts its process at its first call
         return cls(pool, begun)
@@ -245,6 +248,7 @@ class _OneProcess:
 def _hold_off_ctrl_c() -> None:
     """Block Ctrl-C for processes that this thread starts, until they ignore it themselves (``_begin_process``)."""
     if hasattr(signal, "pthread_sigmask"):
+        resource_tracker.ensure_running()  # else it starts with the first process, and lets Ctrl-C through again
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
