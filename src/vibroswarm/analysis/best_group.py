@@ -34,7 +34,7 @@ from vibroswarm.inference.outcomes import Array
 LEVEL: Final = 0.95
 """Confidence level of all intervals together."""
 FEWEST: Final = 10
-"""With fewer units no contestant is told apart: the intervals would hold together in less than 95 %."""
+"""Least number of units to tell contestants apart: with fewer, all intervals hold in less than 95 % of leagues."""
 
 
 @dataclass(frozen=True)

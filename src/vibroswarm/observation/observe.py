@@ -242,7 +242,7 @@ def read_samples(
         observation: (rows,), written. kinds, factors: (rows,): kind of the sensed tile, and the value's factor,
             written; if they are empty, they are not computed.
     """
-    with_kinds = kinds.size > 0
+    with_kinds, shares, contrasts = kinds.size > 0, response.shares_below, response.contrasts
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
         place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
@@ -260,18 +260,7 @@ def read_samples(
                 sensed[k] = at
             kind, row = kind_of(own, at), factor_row(response, r, i, at)
             observation[k] = observation_of(
-                faults,
-                r,
-                i,
-                time_s[k],
-                kind,
-                numbers[k],
-                response.shares_below,
-                response.contrasts,
-                row,
-                seed,
-                runs[r],
-                number,
+                faults, r, i, time_s[k], kind, numbers[k], shares, contrasts, row, seed, runs[r], number
             )
             if with_kinds:
                 kinds[k], factors[k] = kind, response.factors[row]
@@ -327,6 +316,7 @@ def read_patches(
 
     Arguments are those of ``read_samples``. It is a kernel of its own, since floors without patches need none of it.
     """
+    shares, contrasts = response.shares_below, response.contrasts
     for r in range(runs.size):
         for k in range(bounds[r], bounds[r + 1]):
             i, number = signed(robot[k]), signed(sample[k])
@@ -334,18 +324,7 @@ def read_patches(
             if kind > 0:
                 row = factor_row(response, r, i, signed(tile[k]))
                 observation[k] = observation_of(
-                    faults,
-                    r,
-                    i,
-                    time_s[k],
-                    kind,
-                    numbers[k],
-                    response.shares_below,
-                    response.contrasts,
-                    row,
-                    seed,
-                    runs[r],
-                    number,
+                    faults, r, i, time_s[k], kind, numbers[k], shares, contrasts, row, seed, runs[r], number
                 )
                 if kinds.size > 0:
                     kinds[k] = kind

@@ -50,7 +50,7 @@ def likelihood(kind: int, value: Values, p: Any) -> Values:
 
 @lru_cache(maxsize=2)
 def _histogram_of(*measured: tuple[float, ...]) -> tuple[Values, list[Values]]:
-    """Return the ``histogram`` of energies: of one law it is asked for hundreds of times, factor by factor."""
+    """Return the ``histogram`` of measured energies; cached, as every factor of tiles and robots needs it again."""
     return histogram([np.asarray(energies, dtype=np.float64) for energies in measured])
 
 
