@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 from scipy.stats import binom, norm, t
 
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.intervals import Interval, generator, jackknife_error, mean_interval, student_test
+from vibroswarm.analysis.intervals import (
+    Interval,
+    generator,
+    jackknife_error,
+    mean_interval,
+    sign_flip,
+    student_test,
+    wilson_limits,
+)
 from vibroswarm.analysis.paired import (
     COMPARED,
     compare,
@@ -75,6 +83,44 @@ def test_student_by_hand() -> None:
     first, second = figures([2.0, 4.0, 6.0, 8.0], [0.0] * 4), figures([1.0, 2.0, 3.0, 4.0], [0.0] * 4)
     assert compare(first, second, ["decision_time_s"], test=student_test)[0].p_value == p_value
     assert compare(first, second, ["decision_time_s"])[0].p_value != p_value  # control: by sign flips
+
+
+@pytest.mark.parametrize("runs", [40, 200])
+@pytest.mark.parametrize(("differing", "upwards"), [(0.01, 1.0), (0.01, 0.8)])
+def test_limits_hold_rare_differences_as_often_as_they_say(
+    runs: int, differing: float, upwards: float
+) -> None:
+    """In few runs one to five of five robots decide otherwise."""
+    random, truth = generator(5, "test"), differing * (2 * upwards - 1) * 0.6
+    held = held_by_flips = 0
+    for _ in range(300):
+        side = np.where(random.random(runs) < upwards, 1.0, -1.0) * (random.random(runs) < differing)
+        first = np.full(runs, 0.4)
+        second = first - side * random.integers(1, 6, runs) / 5
+        held += not difference(first, second, most=1.0).interval.excludes(truth)
+        held_by_flips += not sign_flip(first - second).interval.excludes(truth)
+    least = binom.ppf(1e-4, 300, 0.93)  # measured: .93 or more
+    assert held >= least
+    assert held_by_flips < least  # the control
+
+
+def test_the_same_in_all_runs_is_not_shown_to_be_the_same() -> None:
+    same = figures([float(k) for k in range(300, 500)], [0.8] * 200)
+    time_s, belief, right, *_ = compare(same, same)
+    most = float(wilson_limits(0, 200)[1])
+    # Robots of a run may all decide otherwise.
+    assert right.difference[:3] == pytest.approx((0.0, -most, most))
+    assert belief.difference[:3] == pytest.approx((0.0, -most, most))
+    # Times may be as far apart as those of any two runs here.
+    assert time_s.difference[:3] == pytest.approx((0.0, -199 * most, 199 * most))
+    assert right.p_value == 1.0
+    later = same.with_columns(pl.col("decision_time_s") + 20.0)
+    assert compare(later, same)[0].difference.low == pytest.approx(20.0 - 219 * most)
+
+
+def test_where_half_of_the_runs_differ_limits_are_those_of_sign_flips() -> None:
+    d = np.array([0.0] * 5 + [0.2, -0.2, 0.4, 0.2, 0.4, 0.6])
+    assert difference(d, np.zeros(11)).interval == sign_flip(d).interval
 
 
 def test_rounding_is_no_difference() -> None:

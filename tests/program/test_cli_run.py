@@ -314,7 +314,7 @@ def wait_for_cpu_s(process: subprocess.Popen[str], seconds: float) -> None:
 def test_ctrl_c_ends_with_130_and_leaves_nothing_half_written(tmp_path):
     long = ["--set", "run.t_end_s=1000000", "--set", "robot.battery_life_s=1e9", "--robots", "30"]
     process = command("run", *long, "--out", str(tmp_path / "out"))
-    wait_for_cpu_s(process, 2.0)
+    wait_for_cpu_s(process, 4.0)  # imports take up to 2.5 s where processors are shared
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -155,8 +155,8 @@ def pooled_counting(
         strategy_wrong=share_interval(wrong[judged], level),
         strategy_undecided=share_interval(undecided[judged], level),
         strategy_error=share_interval(strategy_error, level),
-        time_difference_s=difference(strategy_time_s, time_s, level, seed).interval,
-        error_difference=difference(strategy_error, error, level, seed).interval,
+        time_difference_s=difference(strategy_time_s, time_s, level, seed, most=t_end_s).interval,
+        error_difference=difference(strategy_error, error, level, seed, most=1.0).interval,
     )
 
 

@@ -315,6 +315,12 @@ class RunFigure(NotebookView):
         shares = ("forced_error", "estimate_coverage", "right_at_decision", "right_time_share")
         return self.kind in ("runs", "robots") or self.name in shares
 
+    @property
+    def most_apart(self) -> float:
+        """By how much two runs can differ; nan if that is not known."""
+        width = 1.0 if self.is_share else self.most - self.least
+        return width if math.isfinite(width) else math.nan
+
     def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
         """Average it over runs, with Student's limits, which stay within what a mean can be.
 

@@ -10,6 +10,8 @@ Garwood 1936; McCullagh & Nelder 1989, 6.2 |
 | ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
 | ``student_test`` | mean of differences | Student's limits and paired t-test | Student 1908 |
+| ``allowing_for_rare`` | the same, few of which differ | Wilson's limits of how often they do, squared and added | \
+Newcombe 1998 |
 | ``quantile_interval`` | quantile over runs | order statistics, binomial | Thompson 1936 |
 
 Random numbers come from Philox with a key of (seed, purpose), so that they do not depend on other draws.
@@ -36,7 +38,8 @@ from vibroswarm.errors import InputError
 DRAWS: Final = 1999
 """Bootstrap and sign-flip draws; one less than 2000, so that limits at 95 % are whole ranks of ``sign_flip``."""
 FEW: Final = 10
-"""If fewer runs than this have a share other than 0, or other than 1, a bootstrap of the share is unreliable."""
+"""If fewer runs than this have a share other than 0, or other than 1, a bootstrap of the share is unreliable. So are
+sign flips, if fewer differences than this are other than the usual one."""
 _EXACT: Final = 10
 """Up to this number of differences all subsets are enumerated."""
 _MANY_VALUES: Final = 2000
@@ -494,6 +497,45 @@ def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> 
     else:
         p_value = float(ttest_1samp(d, 0.0).pvalue)
     return Tested(mean_interval(d, level), p_value)
+
+
+def allowing_for_rare(found: Interval, differences: ArrayLike, most: float) -> Interval:
+    """Widen the limits of a mean of paired differences, most of which are the same, by how rarely others occur.
+
+    Sign flips, and Student's limits, know no difference that did not occur: where scenarios differ in one run of 200,
+    a third of such comparisons sees none. So if fewer than ``FEW`` differences, and at most half of them, are not the
+    usual one, the limits are at least those of rare events: shares of runs with a larger and with a smaller difference,
+    with Wilson's limits, times how much these differ from the usual one. An amount that was not seen is that of the
+    other side, or ``most``.
+
+    Args:
+        found: their mean with limits. differences: nan is left out. most: by how much runs can differ.
+    """
+    d = without_nan(differences).round(9)
+    values, counts = np.unique(d, return_counts=True)
+    if not d.size or not np.isfinite(values).all():
+        return found
+    usual = values[counts.argmax()]
+    other = (d - usual)[d != usual]
+    if other.size >= FEW or 2 * other.size > d.size:
+        return found
+    amount = float(np.abs(other).mean()) if other.size else most
+    sides = [_rare_mean(part, d.size, amount, found.level) for part in (other[other > 0], -other[other < 0])]
+    (larger, larger_low, larger_high), (smaller, smaller_low, smaller_high) = sides
+    mean = usual + larger - smaller
+    low = mean - math.hypot(larger - larger_low, smaller_high - smaller)  # Newcombe 1998
+    high = mean + math.hypot(larger_high - larger, smaller - smaller_low)
+    return found._replace(low=min(found.low, float(low)), high=max(found.high, float(high)))
+
+
+def _rare_mean(amounts: Values, n: int, unseen: float, level: float) -> tuple[float, float, float]:
+    """Return the mean over n runs of amounts above 0 in a few of them, with the limits of how often they occur.
+
+    ``unseen`` is the amount if there is none.
+    """
+    amount = float(amounts.mean()) if amounts.size else unseen
+    low, high = wilson_limits(amounts.size, n, level)
+    return amount * amounts.size / n, amount * float(low), amount * float(high)
 
 
 def _normal_p_value(d: Values) -> float:

@@ -6,6 +6,7 @@ A cell is the runs of one scenario.
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
 | interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
+| interval, if few d_r are not the usual one | - | at least that of rare events, see ``intervals.allowing_for_rare`` |
 | floor by floor | - | Student's limits and paired t-test instead, see ``intervals.student_test`` |
 | corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
@@ -44,12 +45,14 @@ from vibroswarm.analysis.intervals import (
     Interval,
     Tested,
     Values,
+    allowing_for_rare,
     check_level,
     columns_of,
     draw_limits,
     generator,
     plain,
     sign_flip,
+    without_nan,
 )
 from vibroswarm.errors import InputError, nearest
 
@@ -144,13 +147,26 @@ def differences(first: ArrayLike, second: ArrayLike) -> Values:
 
 
 def difference(
-    first: ArrayLike, second: ArrayLike, level: float = 0.95, seed: int = 0, test: Test = sign_flip
+    first: ArrayLike,
+    second: ArrayLike,
+    level: float = 0.95,
+    seed: int = 0,
+    test: Test = sign_flip,
+    most: float = math.nan,
 ) -> Tested:
     """Estimate and test the mean of first - second, of values that no table of figures has, (runs,) each.
 
     The other arguments are those of ``compare``.
+
+    Args:
+        most: by how much runs can differ; nan: as much as the values of all runs here.
     """
-    return test(differences(first, second), level, seed)
+    d = differences(first, second)
+    found = test(d, level, seed)
+    if math.isnan(most):
+        values = without_nan(np.asarray((first, second), dtype=np.float64))
+        most = float(np.ptp(values)) if values.size else math.nan
+    return found._replace(interval=allowing_for_rare(found.interval, d, most))
 
 
 def _compare_one(
@@ -166,9 +182,10 @@ def _compare_one(
     """
     values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
     a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
+    of_figure = BY_COLUMN[figure]
+    interval, p_value = difference(a, b, level, seed, test, of_figure.most_apart)
     d = differences(a, b)
-    interval, p_value = test(d, level, seed)
-    better = d * BY_COLUMN[figure].better
+    better = d * of_figure.better
     return Paired(
         figure=figure,
         first=float(a.mean()) if a.size else math.nan,
@@ -285,8 +302,7 @@ def equivalent(interval: Interval, margin: float) -> bool:
     """Return whether the whole interval lies inside (-margin, margin), for a margin that was set beforehand.
 
     A 95 % interval gives two one-sided tests at 2.5 % each; for tests at 5 % give a 90 % interval. The result is always
-    false for an interval of width 0. Such an interval comes from pairs that all have the same difference, which does
-    not exclude that other differences occur, but rarely.
+    false for an interval of width 0, which says nothing of how differences vary.
 
     Raises:
         InputError: a margin that is not above 0.

@@ -156,7 +156,7 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
         "worse": Column("worse in", tones={"": "bad"}),
     }
     caption = (
-        "Differences run by run, first - second, with 95 % sign-flip intervals; points: percentage points of robots. "
+        "Differences run by run, first - second, with 95 % intervals; points: percentage points of robots. "
         f"Better and worse: p < {stated(SIGNIFICANT)}, corrected over all comparisons (Holm). No significant "
         "difference is not evidence of no difference."
     )
@@ -329,8 +329,9 @@ def _levels(outcome: Outcome) -> str:
 
 _COMPARED_WORDS: Final = (
     "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. Intervals "
-    "are from sign flips; p-values are corrected over all comparisons (Holm). Each is repeated on other seeds, with "
-    "fresh motion and floors: a difference is confirmed only if both show it."
+    "are from sign flips, and allow for rare differences that did not occur; p-values are corrected over all "
+    "comparisons (Holm). Each is repeated on other seeds, with fresh motion and floors: a difference is confirmed only "
+    "if both show it."
 )
 
 

@@ -10,7 +10,7 @@ faulty with each larger number, and everything else is the same, so differences 
 | forced_error | mean forced error (``analysis.forced_error``) of the working robots, averaged over floors |
 | rise | its difference from that of the same robots in the same runs without faults |
 | bears | true (tolerated): upper limit of the rise below ``MARGIN``; false: lower limit above; else null, as for an \
-entry that guesses without faults, and where all runs have the same rise, which says nothing of how it varies |
+entry that guesses without faults |
 
 Intervals are 95 % intervals over runs. They are not corrected for the comparison of several numbers of faulty robots.
 """
@@ -169,7 +169,8 @@ def _row(case: Case, errors: dict[Case, Errors], guess: float) -> dict[str, Any]
     )
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
     row |= columns_of("forced_error", share_interval(of_run))
-    row |= columns_of("rise", difference(of_run, before, test=student_test).interval)
+    rise = difference(of_run, before, test=student_test, most=1.0).interval if count else (0.0, 0.0, 0.0)
+    row |= columns_of("rise", rise)
     row["bears"] = _verdict(row) if count > 0 and share_interval(before).high < guess else None
     return row
 
@@ -177,7 +178,7 @@ def _row(case: Case, errors: dict[Case, Errors], guess: float) -> dict[str, Any]
 def _verdict(row: dict[str, Any]) -> bool | None:
     """Return whether the rise is below ``MARGIN``; None without limits, or if the margin is not outside of them."""
     low, high = row["rise_low"], row["rise_high"]
-    if low is None or high is None or not low < high or low <= MARGIN <= high:
+    if low is None or high is None or low <= MARGIN <= high:
         return None
     return bool(high < MARGIN)
 
