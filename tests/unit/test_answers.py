@@ -12,7 +12,7 @@ from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settin
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.core.numbers import listed
-from vibroswarm.documents.study_words import at_equal_error, question, sentence
+from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
 from vibroswarm.study.answers import Answer, answers_of
@@ -171,8 +171,21 @@ def test_the_question_names_only_what_all_cells_share() -> None:
     assert "up to" not in ends
     floors = ["random:0.48", "random:0.52"]
     all_varied = of(run__t_end_s=[50.0, 60.0], swarm__robots=[5, 6], floor__source=floors)
-    assert all_varied == "8 cells: 3 runs each, seed 1."
+    values = "t_end_s 50 and 60; robots 5 and 6; random:0.48 and random:0.52"
+    assert all_varied == f"{values}: 3 runs each, seed 1."
     assert "up to 1200 s" in of(swarm__robots=[5, 6])
+
+
+def test_all_combinations_of_several_fields_are_named_by_their_values() -> None:
+    base = preset("paper").with_values({"run.t_end_s": 5.0})
+    strategies, robots = ["none", "positive", "soft"], [3, 5]
+    result = Study.of(base, 1, strategy__name=strategies, swarm__robots=robots).run()
+    assert title_of(result) == "none, positive and soft; robots 3 and 5"
+    asked = question(outcome_of(result))
+    assert ": none, positive or soft, for each of robots 3 and 5? " in asked
+    assert question(outcome_of(result, compare=False)).startswith("none, positive and soft; robots 3 and 5: ")
+    one_left_out = result.where(name=["none", "soft"], robots=3)
+    assert title_of(one_left_out) == "none, robots 3; and soft, robots 3"
 
 
 def test_names_with_commas_are_listed_between_semicolons() -> None:

@@ -32,6 +32,8 @@ from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.study.answers import Answer, Effect, lacks_truth
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.equal_error import pairs_at_equal_error
+from vibroswarm.study.factors import fields_in_words
+from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import CellOutcome, Outcome
 
@@ -56,13 +58,45 @@ _HIGHER_LOWER: Final = {
 _SCALES: Final = {"decision_time_s": (1, "s"), "estimate_error": (1, ""), "estimate_crps": (1, "")}
 """Factor and unit of figures that are no shares."""
 MOST_NAMES: Final = 6
-"""The cells of a question are named if there are at most this many."""
+"""Cells, or the values of a field, are named if there are at most this many."""
 
 
 def title_of(result: StudyResult) -> str:
-    """Return the study's name; without one, the names of its selected cells, or their number if they are many."""
-    names = [result.study.cells[number].name for number in result.selected]
-    return result.study.name or (listed(names) if len(names) <= MOST_NAMES else count(len(names), "cell"))
+    """Return the study's name; without one, what it varies, the names of its selected cells, or their number."""
+    cells = [result.study.cells[number] for number in result.selected]
+    if result.study.name:
+        return result.study.name
+    if values := _values_by_field(cells):
+        return "; ".join(_values_in_words(name, each, "and") for name, each in values.items())
+    return listed(cell.name for cell in cells) if len(cells) <= MOST_NAMES else count(len(cells), "cell")
+
+
+def _values_by_field(cells: Sequence[Cell]) -> dict[str, list[str]]:
+    """Return the values of each varied field, if the cells are all combinations of several fields; else nothing."""
+    values = {
+        name: list(dict.fromkeys(cell.words.get(name, "") for cell in cells)) for name in cells[0].words
+    }
+    varied = {name: each for name, each in values.items() if len(each) > 1}
+    are_all = len(varied) > 1 and math.prod(map(len, varied.values())) == len(cells)
+    return varied if are_all and max(map(len, varied.values())) <= MOST_NAMES else {}
+
+
+def _values_in_words(field: str, values: Sequence[str], word: str) -> str:
+    """Write values of a field: ``none, positive and soft``, ``robots 5 and 10``."""
+    return fields_in_words({field: listed(values, word)})
+
+
+def _cells_in_question(outcome: Outcome) -> str:
+    """Name the cells that are compared: ``none or soft, for each of random:0.48 and random:0.40``."""
+    cells = [one.cell for one in outcome.cells]
+    values, compared = _values_by_field(cells), {one.field for one in outcome.comparisons}
+    if values and len(compared) == 1 and compared <= set(values):
+        (field,) = compared
+        rest = [_values_in_words(name, each, "and") for name, each in values.items() if name != field]
+        return f"{_values_in_words(field, values[field], 'or')}, for each of {', and of '.join(rest)}"
+    names = [cell.name for cell in cells]
+    one_by_one = 1 < len(names) <= MOST_NAMES and not values
+    return listed(names, "or") if one_by_one else title_of(outcome.result)
 
 
 def question(outcome: Outcome) -> str:
@@ -74,8 +108,7 @@ def question(outcome: Outcome) -> str:
     study = outcome.result.study
     # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
     where = setting_of(cells[0].scenario, study.varied)
-    names = [cell.name for cell in cells]
-    which = listed(names, "or") if 1 < len(names) <= MOST_NAMES else title_of(outcome.result)
+    which = _cells_in_question(outcome)
     runs = counts((one.summary.runs for one in outcome.cells), "run")
     setting = f"{where}; {runs}" if where else runs
     if not outcome.comparisons:
