@@ -14,7 +14,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from
 from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
-from vibroswarm.optimize.validation import scored_of
+from vibroswarm.optimize.validation import Scored, paired_score, scored_of
 
 NAN = math.nan
 
@@ -285,6 +285,26 @@ def test_the_bootstrap_of_few_runs_seldom_says_that_equal_scores_differ(runs: in
         rows = random.normal(10.0, 1.0, (runs, 1, 1)) + random.normal(0.0, 0.5, (runs, 1, 2))
         differ += bootstrap(difference, rows, seed=k, draws=200).excludes(0.0)
     assert differ <= binom.ppf(1 - 1e-4, 200, 0.08)  # with 2 runs it was half of the time
+
+
+def test_few_runs_that_differ_call_no_score_better() -> None:
+    """The bootstrap of 60 runs, 5 of which are sooner, excludes that scores are equal; a sign test has p = .06."""
+    objective, runs = Objective("decision_time"), np.arange(60)
+    times = 400.0 + 5.0 * runs
+
+    def scored(sooner: int) -> Scored:
+        rows = np.where(runs < sooner, times - 20.0, times)[:, None, None]
+        return scored_of("name", {}, objective, rows, runs)
+
+    first = scored(0)
+    assert paired_score(objective, first, first)[:3] == (0.0, 0.0, 0.0)
+    assert paired_score(objective, first, scored(0))[1:3] == (-math.inf, math.inf)
+    assert paired_score(objective, first, scored(5))[1:3] == (-math.inf, math.inf)
+    assert paired_score(objective, scored(6), first).excludes(0.0)
+    later = scored(20)
+    assert paired_score(objective, first, later).estimate == pytest.approx(
+        objective.score(first.rows) - objective.score(later.rows)
+    )
 
 
 def test_only_smooth_scores_are_corrected() -> None:

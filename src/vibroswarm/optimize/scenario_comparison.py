@@ -7,6 +7,7 @@ confirm the difference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
-from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
+from vibroswarm.optimize.validation import LEAST_DIFFERING, Scored, paired_score, scored_of, shifted_progress
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.executors import Workers, workers_for
 
@@ -64,7 +65,9 @@ class Checked(NotebookView):
             return f"{better} is better, in both blocks of seeds."
         if side(self.difference):  # significant, but not in the second block, or with the other sign there
             return "The second block of seeds does not confirm the difference."
-        return "No significant difference, which does not mean that they are equal."
+        without_limits = math.isinf(self.difference.low) or math.isinf(self.replicate.low)
+        few = f" Fewer than {LEAST_DIFFERING} runs differ: too few for limits." if without_limits else ""
+        return f"No significant difference, which does not mean that they are equal.{few}"
 
 
 def compare_scenarios(

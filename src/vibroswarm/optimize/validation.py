@@ -41,6 +41,8 @@ TELLING: Final = 0.1
 
 Single objective: if the scores differ much, but not significantly, the interval of the true score is too wide to judge
 luck. Pareto front: if the median difference over the candidates is larger, the page of the search shows a warning."""
+LEAST_DIFFERING: Final = 6
+"""If two scores differ in fewer runs, all of these may favour one of them by chance: a sign test of 5 has p = .06."""
 LEAST_ITERATIONS: Final = 2
 """With fewer iterations, particles have never moved."""
 LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defined", "too short")
@@ -299,8 +301,8 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     """Estimate the difference of two scores, first - second, with a bootstrap over the runs that both have.
 
     Runs with the same number are paired. Each resample takes the same runs for both scores, so that noise that is
-    common to both cancels. If runs failed and fewer than two are left in both, the limits are infinite; without a run
-    in both, the difference is nan.
+    common to both cancels. The limits are infinite if fewer than ``LEAST_DIFFERING`` runs differ, but a score does not
+    differ from itself; without a run in both, the difference is nan.
 
     Args:
         objective: of the search. first, second: scored sets, such as those of ``Truth.others``.
@@ -310,11 +312,15 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     _, of_first, of_second = np.intersect1d(first.runs, second.runs, return_indices=True)
     # ``bootstrap`` resamples one array along the runs: so the columns of both are put side by side
     both = np.concatenate([first.rows[of_first], second.rows[of_second]], axis=2)
+    differing = int((both[:, :, :width] != both[:, :, width:]).any(axis=(1, 2)).sum())
 
     def difference(rows: NDArray[np.float64]) -> float:
         return objective.score(rows[:, :, :width]) - objective.score(rows[:, :, width:])
 
-    return bootstrap(difference, both)
+    found = bootstrap(difference, both)
+    if differing >= LEAST_DIFFERING or first is second:
+        return found
+    return found._replace(low=-math.inf, high=math.inf)
 
 
 def _median_of_known(values: list[float]) -> float:
