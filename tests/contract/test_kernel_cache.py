@@ -219,6 +219,27 @@ def test_threads_that_compile_at_once_leave_the_users_settings() -> None:
     assert gc.isenabled()
 
 
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+def test_kernels_are_not_read_from_the_working_folder_whatever_other_threads_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Numba's own setting is empty while another thread declares a kernel: then its folder is the working folder."""
+    import numba
+
+    from vibroswarm.core import kernel_cache
+
+    named = kernel_cache._Locator.get_suitable_cache_subpath
+
+    def named_while_another_thread_declares(file: str) -> str:
+        monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+        return named(file)
+
+    naming = staticmethod(named_while_another_thread_declares)
+    monkeypatch.setattr(kernel_cache._Locator, "get_suitable_cache_subpath", naming)
+    declared = vibroswarm.core.jit.kernel(lambda x: x + 1.0)
+    assert Path(declared._cache._cache_path).parent == vibroswarm.core.jit.cache_folder()
+
+
 def test_collection_that_the_user_has_turned_off_stays_off() -> None:
     from vibroswarm.core.jit import _settings
 

@@ -316,7 +316,6 @@ def _compile(
     """
     if not compiles():
         return _quiet(function) if from_python else function
-    import numba
 
     from vibroswarm.core import kernel_cache, whole_kernels
 
@@ -335,12 +334,7 @@ def _compile(
     is_saved = cached and from_python and function.__code__.co_filename not in _never_cached
     folder = cache_folder() if is_saved else None
     if folder is not None:
-        config: Any = numba.config  # the cache takes its folder from there when it is created
-        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
-        try:
-            compiled._cache = kernel_cache.KernelCache(function)
-        finally:
-            config.CACHE_DIR = before
+        compiled._cache = kernel_cache.KernelCache(function, folder)
     if not from_python:
         _call_plain(compiled)
     _set_for_compiling(compiled, side_by_side)

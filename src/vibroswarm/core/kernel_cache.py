@@ -17,7 +17,7 @@ import pickle
 import stat
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 from uuid import uuid4
 
 from numba.core.caching import (
@@ -66,11 +66,18 @@ def why_unsafe(folder: Path, base: Path) -> str | None:
 
 
 class _Locator(UserProvidedCacheLocator):
-    """The folder in Numba's ``CACHE_DIR``, and no other; sources are identified by content."""
+    """The folder of our kernels, and no other; sources are identified by content.
+
+    Numba's setting ``CACHE_DIR`` is not used: another thread may change it meanwhile, and kernels would be read from
+    the working folder.
+    """
+
+    folder: ClassVar[Path]
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         super().__init__(py_func, py_file)
         self._py_func = py_func
+        self._cache_path = str(self.folder / self.get_suitable_cache_subpath(py_file))
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
@@ -185,7 +192,8 @@ class KernelCache(FunctionCache):
 
     _impl_class = _Impl
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, folder: Path) -> None:
+        _Locator.folder = folder  # the same for all kernels of a process
         super().__init__(function)
         # Replaces the ``IndexDataCacheFile`` that Numba has created with the same arguments.
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, b"")
