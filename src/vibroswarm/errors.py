@@ -49,11 +49,17 @@ def in_file(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def named(field: str) -> Iterator[None]:
-    """Name the field in an ``InputError`` about a value that was given in it under another name."""
+def named(field: str, of: str | None = None) -> Iterator[None]:
+    """Name the field in an ``InputError`` about a value that was given in it under another name.
+
+    Args:
+        of: the other name; errors about other fields are left as they are. None: all errors get the name.
+    """
     try:
         yield
     except InputError as error:
+        if of is not None and error.field != of:
+            raise
         raise InputError(error.reason, field=field) from None
 
 

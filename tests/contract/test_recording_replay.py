@@ -327,6 +327,12 @@ def test_the_reason_of_a_refusal_is_the_strategys_own(
     forget("counter")
 
 
+@pytest.mark.parametrize("seed", [-1, 2**63 - 1])
+def test_seeds_of_all_draws_are_checked_first(recording: Recording, seed: int) -> None:
+    with pytest.raises(InputError, match=f"seed: {seed} is wrong; give a whole number from 0 to {2**63 - 2}"):
+        replay_recording(recording, recording.scenario, draws=2, seed=seed)
+
+
 def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> None:
     with pytest.raises(InputError, match="cannot be changed in the replay"):
         replay_recording(

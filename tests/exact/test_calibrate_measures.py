@@ -96,7 +96,28 @@ def test_the_interval_is_over_sessions() -> None:
     found = compare_distance("still", real, [rng.normal(1.0, size=(200, 1)) for _ in range(2)])
     assert found is not None
     assert found.effect.n == 3
-    assert found.effect.low > found.real.high if found.real is not None else False
+    assert found.effect.estimate > found.real.estimate if found.real is not None else False
+
+
+def test_limits_among_sessions_allow_for_pairs_that_overlap() -> None:
+    """Limits of the means over each session's pairs hold the truth in two of three cases, of two sessions never."""
+    rng = np.random.default_rng(10)
+
+    def sessions(count: int) -> list[np.ndarray]:
+        return [rng.normal(0.3 * rng.normal(), size=(100, 1)) for _ in range(count)]
+
+    truth = np.mean([effect_size(*sessions(2)) for _ in range(3000)])
+    held = []
+    for _ in range(300):
+        found = compare_distance("still", sessions(4), sessions(1))
+        assert found is not None
+        assert found.real is not None
+        held.append(found.real.low <= truth <= found.real.high)
+    assert np.mean(held) > 0.77
+    two = compare_distance("still", sessions(2), sessions(1))
+    assert two is not None
+    assert two.real is not None
+    assert math.isinf(two.real.high)
 
 
 def test_the_logistic_fit_is_at_its_minimum() -> None:

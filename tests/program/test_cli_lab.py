@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import runpy
 from pathlib import Path
 from typing import Any
@@ -142,6 +143,37 @@ def test_threshold(kept, capsys):
     found = told(capsys)["tables"]
     assert [row["rule"] for row in found["thresholds"]] == ["equal error", "least error", "in use"]
     assert found["edge_profile"][-1]["to_m"] is None
+
+
+UNITS = ("robot", "time_s", "x_m", "y_m", "energy")
+
+
+def imported_with(tmp_path, energy):
+    """Import the first session of the example with energies made of its own, and without bits."""
+    samples = read_log(SHIPPED / "session-1.csv").samples.select(UNITS)
+    samples.with_columns(energy=energy).write_csv(tmp_path / "mine.csv")
+    (tmp_path / "map.toml").write_text("[columns]\n" + "".join(f'{use} = "{use}"\n' for use in UNITS))
+    arguments = [str(tmp_path / "mine.csv"), "--columns", str(tmp_path / "map.toml"), *FLOOR, "--any-floor"]
+    assert main(["lab", "import", *arguments, "--out", str(tmp_path / "mine")]) == 0
+    return tmp_path / "mine"
+
+
+def test_a_threshold_of_small_energies_keeps_its_digits(tmp_path, capsys):
+    mine, out = imported_with(tmp_path, pl.col("energy") * 1e-6), tmp_path / "threshold.toml"
+    assert main(["lab", "threshold", str(mine), "--out", str(out)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"Use theta_E = 0\.00000\d{4} \[", said)
+    assert "at the 1.330 of the scenario 0.0 % and 100.0 %" in said  # not "in use": nobody said so
+    assert 1e-7 < Scenario.read(out).sensor.rms_threshold < 1e-5
+    assert main(["lab", "threshold", str(mine), "--law", str(tmp_path / "law.toml")]) == 2
+    assert "no law that can be fitted describes them" in capsys.readouterr().err
+
+
+def test_energies_that_tell_nothing_are_warned_of(tmp_path, capsys):
+    mine = imported_with(tmp_path, pl.lit(1.0))
+    capsys.readouterr()
+    assert main(["lab", "threshold", str(mine)]) == 0
+    assert "energies do not tell them apart" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(

@@ -196,6 +196,8 @@ BAD = {
     "--floor nowhere.txt": ("nowhere.txt", "no such file"),
     "--floor diagnal:0.46": ("--floor", "did you mean 'diagonal:0.46'?"),
     "--floor random:0.47": ("0.47", "0.44"),
+    "--floor patch:0.1@7": ("--floor", "a contrast of 'patch:0.1@7' is 7"),
+    "--set floor.source=diagnal:0.46": ("floor.source", "did you mean 'diagonal:0.46'?"),
     "--floor diagonal:0.46 --tiles 3x3": ("--tiles", "3x3"),
     "--tiles 5": ("--tiles", "5"),
     "--tiles 5x5 --floor .": (".", "folder"),

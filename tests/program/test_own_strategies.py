@@ -41,6 +41,14 @@ def test_the_examples_are_short(example: str) -> None:
     assert len((EXAMPLES / f"{example}.py").read_text(encoding="utf-8").splitlines()) < 60
 
 
+def test_a_file_that_imports_another_says_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "helper_beside.py").write_text("")
+    (tmp_path / "mine.py").write_text("import math\nimport helper_beside\n")
+    words = r"No module named 'helper_beside'; a file imports installed packages only, .* \(line 2\)"
+    with pytest.raises(InputError, match=words):
+        load_code(f"{tmp_path / 'mine.py'}:mine")
+
+
 @pytest.mark.parametrize("spec", [VOTER, AVOIDER])
 def test_a_run_keeps_a_copy_and_can_be_made_again_only_if_trusted(
     spec: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

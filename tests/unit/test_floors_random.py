@@ -83,4 +83,4 @@ def test_what_cannot_be_is_refused(arguments, field):
 def test_a_share_that_a_floor_cannot_have_is_refused_with_the_floor(source):
     with pytest.raises(InputError, match=f"'{source}': .* the nearest that can be had") as caught:
         named_tiles(source, 5, 5, 1, 0)
-    assert caught.value.field == "--floor"
+    assert caught.value.field == "floor.source"

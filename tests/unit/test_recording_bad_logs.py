@@ -57,12 +57,13 @@ def put(line: int, cell: int, text: str) -> Callable[[Rows], object]:
         (put(40, 4, "left"), r"row 40: 'left' in column 'X Meter' is not a number"),
         (put(40, 1, "nan"), r"row 40: 'nan' in column 'Timestamp' is not a number"),
         (put(40, 1, ""), r"row 40: empty cell in column 'Timestamp'"),
+        (put(40, 1, "1.7e9"), r"row 40: 1.*0 in column 'Timestamp' is not a time since the start of the session"),
         (put(40, 2, "2.5"), r"row 40: 2.5 in column 'ROV Number' is not a whole number from 0 on"),
         (put(40, 2, "77"), r"row 40: robot 77 has marker|unknown robot 77"),
         (lambda rows: rows[39].append("1"), r"row 40: 16 cells, but the header has 15"),
         (lambda rows: put(first_sample(rows) + 1, 10, "7")(rows), r"'7' in column 'd_f' is not one of 2, 0, 1"),
         (lambda rows: put(first_sample(rows) + 1, 9, "1.5")(rows), r"1.5 in column 'Belief' is not a prob"),
-        (lambda rows: put(first_sample(rows) + 1, 6, "-1")(rows), r"-1 in column 'Energy' is not a number of 0"),
+        (lambda rows: put(first_sample(rows) + 1, 6, "-1")(rows), r"-1 in column 'Energy' is not a number from 0"),
         (lambda rows: put(first_sample(rows, 60) + 1, 11, "3")(rows), r"robot \d has sent \d+ messages"),
         (lambda rows: put(first_sample(rows, 60) + 1, 11, "None")(rows), r"messages sent by robot \d, which"),
         (lambda rows: rows.insert(900, rows[20]), r"^$"),  # a row that stands twice is left out
@@ -94,6 +95,17 @@ def test_late_rows_are_put_in_their_place_and_lost_ones_counted(
     assert mended.counts["samples_lost"] == 1
     assert whole.counts["samples_lost"] == whole.counts["rows_late"] == 0
     assert mended.tracks["time_s"].is_sorted()
+
+
+def test_a_robot_that_stops_early_is_counted(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def stop(rows: Rows) -> None:
+        rows[1:] = [row for row in rows[1:] if row[2] != "3" or float(row[1]) < 30.0]
+
+    recording = recording_of([read_log(changed(stop))], ground, preset("paper"))
+    assert recording.sessions[0]["told"]["robots_gone"] == 1
+    assert "  1 robot last seen more than a minute before the end" in count_lines(recording)
 
 
 def test_other_robots_are_refused(logs: list[Path]) -> None:
@@ -180,7 +192,7 @@ def test_line_breaks_in_cells_do_not_shift_the_numbers_of_lines(tmp_path: Path) 
     assert read_plain(tmp_path, text).samples["line"].to_list() == [3, 6]
     with pytest.raises(InputError, match=r"row 7: 'late' in column 'time_s' is not a number"):
         read_plain(tmp_path, text + '1,late,0.5,0.5,1.25,"one\nmore"\n')
-    with pytest.raises(InputError, match=r"row 7: 1 cells, but the header has 6"):
+    with pytest.raises(InputError, match=r"row 7: 1 cell, but the header has 6"):
         read_plain(tmp_path, text + "1\n")
 
 
@@ -220,7 +232,7 @@ def test_what_was_read_is_counted_in_words() -> None:
         "  1 late row (by up to a second): sorted in",
     ]
     assert lines[4:6] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
-    assert lines[14] == "session 2: b.csv (csv)"
-    assert lines[15:17] == ["  2,000 rows read", "  2,000 repeated rows: removed"]
+    assert lines[15] == "session 2: b.csv (csv)"
+    assert lines[16:18] == ["  2,000 rows read", "  2,000 repeated rows: removed"]
     assert "  4.694 s, the longest such gap" in lines
-    assert not [line for line in lines[14:] if "off all tiles" in line]
+    assert not [line for line in lines[15:] if "off all tiles" in line]

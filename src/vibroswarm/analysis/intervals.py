@@ -243,6 +243,21 @@ def rate_interval(values: ArrayLike, of_one_event: float = math.nan, level: floa
     return Interval(mean, low, high, level, runs.size, "quasi-Poisson")
 
 
+def pseudo_values(means: ArrayLike) -> Values:
+    """Return values whose interval is that of a mean over all pairs of units, such as sessions, by the jackknife.
+
+    A unit is in several pairs, so its mean over them varies less than what it contributes. Each pseudo-value is n times
+    the mean over all pairs less n - 1 times that over the pairs without one unit. Two units have one pair, and so one
+    value, which has no limits.
+
+    Args:
+        means: of each unit, the mean over its pairs with the others, (units,), at least two.
+    """
+    of_units = np.asarray(means, dtype=np.float64)
+    n, mean = of_units.size, of_units.mean()
+    return mean + 2 * (n - 1) / (n - 2) * (of_units - mean) if n > 2 else of_units[:1]
+
+
 def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """Compute a mean over runs of values between 0 and 1, with Student's limits clipped to that range.
 

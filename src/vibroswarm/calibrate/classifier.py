@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, finite_limits, share_interval
+from vibroswarm.analysis.intervals import Interval, finite_limits, pseudo_values, share_interval
 from vibroswarm.calibrate.features import lag_one, wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
@@ -250,7 +250,7 @@ def _accuracy_between(one: Stretches, other: Stretches, robots: Sequence[int]) -
 def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
     """Return the mean balanced accuracy between pairs of sessions, with its interval; None with one session.
 
-    For each session, the accuracies of the pairs that contain it are averaged. The interval is over these averages.
+    For each session, the accuracies of the pairs that contain it are averaged. The interval is of their pseudo-values.
     """
     if len(sessions) < 2:
         return None
@@ -261,4 +261,4 @@ def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) 
     by_session = [
         float(np.mean([accuracy for pair, accuracy in accuracies.items() if i in pair])) for i in numbers
     ]
-    return share_interval(by_session, level)
+    return share_interval(pseudo_values(by_session), level)

@@ -22,7 +22,7 @@ distribution for vibrating tiles; the same three for still tiles; reach (cm); lo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -34,6 +34,7 @@ from scipy.special import gammaincinv, gammaln, ndtr
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.blas import with_one_blas_thread
+from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.threshold import cluster_weights, resample, robot_clusters
 
@@ -87,7 +88,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
         found: sessions, with positions corrected for the camera.
         draws: number of bootstrap resamples.
     Raises:
-        InputError: all samples lie on one kind of tile.
+        InputError: all samples lie on one kind of tile, or no law within the bounds of the fit describes the energies.
     """
     samples = found.samples
     energy, edge = samples["energy"].to_numpy(), samples["edge_m"].to_numpy()
@@ -131,6 +132,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     data = with_factors()
     theta = _fit(data, equal_weights, theta)  # theta that belongs to the last factors
     values = _values(theta) | dict(zip(SPREADS, spreads, strict=True))
+    _check_medians(values, energy, on)
     weights = (cluster_weights(_SEED, draw, stream=0, cluster=cluster) for draw in range(draws))
     # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
     drawn = [_values(_fit(data, weight, theta, quick=True)) for weight in weights]
@@ -203,6 +205,30 @@ def _values(theta: Floats) -> dict[str, float]:
         reach_cm / 100.0, np.exp(log_blur_cm) / 100.0,
     )  # fmt: skip
     return {name: float(value) for name, value in zip(FIELDS, plain, strict=True)}
+
+
+def _check_medians(values: Mapping[str, float], energy: Floats, on: Bools) -> None:
+    """Refuse laws of energy whose middle 90 % do not hold the median of the energies that they were fitted to.
+
+    Energies in another unit than about 1, or all alike, are beyond the bounds of the fit, which then ends at them.
+
+    Args:
+        values: of the laws, by field. energy: energy of each sample, (samples,).
+        on: whether the tile below each sample vibrates, (samples,).
+    Raises:
+        InputError: as said.
+    """
+    for kind, own in (("vibrating", energy[on]), ("still", energy[~on])):
+        shape, scale, location = (values[f"{kind}_{name}"] for name in ("shape", "scale", "location"))
+        low, high = scale * gammaincinv(shape, np.array([0.05, 0.95])) + location
+        median = float(np.median(own))
+        if not low <= median <= high:
+            raise InputError(
+                f"those on {kind} tiles have the median {stated(median)}, but 90 % of the fitted law lie between "
+                f"{stated(low)} and {stated(high)}: no law that can be fitted describes them. It takes energies that "
+                "vary, in a unit in which they are about 1 (times in a column map)",
+                field="the energies",
+            )
 
 
 def _density(energy: Floats, shape: float, scale: float, location: float) -> Floats:

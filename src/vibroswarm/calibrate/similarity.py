@@ -25,7 +25,7 @@ The energy distance of a feature is 0 only if two distributions are the same:
 unbiased: for equal distributions it is 0 on average, whatever the counts, and may be slightly negative. Each column is
 divided by its standard deviation over the real sessions, so that seconds and metres have the same weight. The session
 is the unit: H is the mean over pairs of sessions, and its interval is over real sessions (Student's t, so it is wide
-with three sessions).
+with three sessions; among the real sessions with the pseudo-values of the jackknife, since their pairs overlap).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval
+from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval, pseudo_values
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.distances import sum_of_distances
@@ -235,7 +235,7 @@ class EnergyDistance(NotebookView):
     effect: Interval
     """H of real against simulated sessions: mean over pairs, interval over real sessions."""
     real: Interval | None
-    """H of each real session against the other real ones; None with one session."""
+    """H of real sessions against each other: mean over pairs, interval over sessions; None with one session."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return feature and intervals for JSON; limits that are not finite are left out."""
@@ -281,7 +281,7 @@ class RealDistances(NotebookView):
     each: tuple[float, ...]
     """Mean distance between the values of each session."""
     against: Interval | None
-    """Effect size H of each real session against the other real ones; None with one session."""
+    """Effect size H of the real sessions against each other; None with one session."""
 
 
 RealCache = dict[str, RealDistances]
@@ -335,7 +335,7 @@ def _real_distances(sessions: Sequence[Floats]) -> RealDistances:
     for i in range(len(sessions)):
         for j in range(i):
             pairs[i, j] = pairs[j, i] = effect_size(sessions[i], sessions[j], within[i], within[j])
-    return RealDistances(within, mean_interval(np.nanmean(pairs, axis=1).tolist()))
+    return RealDistances(within, mean_interval(pseudo_values(np.nanmean(pairs, axis=1))))
 
 
 def effect_size(x: Floats, y: Floats, within_x: float | None = None, within_y: float | None = None) -> float:

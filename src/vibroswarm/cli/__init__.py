@@ -20,7 +20,7 @@ from typing import Final, NoReturn
 
 from vibroswarm.cli import interruption
 from vibroswarm.core.start import INTERRUPTED
-from vibroswarm.errors import InputError, RunError, shown_name
+from vibroswarm.errors import InputError, RunError, named, shown_name
 
 PLAIN: Final = "--plain"
 """The option that runs the kernels as plain Python, without compiling them."""
@@ -186,6 +186,8 @@ def _command(argv: Sequence[str] | None) -> int:
             stack.enter_context(plugins.trust_code())
         if printing.verbose:
             stack.enter_context(terminal.verbose())
+        if any(word.partition("=")[0] == "--floor" for word in words):
+            stack.enter_context(named("--floor", of="floor.source"))
         return commands.call(command, values)
 
 

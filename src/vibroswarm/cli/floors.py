@@ -13,7 +13,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
 from vibroswarm.cli.output import print_saved_file
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import InputError, named, shown
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
@@ -142,7 +142,8 @@ def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: i
         raise InputError(f"applies to a picture, not to {shown(floor)}", field="--image-threshold")
     size = None if tiles is None else parse_tiles(tiles)
     threshold = THRESHOLD if image_threshold is None else image_threshold
-    grid, name = resolve(floor, size, seed, threshold=threshold)
-    rows, columns = grid.shape
-    surface = surface_of(floor, (rows, columns), (0.0, 0.0, 1.0, 1.0), seed)
+    with named("FLOOR", of="floor.source"):
+        grid, name = resolve(floor, size, seed, threshold=threshold)
+        rows, columns = grid.shape
+        surface = surface_of(floor, (rows, columns), (0.0, 0.0, 1.0, 1.0), seed)
     return replace(Floor.filling(grid, name=name), surface=surface)

@@ -15,7 +15,7 @@ from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.scenario_options import scenario_from, scenario_named, words_of
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, named
 
 if TYPE_CHECKING:
     from vibroswarm.recordings.log import Log
@@ -72,14 +72,9 @@ def import_logs(
     robots = None if known_robots is None else list(known_robots)
     settings = (made.hash, stated, reader, robots, any_floor, files)
     destination = Destination(output, "lab import", *settings, at_once=False)
-    recording = recording_of(
-        read,
-        made.floor_for(0, 0),  # seed and run do not matter: the floor is not random
-        made,
-        stated,
-        robots=robots,
-        any_floor=any_floor,
-    )
+    floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
+    with named("--floor", of="floor"):
+        recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
     with whole_folder(out, replace=True) as part:
         recording.write_into(part)
         pages = write_pages(recording, part)
@@ -248,14 +243,14 @@ def threshold(
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
     found = recommend(recording, (costs[0], costs[1]), at, margin_mm / 1000.0)
-    written = round(found.chosen.value, 3)  # robots log energies with three decimals
+    written = round(found.chosen.value, found.chosen.decimals)
     scenario = scenario.with_values({"sensor.rms_threshold": written})
-    if out is not None:
-        write_text(out, scenario.to_toml(), replace=force)
     if law is not None:
         fitted = law_of_recordings([recording])
         write_law(fitted, scenario, law, replace=force)
         found = replace(found, law=law_table(fitted.law))
+    if out is not None:
+        write_text(out, scenario.to_toml(), replace=force)
     print_document(threshold_document(found), as_json=json)
     print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(

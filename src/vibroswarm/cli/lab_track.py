@@ -13,7 +13,7 @@ from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import scenario_from, words_of
 from vibroswarm.core.atomic_io import whole_folder
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, named
 
 if TYPE_CHECKING:
     import polars as pl
@@ -141,7 +141,8 @@ def track(
             # ``_samples`` has refused a random floor. The floor of a file or of a pattern does not depend on seed and
             # run (0 and 0).
             floor = made.floor_for(0, 0)
-            recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
+            with named("--floor", of="floor"):
+                recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)

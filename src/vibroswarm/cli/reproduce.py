@@ -25,7 +25,7 @@ def reproduce(
     *,
     only: Annotated[list[str] | None, Option("only these items; 'list' lists them")] = None,
     runs: Annotated[int, Option("runs per cell")] = 1000,
-    seed: Annotated[int, Option("seed of all cells", "S")] = 1,
+    seed: Annotated[int, Option("seed of all cells", "S", low=0, high=2**62)] = 1,
     columns: Annotated[
         tuple[str, ...] | None, Option("only these presets: paper, text, calibrated", "A,B")
     ] = None,

@@ -25,7 +25,7 @@ DISTANCES: Final = (
 )
 RECOGNISED: Final = (
     f"Share of stretches of {STRETCH} samples that a classifier recognises (50 %: chance; in brackets 95 % over "
-    "sessions)."
+    "sessions). If there is only one real or simulated session, it is trained on, too."
 )
 CLASSIFIERS: Final = {
     "simulated": "real or simulated, robots and sessions not trained on",

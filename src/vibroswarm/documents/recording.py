@@ -296,15 +296,18 @@ def threshold_document(found: Recommendation) -> Document:
         title="Threshold of the sensor",
         answer=(
             f"Use theta_E = {_value(chosen)} ({chosen.rule}): {still} of the samples on still tiles read as vibrating, "
-            f"{vibrating} of those on vibrating tiles as still; at the {number(in_use.value, 3)} in use {still_in_use} "
-            f"and {vibrating_in_use}.",
+            f"{vibrating} of those on vibrating tiles as still; at the {number(in_use.value, in_use.decimals)} "
+            f"{in_use.rule} {still_in_use} and {vibrating_in_use}.",
             chosen.decidable.says,
             *_why_in_use_decides(chosen, in_use),
         ),
-        warnings=(_SELF_JUDGED,) if unseen is not None and unseen.is_empty() else (),
+        warnings=(
+            *(() if chosen.tells_kinds_apart else (_TELLS_NOTHING,)),
+            *((_SELF_JUDGED,) if unseen is not None and unseen.is_empty() else ()),
+        ),
         parts=(
             _thresholds(every, found.margin_m),
-            *(() if unseen is None or unseen.is_empty() else (_unseen(unseen),)),
+            *(() if unseen is None or unseen.is_empty() else (_unseen(unseen, chosen.decimals),)),
             _profile(found.profile, found.thresholds[0]),
             *(() if found.law is None else (_law(found.law),)),
         ),
@@ -334,8 +337,9 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]
     fewer, below = ("fewer", "below") if balanced > boundary else ("more", "above")
     low, high = (percent(share, 0) for share in sorted((balanced, boundary)))
     return (
-        f"The {number(in_use.value, 3)} in use decides this floor only because it reads {fewer} samples as vibrating "
-        f"on any floor: one with {low} to {high} vibrating tiles would be taken for {below} {percent(boundary, 0)}.",
+        f"The {number(in_use.value, in_use.decimals)} {in_use.rule} decides this floor only because it reads {fewer} "
+        "samples as vibrating on any floor: "
+        f"one with {low} to {high} vibrating tiles would be taken for {below} {percent(boundary, 0)}.",
     )
 
 
@@ -343,16 +347,21 @@ _WITH_PLACES: Final = (
     "Strategies that read places: as if robots knew where the camera saw them. Each message is lost at random, with "
     "the share that the session's log counts, since logs do not say who heard what; samples without a row are left out."
 )
+_TELLS_NOTHING: Final = (
+    "At this threshold samples on vibrating tiles do not read as vibrating more often than those on still tiles: "
+    "energies do not tell them apart, and what robots would decide says nothing about the floor. Is the floor right, "
+    "and does the sensor work?"
+)
 _SELF_JUDGED: Final = (
     "The session judges itself: the threshold was chosen by the same samples whose errors are shown."
 )
 
 
-def _unseen(unseen: pl.DataFrame) -> Table:
-    """Return the errors of each session at a threshold that was chosen by the others."""
+def _unseen(unseen: pl.DataFrame, decimals: int) -> Table:
+    """Return the errors of each session at a threshold, with so many decimals, that was chosen by the others."""
     columns = {
         "session": Column(decimals=0),
-        "threshold": Column("theta_E of the others", decimals=3),
+        "threshold": Column("theta_E of the others", decimals=decimals),
         "false_positive": Column("still read as vibrating", share=True),
         "false_negative": Column("vibrating read as still", share=True),
     }
@@ -376,7 +385,7 @@ def _law(law: pl.DataFrame) -> Table:
 
 
 def _value(found: Threshold) -> str:
-    return with_limits(Estimate(found.value, found.low, found.high), decimals=3)
+    return with_limits(Estimate(found.value, found.low, found.high), decimals=found.decimals)
 
 
 def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
@@ -427,7 +436,7 @@ def _profile(profile: pl.DataFrame, at: Threshold) -> Table:
             }
         )
     columns = {"still": Column("still read as vibrating"), "vibrating": Column("vibrating read as still")}
-    caption = f"Errors by distance to the nearest tile of the other kind, at {number(at.value, 3)}."
+    caption = f"Errors by distance to the nearest tile of the other kind, at {number(at.value, at.decimals)}."
     return Table(pl.DataFrame(rows), columns, caption, "edge_profile")
 
 

@@ -117,7 +117,7 @@ def read_values(
         raise InputError("is no rectangle of numbers; give one row of tiles per line", field=name) from None
     low, high = ends
     if not low < high:
-        raise InputError(f"{low:g}..{high:g} is no range; give values:LOW..HIGH:{name}", field="--floor")
+        raise InputError(f"{low:g}..{high:g} is no range; give values:LOW..HIGH:{name}", field="floor.source")
     if values.ndim == 2 and values.size and not (low <= values.min() and values.max() <= high):
         raise InputError(
             f"holds numbers from {values.min():g} to {values.max():g}, beyond {low:g} to {high:g}; state a range that "
@@ -151,10 +151,10 @@ def read_palette(path: Path | str, colours: Sequence[str], size: Size | None = N
     name = str(path)
     if len(set(colours)) < len(colours) or not all(re.fullmatch(r"#?[0-9a-fA-F]{6}", one) for one in colours):
         raise InputError(
-            f"{', '.join(colours)}: give a colour for each kind, once, as RRGGBB", field="--floor"
+            f"{', '.join(colours)}: give a colour for each kind, once, as RRGGBB", field="floor.source"
         )
     if not 2 <= len(colours) <= KIND_LIMIT:
-        raise InputError(f"{len(colours)} colours; give 2 to {KIND_LIMIT}", field="--floor")
+        raise InputError(f"{len(colours)} colours; give 2 to {KIND_LIMIT}", field="floor.source")
     data = read_bytes(Path(path), FILE_LIMIT, "a floor")
     levels, _ = _grey_levels(data, name)  # which refuses what is no complete picture
     with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:

@@ -162,7 +162,7 @@ def canonical(name: str) -> str:
     kind = family(name)
     if kind is None:
         raise InputError(
-            f"'{name}' is not a pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field="--floor"
+            f"'{name}' is not a pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field=_FIELD
         )
     fill = name.partition(":")[2].strip().lower().replace("_", "-")
     if "," in fill:
@@ -178,7 +178,7 @@ def canonical(name: str) -> str:
     if fill not in fills:
         wrong = f"has no fill ratio '{fill}'" if fill else "needs a fill ratio"
         these = " or ".join(f"{kind}:{known}" for known in fills)
-        raise InputError(f"'{name}' {wrong}; give {these}", field="--floor")
+        raise InputError(f"'{name}' {wrong}; give {these}", field=_FIELD)
     return f"{kind}:{fill}"
 
 
@@ -195,7 +195,7 @@ RANDOM: Final = "random"
 DEFAULT_SIZE: Final = (5, 5)
 """Rows and columns of a random floor of unspecified size: the paper's."""
 
-_FIELD: Final = "--floor"
+_FIELD: Final = "floor.source"
 """Field of errors about the name of a floor."""
 
 

@@ -47,7 +47,7 @@ Steps = NDArray[np.uint8]
 _NUMBER: Final = r"\d*\.?\d+(?:e-?\d+)?"
 _RANGE: Final = rf"{_NUMBER}(?:\.\.{_NUMBER})?"
 _PATCH: Final = re.compile(rf"(?:(\d+)\*)?(disc)?({_RANGE})(?:x({_RANGE}))?(?:@({_RANGE}))?")
-_FIELD: Final = "--floor"
+_FIELD: Final = "floor.source"
 _OF_X, _OF_Y, _OF_WIDTH, _OF_HEIGHT, _OF_CONTRAST = range(5)  # peers of a patch's random numbers
 
 

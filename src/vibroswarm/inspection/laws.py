@@ -318,9 +318,15 @@ def law_of_recordings(recordings: Sequence[Recording], of: str = "", draws: int 
     Args:
         of: which recordings, in words. draws: as in ``law_of_sessions``.
     Raises:
-        InputError: all samples lie on one kind of tile.
+        InputError: all samples lie on one kind of tile, or of one robot in one session, whose law has no known error.
     """
     found = dataset_of(recordings)
+    if draws and robot_clusters(found.samples).max() == 0:
+        raise InputError(
+            "has one robot in one session; the error of a law comes from how robots and sessions differ: give at "
+            "least two",
+            field="the recording",
+        )
     words = f"fitted to {count(len(found.sessions), 'session')}{of}, whose floor is known"
     return law_of_sessions(found, found.sessions, words, draws=draws)
 

@@ -30,6 +30,8 @@ from vibroswarm.simulation import versions
 
 USUAL_AGE_S: Final = 0.25
 """A sample's position that was seen longer before the sample than this is counted as old."""
+GONE_S: Final = 60.0
+"""A robot whose last known position is older than this at the end of the session is counted as gone."""
 
 
 EDGE_M: Final = 1e-9
@@ -342,7 +344,7 @@ def inside(x_m: Any, y_m: Any, scenario: Scenario) -> tuple[Any, Any]:
 def _problem_counts(
     paths: Sequence[_RobotPath], rows: pl.DataFrame, observations: pl.DataFrame, scenario: Scenario
 ) -> dict[str, float]:
-    """Count the problems of a session: gaps, old positions, inconsistent posteriors, and samples off all tiles.
+    """Count the problems of a session: gaps, robots that are gone, old positions, and the like.
 
     Args:
         paths: of all robots. rows: samples of the session, with the columns of the log and position_age_s.
@@ -360,6 +362,7 @@ def _problem_counts(
         "tracking_gap_longest_s": round(max(path.gaps[1] for path in paths), 6),
         "positions_old": int((ages_s > USUAL_AGE_S).sum()),
         "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
+        "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
         "posteriors_odd": odd.height,
         "off_the_floor": int((observations["tile"] < 0).sum()),
     }

@@ -37,7 +37,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import stated
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_known_keys, nearest
 from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
@@ -47,10 +47,10 @@ LARGEST_BYTES: Final = 64 * 2**20
 
 _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "robot": (0, 2**31, "a whole number from 0 on"),
-    "energy": (0.0, 1e9, "a number of 0 or more"),
+    "energy": (0.0, 1e9, "a number from 0 to 1e9"),
     "x_m": (-1e4, 1e4, "a length within 10 km, in metres"),
     "y_m": (-1e4, 1e4, "a length within 10 km, in metres"),
-    "time_s": (0.0, 1e9, "a time in seconds from 0 on"),
+    "time_s": (0.0, 1e7, "a time since the start of the session, from 0 to 1e7 s"),
     "belief_below": (0.0, 1.0, "a probability"),
     "observation": (0, 1, "0 or 1: recordings have two kinds of tile"),
     "message": (0, 1, "0 or 1: recordings have two kinds of tile"),
@@ -118,7 +118,7 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     for number, row in zip(lines, rows, strict=True):
         if len(row) != len(head):
             raise InputError(
-                f"{len(row)} cells, but the header has {len(head)}", field=f"{name}, row {number}"
+                f"{count(len(row), 'cell')}, but the header has {len(head)}", field=f"{name}, row {number}"
             )
     names = [
         cell if head.index(cell) == place else f"{cell} ({place + 1})" for place, cell in enumerate(head)

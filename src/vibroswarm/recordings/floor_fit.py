@@ -158,7 +158,7 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
         raise InputError(
             f"'{floor.name or 'this floor'}' does not fit: {evidence}. {orientation} it fits "
             f"({_percent(best.probability)}). Correct the floor's file, or add --any-floor to continue",
-            field="--floor",
+            field="floor",
         )
     better = (
         "" if best is as_given else f"; {best.orientation} it would fit better ({_percent(best.probability)})"

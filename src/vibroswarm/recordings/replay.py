@@ -26,8 +26,8 @@ from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.rng import Purpose, uniform
-from vibroswarm.errors import CodeError, InputError, nearest
+from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniform
+from vibroswarm.errors import CodeError, InputError, nearest, whole_number_of
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import timeline_of
@@ -45,6 +45,7 @@ from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting
+from vibroswarm.simulation import MAX_RUNS
 from vibroswarm.strategies import known
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -95,13 +96,13 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         scenario: that of the recording, in which the sections ``REPLAYABLE`` may be changed; of the sensor, the bits
             depend on the threshold alone. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: ``draws`` is below 1, another section differs, the strategy is not one of ``counts_only`` and reads
-            no places, or steers, the logs do not count the messages received, or a row was lost on a kind of tile of
-            which its session has no energy.
+        InputError: ``draws`` is below 1, the seed of a draw is out of range, another section differs, the strategy is
+            not one of ``counts_only`` and reads no places, or steers, the logs do not count the messages received, or a
+            row was lost on a kind of tile of which its session has no energy.
         CodeError: the strategy is a user's, and did something that strategies may not do.
     """
-    if draws < 1:
-        raise InputError(f"{draws} is too few; at least 1", field="draws")
+    draws = whole_number_of(draws, "draws", 1, MAX_RUNS)
+    seed = whole_number_of(seed, "seed", 0, SEED_LIMIT - draws)
     for section in type(scenario).model_fields:
         if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
             raise InputError("cannot be changed in the replay of a recording", field=section)

@@ -17,6 +17,7 @@ The interval then holds for other such robots and tiles. The random numbers depe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -116,6 +117,16 @@ class Threshold(NotebookView):
     """Share of ones with equal weight for each tile: mean over sessions, whose limits are infinite for one session."""
     decidable: Decidability
     """From the samples of all sessions, with their effective number."""
+
+    @property
+    def decimals(self) -> int:
+        """Decimals with which it is written: three, as robots log energies; more if it has not four digits then."""
+        return max(3, 3 - math.floor(math.log10(self.value))) if self.value > 0 else 3
+
+    @property
+    def tells_kinds_apart(self) -> bool:
+        """Whether samples on vibrating tiles read as vibrating more often than those on still tiles."""
+        return self.all_samples.false_positive + self.all_samples.false_negative < 1.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as a dictionary, with nested values as dictionaries.
@@ -424,7 +435,7 @@ class Recommendation(NotebookView):
     chosen: Threshold
     """The given one, else that of different costs, else that of equal error."""
     in_use: Threshold
-    """At the threshold of the recording."""
+    """At the threshold of the recording, or of the scenario that it was read with if neither user nor logs told it."""
     profile: pl.DataFrame
     """Errors by edge distance at equal error (``edge_profile``)."""
     margin_m: float
@@ -453,11 +464,13 @@ def recommend(
     if at is not None:
         thresholds.append(at_threshold(recording, at, margin_m=margin_m))
     is_special = at is not None or costs[0] != costs[1]
-    in_use = recording.scenario.sensor.rms_threshold
+    field = "sensor.rms_threshold"
+    inferred = [one["name"] for one in recording.inferred if one["value"] is not None]
+    name = "in use" if field in (*recording.stated, *inferred) else "of the scenario"
     return Recommendation(
         thresholds=tuple(thresholds),
         chosen=thresholds[-1 if is_special else 0],
-        in_use=at_threshold(recording, in_use, name="in use", margin_m=margin_m),
+        in_use=at_threshold(recording, recording.scenario[field], name=name, margin_m=margin_m),
         profile=edge_profile(labelled(recording), thresholds[0].value),
         margin_m=margin_m,
         unseen=unseen_errors(recording, *costs),

@@ -389,13 +389,20 @@ def _module(name: str, text: str, file: str) -> ModuleType:
         raise
     except BaseException as error:  # SystemExit too, which would end the program
         del sys.modules[name]
-        message = (
-            str(error)
-            if isinstance(error, InputError)
-            else f"cannot be loaded: {type(error).__name__}: {error}"
-        )
-        raise InputError(f"{message}{_line_of(error, file)}", field=file) from None
+        raise InputError(f"{_reason(error)}{_line_of(error, file)}", field=file) from None
     return module
+
+
+def _reason(error: BaseException) -> str:
+    """Return why a file cannot be loaded, from the error that its code raised."""
+    if isinstance(error, InputError):
+        return str(error)
+    if isinstance(error, ModuleNotFoundError):
+        return (
+            f"cannot be loaded: {error}; a file imports installed packages only, no file beside it (results keep a "
+            "copy of one file): move that code into this file, or install it"
+        )
+    return f"cannot be loaded: {type(error).__name__}: {error}"
 
 
 def _line_of(error: BaseException, file: str) -> str:
