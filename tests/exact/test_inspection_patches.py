@@ -72,8 +72,11 @@ def test_the_declared_set_covers_the_surface_and_stays_within_it() -> None:
     assert (patches.left_m + patches.width_m).max() == pytest.approx(0.6)
     assert (patches.bottom_m + patches.height_m).max() == pytest.approx(0.9)
     assert patches.weights.sum() == pytest.approx(1.0)
-    with pytest.raises(InputError, match="not within the surface"):
+    with pytest.raises(
+        InputError, match=r"20 cm x 20 cm is not within .* 0\.6 m x 0\.15 m; .* at most 15 cm"
+    ):
         declared((0.6, 0.15), SIDES_M)
+    assert declared((0.6, 0.9), [0.2, 0.2, (0.2, 0.2)]).forms == ((0.2, 0.2, False),)  # counts once
     with pytest.raises(InputError, match="size of the surface in m"):  # 1.2 m x 0.8 m, given in mm
         declared((1200.0, 800.0), SIDES_M)
 
@@ -301,7 +304,7 @@ def test_what_reaches_the_critical_value_has_a_p_value_of_the_level_at_most(
             assert (statistic >= critical) == (p_value(statistic, drawn) <= level)
 
 
-@pytest.mark.parametrize("size_m", [(1.0, 1.0), (1.5, 0.2), (0.12, 1.2), (0.04, 0.04)])
+@pytest.mark.parametrize("size_m", [(1.0, 1.0), (1.5, 0.2), (0.12, 1.2), (0.04, 0.04), (2.0, 0.01)])
 def test_damage_that_is_drawn_fits_a_surface_of_any_size(size_m: tuple[float, float]) -> None:
     random = np.random.default_rng(1)
     for shape in ("square", "disc", "crack"):
@@ -312,3 +315,4 @@ def test_damage_that_is_drawn_fits_a_surface_of_any_size(size_m: tuple[float, fl
             assert (centre_m - 0.5 * side_m >= -1e-9).all()
             assert (centre_m + 0.5 * side_m <= whole_m + 1e-9).all()
     assert lengths_within((1.0, 1.0)) == list(DRAWN_M)
+    assert lengths_within((1.5, 0.2), "crack")[-1] == 0.8  # along the beam; it was 0.2, the beam's height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,8 +44,19 @@ def test_a_strict_risk_is_the_larger_one() -> None:
     assert strict > mean
     told = stopping(samples, patches, Question(contrasts=(1.0,)), drawn=50)
     assert told.told.shape == told.times_s.shape
-    with pytest.raises(InputError, match="as large as the smallest"):
-        stopping(samples, patches, Question(least_m=0.5), drawn=50)
+    with pytest.raises(InputError, match=r"--least-cm: squares of 70 cm do not fit .* give 60 or less"):
+        stopping(samples, patches, Question(least_m=0.7), drawn=50)
+
+
+@pytest.mark.parametrize("declared_m", [(0.3,), (0.07, 0.3), ((0.3, 0.05), (0.05, 0.3))])
+def test_the_least_damage_is_part_of_the_told_risk_whatever_is_declared(declared_m: tuple[Any, ...]) -> None:
+    """Of squares of 30 cm alone it was below 1 % where squares of 10 cm, which were asked for, were missed."""
+    samples = replace(drawn_samples(6, count=120, spread_m=0.0), law=LAW)
+    question = Question(least_m=0.1, contrasts=(1.0,))
+    value = values_at(LAW, np.random.default_rng(1).random((120, 20)), False)
+    least = rule_of(samples, declared(samples.size_m, [0.1]), question).told(value)
+    told = rule_of(samples, declared(samples.size_m, declared_m), question).told(value)
+    assert (told >= least).all()
 
 
 def test_the_worst_place_is_one_of_many_draws() -> None:

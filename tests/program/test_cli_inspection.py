@@ -234,7 +234,9 @@ def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[
     given = [example / "plate.csv", "--laws", example / "reference.csv", "--size", "1x1"]
     assert "--sizes" in error_of(capsys, *given, "--sizes", "200")
     assert "at least 19" in error_of(capsys, *given, "--replicates", "5")
-    assert "as large as the smallest" in error_of(capsys, *given, "--least-cm", "50", "--replicates", "19")
+    assert "--least-cm: squares of 200 cm do not fit" in error_of(
+        capsys, *given, "--least-cm", "200", "--replicates", "19"
+    )
     assert "--contrasts" in error_of(capsys, *given, "--contrasts", "2")
     assert "--risk" in error_of(capsys, *given, "--risk", "0%")
 
@@ -287,6 +289,14 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     assert "leave out the result or file" in error_of(capsys, "plate.csv", "--plan", "3")
     for option, value in (("--minutes", "5"), ("--want-cm", "10"), ("--plates", "20"), ("--runs", "10")):
         assert f"{option}: needs --plan" in error_of(capsys, "--floor", "random:0.48", option, value)
+    for unread in (
+        ["--bits"], ["--sizes", "30"], ["--strict"], ["--laws", "paper"], ["--replicates", "19"], ["--robots", "8"],
+        ["--floor", "random:0.48"],
+    ):  # fmt: skip
+        assert f"{unread[0]}: " in error_of(capsys, "--plan", "3", *unread)
+    assert "--minutes: 0 is not" in error_of(capsys, "--plan", "3", "--minutes", "0")
+    narrow = ("--plan", "3", "--set", "arena.width_m=0.2")
+    assert "arena: is 0.2 m x 1 m; a plan draws" in error_of(capsys, *narrow)
 
 
 @pytest.mark.parametrize("option", [("--network", "tree"), ("--task", "mean"), ("--energies", "own.csv")])
@@ -316,6 +326,78 @@ def test_a_plan_says_how_many_surfaces_were_drawn(
 
 def small(csv: Path, *words: str) -> tuple[str | Path, ...]:
     return (csv, "--laws", ROOT / "examples" / "inspection" / "reference.csv", "--size", "1x1", *words)
+
+
+@pytest.mark.parametrize("kinds", [2, 3])
+def test_energies_are_not_judged_by_a_law_of_classes(
+    kinds: int, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    values = {"sensor.model": "confusion", "sensor.confusion.kinds": kinds}
+    if kinds == 3:
+        values |= {
+            "task.name": "majority",
+            "strategy.name": "dirichlet",
+            "floor.source": "random:0.6,0.2,0.2",
+        }
+    (tmp_path / "law.toml").write_text(preset("paper").with_values(values).to_toml())
+    given = [ROOT / "examples" / "inspection" / "plate.csv", "--size", "1x1", "--tiles", "5x5"]
+    error = error_of(capsys, *given, "--laws", tmp_path / "law.toml")
+    assert (
+        f"--laws: is of sensor 'confusion', which reads classes from 0 to {kinds - 1}; 1.492 is none" in error
+    )
+
+
+def test_a_reference_of_some_of_the_values_that_it_judges_is_warned_of(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Of all of them it was warned of before, of all but one not."""
+    head, *lines = (ROOT / "examples" / "inspection" / "plate.csv").read_text().splitlines()
+    random = np.random.default_rng(1)
+    values = [f"{float(line.rpartition(',')[2]) + 1e-3 * random.random():.6f}" for line in lines]
+    rows = [f"{line.rpartition(',')[0]},{value}" for line, value in zip(lines, values, strict=True)]
+    (tmp_path / "plate.csv").write_text("\n".join([head, *rows]))
+    kinds = ["vibrating" if float(value) > 2.0 else "still" for value in values]
+    known = [f"{kind},{value}" for kind, value in zip(kinds, values, strict=True)][:600]
+    (tmp_path / "own.csv").write_text("\n".join(["kind,energy", *known]))
+    given = (tmp_path / "plate.csv", "--size", "1x1", "--tiles", "5x5", "--laws")
+    assert run("inspect", *given, tmp_path / "own.csv") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "The session judges itself: the law was fitted to its own samples: 600 of its 948 values" in said
+    assert run("inspect", *given, ROOT / "examples" / "inspection" / "reference.csv") == 0
+    assert "judges itself" not in capsys.readouterr().out
+
+
+def test_what_is_odd_about_a_file_is_said(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    head, *lines = (ROOT / "examples" / "inspection" / "plate.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    in_m = [
+        [r, t, float(x) / 1000, float(y) / 1000, v] if r in "13" else [r, t, x, y, v]
+        for r, t, x, y, v in rows
+    ]
+    for words, odd in (
+        ("378 of 948 places are in the lower left corner", in_m),
+        ("948 of 948 values are outside of those of the law", [[*row, 1000 * float(v)] for *row, v in rows]),
+        ("All samples have the same time", [[r, 7, x, y, v] for r, _, x, y, v in rows]),
+        ("948 samples of 5 robots on 1 m x 1 m, 19 of them outside of it.", [
+            [r, t, -30 if k % 50 == 0 else x, y, v] for k, (r, t, x, y, v) in enumerate(rows)
+        ]),
+    ):  # fmt: skip
+        (tmp_path / "odd.csv").write_text("\n".join([head, *(",".join(map(str, row)) for row in odd)]))
+        assert run("inspect", *small(tmp_path / "odd.csv", "--tiles", "5x5")) == 0
+        assert words in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.usefixtures("few_draws")
+def test_a_beam_is_asked_of_what_can_lie_on_it(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    head, *lines = (ROOT / "examples" / "inspection" / "plate.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    text = "\n".join([head, *(f"{r},{t},{x},{int(y) // 20},{v}" for r, t, x, y, v in rows)])
+    (tmp_path / "beam.csv").write_text(text)
+    laws = ("--laws", ROOT / "examples" / "inspection" / "reference.csv", "--size", "1x0.05")
+    given = (tmp_path / "beam.csv", *laws, "--replicates", "19")
+    assert "squares: at most 5 cm" in error_of(capsys, *given)
+    assert "--least-cm: squares of 10 cm" in error_of(capsys, *given, "--sizes", "5,20x2")
+    assert run("inspect", *given, "--sizes", "5,20x2", "--least-cm", "5", "--shapes", "crack") == 0
 
 
 def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(

@@ -148,11 +148,9 @@ class Planned:
             "do not inspect, but say what so many robots would find (a simulated scenario)", "N,...", low=1
         ),
     ] = None
-    minutes: Annotated[tuple[float, ...], Option("with --plan: ends of the inspection", "MIN,...")] = (
-        5.0,
-        10.0,
-        20.0,
-    )
+    minutes: Annotated[
+        tuple[float, ...], Option("with --plan: ends of the inspection", "MIN,...", low=0.001)
+    ] = (5.0, 10.0, 20.0)
     want_cm: Annotated[
         float | None, Option("with --plan: size to be found in 90 % of inspections", "CM", low=0.1)
     ] = None
@@ -199,9 +197,7 @@ def inspect(
         "--plan",
         "plans with a scenario; leave out the result or file",
     )
-    for name, value in vars(planned).items():
-        is_other = planned.plan is None and value != getattr(Planned, name)
-        _refuse(is_other, f"--{name.replace('_', '-')}", "needs --plan, which asks what robots would find")
+    _refuse_unread(planned, scenario, evidence, damage)
     destination = Destination(output, "inspect", str(source), evidence, damage, planned, scenario, seed)
     if planned.plan is not None:
         destination.deliver(_plan_document(planned, damage, scenario, seed))
@@ -215,6 +211,25 @@ def inspect(
     }  # fmt: skip
     written = {name: table for name, table in tables.items() if not table.is_empty()}
     destination.deliver(inspection_document(found), written)
+
+
+def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evidence | Damage) -> None:
+    """Refuse options of a plan without one, and what a plan does not read: of an inspection all but --level."""
+    is_plan = planned.plan is not None
+    for name in ("robots", "floor"):
+        is_given = is_plan and getattr(scenario, name) is not None
+        _refuse(
+            is_given, f"--{name}", "--plan gives the numbers of robots, and draws its surfaces; leave it out"
+        )
+    words = (
+        "is not read by --plan; leave it out"
+        if is_plan
+        else "needs --plan, which asks what robots would find"
+    )
+    for options in inspected if is_plan else (planned,):
+        for name, value in vars(options).items():
+            is_given = name != "level" and value != getattr(type(options), name)
+            _refuse(is_given, f"--{name.replace('_', '-')}", words)
 
 
 def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, seed: int) -> Document:
@@ -288,9 +303,8 @@ def _asked(damage: Damage) -> dict[str, Any]:
     )
     for shape in damage.shapes:
         check_choice(shape, "--shapes", SHAPES)
-    is_asked = replace(damage, replicates=Damage.replicates) != Damage()
     return {
-        "question": question if is_asked else None,
+        "question": None if damage == Damage() else question,
         "sides_m": damage.sizes or SIZES_M,
         "replicates": damage.replicates,
         "looks": damage.looks,

@@ -114,7 +114,10 @@ class ScenarioBase:
 
     preset: Annotated[
         str | None,
-        Option("{names} (default paper)", names=partial(written_names, "scenario/presets", ".toml")),
+        Option(
+            "{names} (default paper; of inspect optimised-places)",
+            names=partial(written_names, "scenario/presets", ".toml"),
+        ),
     ] = None
     scenario: Annotated[Path | None, Option("scenario in TOML, such as the one in a result")] = None
     floor: Annotated[str | None, Option("pattern (diagonal:0.46), random:0.48, or file", "FLOOR")] = None

@@ -145,7 +145,8 @@ def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
     words = (
         f"Place, size and contrast of a patch are in one joint region with {percent(HELD, 0)}, of which the table has "
         "the area of the centres, the sizes and the contrasts. One patch is presumed; later ones are by the samples "
-        "that are not on those before. Damage below the smallest or above the largest declared size is not weighed."
+        "that are not on those before. Damage below the smallest or above the largest declared size is not weighed: "
+        "smaller damage comes out larger and weaker than it is."
     )
     return Table(pl.DataFrame(rows, schema=list(columns), orient="row"), columns, name="patches"), Text(words)
 
@@ -248,7 +249,7 @@ def pod_table(found: Assessment) -> Table:
 
 def weakest_parts(found: Assessment) -> tuple[Table, ...]:
     """Return the weakest contrasts that would have been found, by area; nothing for readings of classes."""
-    if found.weakest is None:
+    if found.weakest is None or found.weakest.is_empty():
         return ()
     shown = found.weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
     columns = {

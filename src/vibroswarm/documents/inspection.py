@@ -113,9 +113,12 @@ def _what(samples: Samples) -> str:
     left_out = (
         f" {count(samples.left_out, 'row')} of the file without a value left out." if samples.left_out else ""
     )
+    each_m = [(samples.column(f"{axis}_m"), whole) for axis, whole in zip("xy", samples.size_m, strict=True)]
+    outside = int(np.any([(at < 0.0) | (at > whole) for at, whole in each_m], axis=0).sum())
+    beyond = f", {outside} of them outside of it" if outside else ""
     return (
         f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} on "
-        f"{size(*samples.size_m)}.{left_out}"
+        f"{size(*samples.size_m)}{beyond}.{left_out}"
     )
 
 

@@ -88,7 +88,7 @@ def assess(
             intact surfaces drawn for the scan. seed: of all that is drawn.
         looks: how often the scan is looked at, evenly spaced. shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
-        InputError: no declared size is as large as the smallest that must be found, or none fits the surface.
+        InputError: a declared size, or the smallest that must be found, does not fit the surface.
     """
     question = question or Question()
     if samples.law.bits and question.contrasts != (1.0,):

@@ -207,11 +207,15 @@ SHAPES: Final = ("square", "disc", "crack")
 def drawn_patches(
     random: np.random.Generator, side_m: Floats, size_m: tuple[float, float], contrast: float, shape: str
 ) -> Patch:
-    """Return damage of sizes ``side_m`` and of one shape, at random places within the surface, (replicates,)."""
+    """Return damage of sizes ``side_m`` and of one shape, at random places within the surface, (replicates,).
+
+    Cracks lie along x or y with the same probability, or along the one axis that they fit.
+    """
     if shape != "crack":
         return patch_of(*random_places(random, side_m, size_m), side_m, contrast, disc=shape == "disc")
     u, upright = random.random((2, side_m.size)), random.random(side_m.size) < 0.5
-    narrow = np.full(side_m.size, CRACK_M)
+    upright = np.where(side_m <= min(size_m), upright, size_m[1] > size_m[0])
+    narrow = np.full(side_m.size, min(CRACK_M, *size_m))
     sides = np.where(upright, narrow, side_m), np.where(upright, side_m, narrow)
     x_m, y_m = (place_within(at, side, 0.0, whole) for at, side, whole in zip(u, sides, size_m, strict=True))
     return Patch(x_m, y_m, *sides, np.full(side_m.size, contrast))

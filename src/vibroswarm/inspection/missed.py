@@ -18,12 +18,7 @@ from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, check_kind, number_of, whole_number_of
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
-from vibroswarm.inspection.patches import (
-    Patches,
-    Shares,
-    declared,
-    shares_of,
-)
+from vibroswarm.inspection.patches import SIZES_M, Patches, Shares, declared, shares_of
 from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
 from vibroswarm.inspection.samples import SAMPLES, Floats, Samples
 from vibroswarm.inspection.scan import critical_value, drawn_statistics, intact_statistics
@@ -47,9 +42,9 @@ def lengths_within(size_m: tuple[float, float], shape: str = "square") -> list[f
     """Return the sizes of drawn damage that fit a surface, at least 3: of one that is smaller, all scaled down to it.
 
     Args:
-        size_m: width and height of the surface. shape: of ``damage.SHAPES``; cracks lie along both axes.
+        size_m: width and height of the surface. shape: of ``damage.SHAPES``; a crack may fit along one axis only.
     """
-    most, all_m = min(size_m), CRACKS_M if shape == "crack" else SIDES_M
+    most, all_m = (max(size_m), CRACKS_M) if shape == "crack" else (min(size_m), SIDES_M)
     within = [length for length in all_m if length <= most]
     return within if len(within) >= 3 else [most * length / all_m[-1] for length in all_m]
 
@@ -192,7 +187,8 @@ def plan(
             give the threshold. sides_m, each: drawn damage, as in ``pooled_trials``. level: wanted false calls.
         progress: called with the share that is done.
     Raises:
-        InputError: fewer than 4 runs, with which there is no threshold, or an end before the first samples.
+        InputError: fewer than 4 runs, with which there is no threshold, an end before the first samples, or squares
+            larger than the arena.
     """
     check_kind(scenario, Scenario, "scenario", "a Scenario")
     for field, values in {"robots": robots, "until_s": until_s, "sides_m": sides_m}.items():
@@ -202,6 +198,13 @@ def plan(
     whole_number_of(runs, "runs", 4, 10**6)
     whole_number_of(each, "each", 1, 10**6)
     number_of(level, "level", 0.0, 1.0)
+    arena, largest_m = scenario.arena, max(*sides_m, *SIZES_M)
+    if largest_m > min(arena.width_m, arena.height_m):
+        raise InputError(
+            f"is {arena.width_m:g} m x {arena.height_m:g} m; a plan draws, and scans for, squares of up to "
+            f"{100 * largest_m:g} cm, which must fit it",
+            field="arena",
+        )
     rows: list[tuple[float | None, ...]] = []
     for number in robots:
         made = scenario.with_values(

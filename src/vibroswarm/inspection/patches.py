@@ -104,13 +104,6 @@ class Patches(NotebookView):
         """Prior weights w_j, whose sum is 1."""
         return np.asarray(1.0 / self.places[self.form] / len(self.forms))
 
-    def at_least(self, side_m: float) -> Patches:
-        """Return the patches of which a side, the longer one, is at least ``side_m``."""
-        kept = [index for index, form in enumerate(self.forms) if form.longest_m >= side_m - 1e-9]
-        which = np.isin(self.form, kept)
-        form = np.searchsorted(kept, self.form[which]).astype(np.int64)
-        return Patches(self.left_m[which], self.bottom_m[which], form, tuple(self.forms[k] for k in kept))
-
 
 def _form(side: object) -> Form:
     """Return the form of a declared size.
@@ -128,20 +121,22 @@ def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> 
     """Return the declared set on a surface.
 
     Args:
-        size_m: width and height of the surface. sides_m: sizes; a crack that is declared along both axes, but fits the
-            surface along one of them only, lies along that one.
+        size_m: width and height of the surface. sides_m: sizes, each of which counts once; a crack that is declared
+            along both axes, but fits the surface along one of them only, lies along that one.
     Raises:
         InputError: no size is declared, a patch is larger than the surface, or has no size, or there are too many
             places.
     """
     check_kind(sides_m, (tuple, list, np.ndarray), "sides_m", "a list of sizes, in m")
-    given = [_form(side) for side in sides_m]
+    given = dict.fromkeys(_form(side) for side in sides_m)
     forms = tuple(form for form in given if form.is_within(size_m))
     for form in given:
         turned = Form(form.height_m, form.width_m, form.is_disc)
         if form not in forms and turned not in forms:
+            width_cm, height_cm, square_cm = 100 * form.width_m, 100 * form.height_m, 100 * min(size_m)
             raise InputError(
-                f"a patch of {form.width_m:g} m x {form.height_m:g} m is not within the surface",
+                f"a patch of {width_cm:g} cm x {height_cm:g} cm is not within the surface of {size_m[0]:g} m x "
+                f"{size_m[1]:g} m; give sizes that are (squares: at most {square_cm:g} cm)",
                 field="--sizes",
             )
     if not forms:

@@ -17,6 +17,8 @@ the places, sizes and contrasts of the declared set the probability falls linear
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -38,6 +40,8 @@ DRAWN: Final = 2000
 """Draws that describe a density."""
 NEGLIGIBLE: Final = 1e-4
 """Patches that together have less probability are left out."""
+APART: Final = 1.5
+"""Neighbouring sizes that are further apart have others between them: else damage between would look weaker."""
 NEXT: Final = float(np.log(np.sqrt(2.0)))
 """Distance in ln a to the next size, where there is none."""
 CELL_M: Final = 0.025
@@ -121,6 +125,19 @@ class Region(NotebookView):
         index = np.array([shapes.index(shape) if shape in shapes else -1])
         at = np.array([[x_m], [y_m], [np.log(form.longest_m)], [contrast]])
         return bool(self.posterior.density(index, at)[0] >= self.least)
+
+
+def between(forms: tuple[Form, ...]) -> tuple[Form, ...]:
+    """Return forms, and others between those of one shape whose sizes are more than ``APART`` times each other."""
+    found = list(forms)
+    for shape in dict.fromkeys(map(_shape, forms)):
+        alike = sorted((form for form in forms if _shape(form) == shape), key=lambda form: form.longest_m)
+        for small, large in itertools.pairwise(alike):
+            ratio = large.longest_m / small.longest_m
+            steps = math.ceil(math.log(ratio) / math.log(APART) - 1e-9)
+            scales = [ratio ** (k / steps) for k in range(1, steps)]
+            found += [Form(small.width_m * by, small.height_m * by, small.is_disc) for by in scales]
+    return tuple(found)
 
 
 def _shape(form: Form) -> tuple[bool, float]:

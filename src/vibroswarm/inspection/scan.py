@@ -30,12 +30,14 @@ from vibroswarm.inspection.patches import (
     Form,
     Patches,
     Shares,
+    declared,
     log_likelihoods,
     logs_at_looks,
     raster,
     scan_statistic,
+    shares_of,
 )
-from vibroswarm.inspection.region import Region, posterior_of, region_of
+from vibroswarm.inspection.region import Region, between, posterior_of, region_of
 from vibroswarm.inspection.samples import Floats, Samples
 
 REPLICATES: Final = 999
@@ -114,7 +116,7 @@ def scan(
         shares: of the samples in the patches. prior: probability of damage. level: wanted share of false calls.
         replicates: intact surfaces, B. seed: of what is drawn. looks: how often is looked.
     Raises:
-        InputError: too few replicates, with which no p-value is as small as ``level``.
+        InputError: too few replicates, with which no p-value is as small as ``level``, or too many places of damage.
     """
     least = math.ceil(1.0 / level - 1e-9) - 1
     if replicates < least:
@@ -122,6 +124,7 @@ def scan(
             f"{replicates} intact surfaces cannot give a p-value of {100 * level:g} %; at least {least}",
             field="--replicates",
         )
+    weighed = declared(samples.size_m, between(patches.forms))
     observed = samples.column("log_ratio")
     times_s, look = looks_of(samples, looks)
     each = _statistics(patches, shares, observed[:, None], look, looks)[:, 0]
@@ -134,6 +137,8 @@ def scan(
     # By the samples of the look with the largest T, which is the last one unless there are several.
     there = look <= each.argmax()
     called, cells = called_patches(samples, patches, shares, critical, prior, there)
+    if called and weighed.forms != patches.forms:
+        shares = shares_of(samples, weighed)
     return Scan(
         statistic,
         p_value(statistic, drawn),
@@ -142,7 +147,7 @@ def scan(
         replicates,
         level,
         called,
-        tuple(_regions(samples, patches, shares, called, there)),
+        tuple(_regions(samples, weighed, shares, called, there)),
         patches.forms,
         cells,
         looks,

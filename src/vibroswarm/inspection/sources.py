@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import polars as pl
+from scipy.special import ndtr
 
 from vibroswarm.calibrate.camera import corrected
-from vibroswarm.core.numbers import count, listed, stated
+from vibroswarm.core.numbers import count, listed, number, percent, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import FittedLaw, hash_of_run
 from vibroswarm.inspection.samples import (
     SAMPLES,
     SELF_JUDGED,
+    Floats,
+    Law,
     PlaceErrors,
     Samples,
     ratios_of_values,
     session_hash,
 )
+from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
+from vibroswarm.sensors.confusion import confusion
 
 KEY: Final = ("run", "robot", "sample")
 
@@ -156,6 +161,7 @@ def _samples(
         own: hash of their session, to which no law should be fitted. changed_s: times at which the floor changed.
     """
     known = law.law if law.law.bits == bits else replace(law.law, bits=bits)
+    _check_classes(known, frame["value"].to_numpy())
     ratios = ratios_of_values(known, frame["value"].to_numpy())
     table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
     warnings = [SELF_JUDGED] if own in law.law.sessions else []
@@ -171,6 +177,22 @@ def _samples(
     )
 
 
+def _check_classes(law: Law, value: Floats) -> None:
+    """Refuse values that are not classes under a law of classes.
+
+    Raises:
+        InputError: as said.
+    """
+    is_of_classes = law.sensor.kinds > 2 or law.sensor.model == confusion.name
+    wrong = value[~np.isin(value, np.arange(law.sensor.readings))]
+    if is_of_classes and wrong.size:
+        raise InputError(
+            f"is of sensor '{law.sensor.model}', which reads classes from 0 to {law.sensor.readings - 1}; "
+            f"{wrong[0]:g} is none",
+            field="--laws",
+        )
+
+
 def _vibrating(floor: Floor) -> Floor:
     """Return a floor whose tiles are of kind 1 where they vibrate, whatever their motor."""
     changes = floor.changes._replace(kind=np.minimum(floor.changes.kind, 1))
@@ -182,6 +204,14 @@ TIMES: Final = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
 """Units, and how many m or s each is."""
 MOST_ROBOT: Final = 2**16 - 1
 """Largest number of a robot in ``SAMPLES``."""
+CORNER: Final = 0.01
+"""Places within this share of width and height are in the corner, as are those in m where others are in mm."""
+CORNERED: Final = 0.05
+"""Largest share of places in the corner that is not odd."""
+UNEQUAL: Final = 0.9
+"""Share of different values from which on values of another file that are equal are copies."""
+ENDS: Final = (-4.5, 4.5)
+"""Ends of the values that a law knows, as standard normal quantiles."""
 VALUES: Final = ("value", "energy", "rms")
 """Names of the column of values."""
 
@@ -232,10 +262,48 @@ def samples_of_csv(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
     )  # fmt: skip
-    copies = frame.height - frame.n_unique()
-    words = f"The file repeats {count(copies, 'row')}: if they are copies, their samples count twice."
-    warning = " ".join(filter(None, [found.warning, words if copies else ""]))
+    warning = " ".join(filter(None, [found.warning, *_doubts(found)]))
     return replace(found, left_out=log.tracks.height, warning=warning)
+
+
+def _doubts(samples: Samples) -> Iterator[str]:
+    """Yield what is odd about the samples of a file, each a sentence."""
+    frame = samples.frame
+    if copies := frame.height - frame.n_unique():
+        yield f"The file repeats {count(copies, 'row')}: if they are copies, their samples count twice."
+    if frame["time_s"].n_unique() == 1:
+        yield "All samples have the same time, so that nothing can be said over time, nor of drift."
+    near_m = zip("xy", samples.size_m, strict=True)
+    at_corner = np.all(
+        [np.abs(samples.column(f"{axis}_m")) < CORNER * whole for axis, whole in near_m], axis=0
+    )
+    if at_corner.mean() > CORNERED:
+        yield (
+            f"{at_corner.sum()} of {frame.height} places are in the lower left corner, within {percent(CORNER, 0)} of "
+            "width and height, as if they were in a larger unit than the others."
+        )
+    yield from _doubts_of_values(samples.law, samples.column("value"), bool(samples.warning))
+
+
+def _doubts_of_values(law: Law, value: Floats, judges_itself: bool) -> Iterator[str]:
+    """Yield what is odd about the values of a file under a law.
+
+    Args:
+        judges_itself: whether it is known that the law was fitted to them.
+    """
+    reference = [*(law.sensor.still_energies or ()), *(law.sensor.vibrating_energies or ())]
+    shared = int(np.isin(value.astype(np.float32), np.array(reference, dtype=np.float32)).sum())
+    is_fine = np.unique(value).size > UNEQUAL * value.size  # so that others are seldom equal by chance
+    if not judges_itself and is_fine and shared > 0.5 * min(value.size, len(reference)):
+        yield f"{SELF_JUDGED[:-1]}: {shared} of its {value.size} values are in the reference."
+    ends = np.stack([energy_of(law.sensor, kind, ndtr(np.array(ENDS)), law.place) for kind in (0, 1)])
+    low, high = float(ends.min()), float(ends.max())
+    beyond = int(((value < low) | (value > high)).sum())
+    if beyond > 0.5 * value.size:
+        yield (
+            f"{beyond} of {value.size} values are outside of those of the law, {number(low, digits=3)} to "
+            f"{number(high, digits=3)}, as if they were in another unit."
+        )
 
 
 def _column_map(names: list[str], path: Path) -> ColumnMap:
