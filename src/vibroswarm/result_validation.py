@@ -351,6 +351,10 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
         )
     for name, column in (("robots", "decision_time_s"), ("runs", "consensus_time_s"), ("runs", "end_s")):
         _check_most(tables[name], column, _ends_s(scenario), folder, name)
+    task = tasks.known().get(scenario.task.name)
+    asks_share = task is not None and not (task.estimated or task.scored)
+    if asks_share and not runs["fill_ratio"].is_between(0, 1).all():
+        raise InputError("column 'fill_ratio' holds no share from 0 to 1", field=_file(folder, "runs"))
     unknown = runs["consensus"].is_null()
     for column in ("right", "wrong", "undecided"):
         if (runs[column].is_null() != unknown).any():

@@ -12,10 +12,10 @@ import polars as pl
 import pytest
 from scipy.stats import t as t_law
 
-from vibroswarm import Result, Scenario, Study, preset, simulate
+from vibroswarm import Result, Scenario, Study, preset, simulate, tasks
 from vibroswarm.analysis.figures import BY_NAME, Swarms
 from vibroswarm.analysis.reports_over_time import reports_over_time
-from vibroswarm.errors import InputError
+from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.reports import reported_last
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
@@ -221,3 +221,90 @@ def test_robots_without_a_value_are_left_out_of_its_mean(counted: Scenario) -> N
     assert 0 < told.height < 20 or (result.robots["samples"] == 0).any()
     joined = found.join(told, on="run", suffix="_expected")
     np.testing.assert_allclose(joined["value"], joined["value_expected"])
+
+
+class Claims:
+    """What robots claim after each sample."""
+
+    belief: float = 0.5
+    estimate: float = 0.5
+    spread: float = 0.1
+    counts: int = 0
+    bit: int = 1
+
+
+class Claimed:
+    alpha: int
+    beta: int
+    estimate: float
+    estimate_spread: float
+    due_s: float
+    nothing = array("float64", 0)
+
+
+def begin_claiming(s: Any, a: Any, d: Any, p: Any, w: Any) -> None:
+    s.due_s = math.inf
+
+
+def claim(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
+    s.alpha, s.estimate, s.estimate_spread, out.bit = p.counts, p.estimate, p.spread, p.bit
+    return True
+
+
+def undecided(s: Any, a: Any, p: Any, w: Any) -> int:
+    return -1
+
+
+def belief_claimed(s: Any, a: Any, p: Any, w: Any) -> float:
+    found: float = p.belief
+    return found
+
+
+@pytest.fixture(scope="module")
+def claiming() -> Iterator[Scenario]:
+    """Robots that claim what their parameters say."""
+    register(
+        Strategy(
+            name="claims", params=Claims, state=Claimed, begin=begin_claiming, on_sample=claim, decision=undecided,
+            belief=belief_claimed, reports=("due_s", "nothing"),
+        )
+    )  # fmt: skip
+    yield PAPER.with_values({"strategy.name": "claims", "run.t_end_s": 40.0, "swarm.robots": 2})
+    forget("claims")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ({"belief": 1.5}, "belief_below is 1.5; it has to be from 0 to 1"),
+        ({"belief": -0.5}, "belief_below is -0.5"),
+        ({"estimate": 1e301}, r"estimate is 1e\+301"),
+        ({"spread": -0.1}, "estimate_spread is -0.1"),
+        ({"counts": -3}, "alpha is -3; it has to be from 0 to 4294967295"),
+        ({"bit": 300}, "message is 300; it has to be from 0 to 1"),
+    ],
+)
+def test_values_that_no_table_holds_are_refused(
+    claiming: Scenario, value: dict[str, Any], words: str
+) -> None:
+    claims = claiming.with_values({f"strategy.claims.{name}": number for name, number in value.items()})
+    with pytest.raises(CodeError, match=f"strategy 'claims': {words}"):
+        simulate(claims, seed=1)
+
+
+def test_what_robots_may_claim_is_read_back(claiming: Scenario, tmp_path: Path) -> None:
+    """Counts without a prior, a number that is no share, and an array of nothing."""
+    tasks.register(tasks.Task(name="tiles", truth=lambda floor, asked, p: 12.0, estimated="number of tiles"))
+    claims = claiming.with_values({"strategy.claims.estimate": 12.5, "task.name": "tiles"})
+    result = simulate(claims, seed=1)
+    result.write(tmp_path / "run")
+    assert Result.read(tmp_path / "run") == result
+    study = Study(claims, runs=2).run(tmp_path / "study")
+    assert study.robots()["estimate"].unique().to_list() == [12.5]
+    assert Study(claims, runs=2).run(tmp_path / "study").runs()["fill_ratio"].to_list() == [12.0, 12.0]
+    tasks.base.forget("tiles")
+
+
+def test_infinite_reports_are_not_drawn(claiming: Scenario) -> None:
+    picture = draw_run_reports(simulate(claiming, seed=1))
+    assert picture.numbers["value"].is_null().all()

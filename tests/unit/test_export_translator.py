@@ -35,6 +35,7 @@ from vibroswarm.export.c_types import (
     typedef,
 )
 from vibroswarm.export.parameters import c_number
+from vibroswarm.export.plain_program import zero
 from vibroswarm.export.source import plain
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -574,3 +575,14 @@ def test_only_tested_strategies_are_said_to_act_alike_in_float() -> None:
     users = replace(parts, strategy=replace(parts.strategy, on_sample=own))
     assert precision_of(users)[0] == SINGLE
     assert "not tested for this strategy" in precision_of(users)[1]
+
+
+@pytest.mark.parametrize(("kind", "wrapped"), [("uint8_t", 44), ("int16_t", 300), ("int32_t", 300)])
+def test_short_whole_numbers_of_the_plain_program_wrap_as_in_c(kind: str, wrapped: int) -> None:
+    found = zero(CArray(kind, (2,)))
+    found[0] = 200
+    found[0] += 100
+    assert found[0] == wrapped
+    found[1] = 2**32 - 1
+    assert found[1] == (255 if kind == "uint8_t" else -1)
+    assert found[1] * 2**40 == (255 if kind == "uint8_t" else -1) * 2**40, "it is computed with as 64 bits"

@@ -35,6 +35,8 @@ MOST_CELLS_PER_BYTE: Final = 100
 FAR_M: Final = 1e5
 LONG_S: Final = 1e7 + 1e5
 """A run lasts up to 1e7 s; a sample under way may end after it."""
+LARGEST: Final = 1e300
+"""Any number in a table that is not infinite is below this."""
 
 _COUNT: Final = (0.0, float(2**32 - 1))
 _SHARE: Final = (0.0, 1.0)
@@ -48,10 +50,11 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
         ("run", "robot", "cell", "sample", "line", "samples", "sent", "messages_received"), _COUNT
     ),
     **dict.fromkeys(("lost_before", "right", "wrong", "undecided"), _COUNT),
-    **dict.fromkeys(("alpha", "beta"), (1.0, float(2**32 - 1))),
-    **dict.fromkeys(("belief_below", "belief_at_decision", "belief_in_truth", "fill_ratio"), _SHARE),
-    **dict.fromkeys(("message", "estimate"), _SHARE),
-    "estimate_spread": (0.0, 1e6),
+    **dict.fromkeys(("alpha", "beta"), _COUNT),
+    **dict.fromkeys(("belief_below", "belief_at_decision", "belief_in_truth", "message"), _SHARE),
+    # A task may ask for any number; ``result_validation`` checks shares.
+    **dict.fromkeys(("fill_ratio", "estimate"), (-LARGEST, LARGEST)),
+    "estimate_spread": (0.0, LARGEST),
     "index": _COUNT,
     "value": (-math.inf, math.inf),  # a report, which may be any number
     **dict.fromkeys(("observation", "truth"), (0.0, _LAST_KIND)),

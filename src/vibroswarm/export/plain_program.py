@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vibroswarm.core.compiled_types import as_compiled
 from vibroswarm.core.rng import uniform
 from vibroswarm.export import robot_program
 from vibroswarm.export.assembly import RobotParts
@@ -68,6 +69,8 @@ def zero(kind: Any) -> Any:
     if isinstance(kind, CArray):
         if isinstance(kind.element, Struct):
             return [zero(kind.element) for _ in range(kind.shape[0])]
+        if kind.element.endswith("_t"):  # whole numbers of some width, which wrap as in C
+            return as_compiled(np.zeros(kind.shape, dtype=kind.element.removesuffix("_t")))
         return np.zeros(kind.shape, dtype=type(zero(kind.element)))
     if isinstance(kind, Struct):
         return types.SimpleNamespace(**{name: zero(field) for name, field in kind.fields})

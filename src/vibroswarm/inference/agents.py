@@ -7,6 +7,7 @@ kernels. A robot's "events" are its own samples and timers.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, zero_rows
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import (
     ALONE,
     BEGINNING,
@@ -26,7 +28,9 @@ from vibroswarm.core.rng import (
     TIMER,
     uniform,
 )
+from vibroswarm.core.tables import ALLOWED
 from vibroswarm.core.ticks import tick_at
+from vibroswarm.errors import CodeError
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, grid_of, readings_boundary
@@ -354,6 +358,7 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
         name: states[name].astype(np.float64) if name in fields else np.full(agents.size, np.nan)
         for name in ("alpha", "beta")
     }
+    refuse_values(scenario, counts)
     of_kind, of_others = counts["alpha"], counts["beta"]
     if shares := strategy_used(scenario).shares:
         of_kinds = getattr(swarm.arrays, shares).astype(np.float64)
@@ -362,19 +367,41 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     estimate, spread = estimate_of(of_kind, of_others), spread_of(of_kind, of_others)
     if "estimate" in fields and "estimate_spread" in fields:  # the strategy's own
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
-    return {
-        "decision": agents["decision"].astype(np.int8),
-        "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
+    claimed = {
         # A copy, as all other columns are: ``swarm`` is overwritten by the next replay.
         "belief_at_decision": agents["belief_at_decision"].copy(),
         "belief_below": np.where(decided, agents["belief_at_decision"], agents["belief"]),
-        **counts,
         "estimate": estimate,
         "estimate_spread": spread,
+    }
+    refuse_values(scenario, claimed)
+    return {
+        "decision": agents["decision"].astype(np.int8),
+        "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
+        **claimed,
+        **counts,
         "samples": agents["samples"].astype(np.uint32),
         "sent": agents["sent"].astype(np.uint32),
         "messages_received": agents["received"].astype(np.uint32),
     }
+
+
+def refuse_values(scenario: Scenario, values: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse values that a user's strategy gave and a table cannot hold (``core.tables.ALLOWED``); nan is no value.
+
+    Args:
+        values: by the name of their column.
+    Raises:
+        CodeError: a value is out of range.
+    """
+    for name, column in values.items():
+        low, high = ALLOWED[name]
+        wrong = (column < low) | (column > high)
+        if wrong.any():
+            raise CodeError(
+                f"strategy '{scenario.strategy.name}': {name} is {column[wrong][0]:g}; it has to be from "
+                f"{stated(low)} to {stated(high)}"
+            )
 
 
 def final_frame(scenario: Scenario, ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:

@@ -13,7 +13,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
-from vibroswarm.inference.agents import Swarm, as_column, final_frame, strategy_used
+from vibroswarm.inference.agents import Swarm, as_column, final_frame, refuse_values, strategy_used
 from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
 from vibroswarm.inference.generated_kernels import uses_uniforms
 from vibroswarm.inference.replay_arrays import Log, Readings, empty_log
@@ -80,7 +80,7 @@ def _tables(
     scenario: Scenario, timeline: Timeline, swarm: Swarm, messages: Any, log: Log
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
     key = [timeline.samples[name] for name in ("run", "robot", "sample")]
-    columns = inference_columns(messages, log)
+    columns = inference_columns(scenario, messages, log)
     return pl.DataFrame([*key, *columns]), final_frame(scenario, timeline.ends, swarm)
 
 
@@ -268,7 +268,7 @@ def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
     return (at_one_place and one.dtype == other.dtype) or np.array_equal(one, other)
 
 
-def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
+def inference_columns(scenario: Scenario, messages: NDArray[np.void], log: Log) -> list[pl.Series]:
     """Return the columns of the inference table (``INFERENCE``) except run, robot and sample.
 
     A column is null everywhere if the strategy has no such value. ``message`` is the bit of a one-bit message; it is
@@ -276,6 +276,8 @@ def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
 
     Args:
         messages: (rows,): message sent at each sample. log: state after each sample.
+    Raises:
+        CodeError: as of ``refuse_values``.
     """
     count = log.belief.size
     columns: dict[str, Any] = {
@@ -289,7 +291,8 @@ def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
         columns["message"] = bits
     for name in ("alpha", "beta"):
         if name in (log.states.dtype.names or ()):
-            columns[name] = log.states[name].astype(np.uint32)
+            columns[name] = log.states[name]
+    refuse_values(scenario, {name: columns[name] for name in columns.keys() - {"decision"}})
     return [
         as_column(name, columns.get(name, np.full(count, np.nan)), kind)
         for name, kind in INFERENCE.items()

@@ -113,8 +113,9 @@ def reported_at_end(
     values = {}
     for name in reported:
         at_end = swarm.states[name] if name in fields else getattr(swarm.arrays, name)
-        places = at_end.reshape(len(at_end), -1).astype(np.float64)
-        values[name] = np.where(has_sampled[:, None], places, np.nan).reshape(len(runs), -1, places.shape[1])
+        places = at_end.reshape(len(at_end), math.prod(at_end.shape[1:])).astype(np.float64)
+        places = np.where(has_sampled[:, None], places, np.nan)
+        values[name] = places.reshape(len(runs), scenario.swarm.robots, places.shape[1])
     return _means(reported, values, runs, asked)
 
 

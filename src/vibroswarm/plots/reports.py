@@ -35,6 +35,7 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
         InputError: they reported nothing, or nothing but arrays at the end.
     """
     told = reports_over_time(result, run)
+    told = told.with_columns(pl.when(pl.col("value").is_finite()).then("value"))  # others cannot be drawn
     headings = report_headings(result, told["name"].unique().to_list())
     truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
     return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)

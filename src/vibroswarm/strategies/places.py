@@ -18,8 +18,8 @@ each reading r adds ln((q_t P(r, vibrating) + R_t) / (q_t P(r, still) + R_t)) |
 | other tiles | R_t | - | sum over u other than t of q_u m_u |
 | surprise of sender j | s_j | - | (L - mean) / standard deviation, L the log probability of j's readings \
 under the map without them |
-| suspicion of sender j | b_j | - | log probability of j's readings if they are ones in j's own share everywhere, \
-minus L |
+| suspicion of sender j | b_j | - | log probability of j's readings if they are ones in j's own share everywhere \
+(half a one and half a zero are added to j's counts), minus L |
 | weight of sender j | w_j | - | 1 / (1 + prior odds of being broken * exp(b_j)); 0 while s_j < -``trust_limit`` |
 | score | z | - | (boundary N - sum p_t) / sqrt(v sum p_t (1 - p_t)), N the number of tiles, v ``variance_factor`` |
 | belief | - | - | that the share of vibrating tiles is below the boundary: normal distribution function of z |
@@ -30,7 +30,9 @@ readings lose the fraction 1 / 60 of their weight in surprise and suspicion. Aft
 ``falls_from`` of the run, the score needed falls linearly to 0 at the end of the run, so that no robot stays undecided.
 
 - Message: sender and reading (1 byte), number (1), x and y to 1 mm (2 each), standard deviations to 1 mm (1 each): 8
-  bytes, sent once the place is known. For other messages see ``place_samples`` and ``place_summaries``.
+  bytes, sent once the place is known. Standard deviations above 255 mm, of robots that have lost their place, are sent
+  too, although a byte does not hold them. For other messages see ``place_samples`` and ``place_summaries``.
+- Error rates count as 1e-3 at least, and so do the probabilities by which senders are judged.
 - What a robot is told about its task: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below
   1, and how far beyond edges vibration is felt if ``edge_reach_m`` is above 0.
 - A priori each tile vibrates with probability 1/2, independently, if the boundary is 1/2. With another boundary, or

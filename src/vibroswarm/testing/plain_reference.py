@@ -26,6 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.compiled_types import as_compiled, new_row
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
@@ -39,7 +40,6 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import Strategy
 from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.world import DetailedReading, Draws, Reading, World
-from vibroswarm.testing.compiled_types import as_compiled, new_row
 
 PEER_BITS: Final = 16
 """Bits of an address that hold the number of another robot."""
