@@ -382,7 +382,7 @@ FITS: Final = (
     ),
     Source(
         "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",
-        "bootstrap over robots in sessions", _of_sensor,
+        "bootstrap over robots in sessions; of spreads, chi-square of the groups", _of_sensor,
     ),
     Source(
         "vibration, in place of laws", ("sensor.acceleration.",), "all samples",
