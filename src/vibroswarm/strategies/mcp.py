@@ -153,15 +153,11 @@ def local_confidence(ones: int, samples: int, true_positive: float, true_negativ
     """
     raw = raw_estimate(ones, samples, true_positive, true_negative)
     gain, zeros = (true_positive + true_negative - 1.0) ** 2, samples - ones
-    # At x = 0, where P(1) = 1 - w, the confidence is gain (ones / (1 - w)^2 + zeros / w^2), here over one denominator.
-    # At x = 1, where P(1) = b, it is gain (zeros / (1 - b)^2 + ones / b^2). Inside P(1) = ones / samples, and neither
-    # ones nor zeros is 0: without ones x is 0, without zeros it is 1.
-    if raw <= 0.0:  # x = 0
-        top = samples * true_negative**2 - 2.0 * zeros * true_negative + zeros
-        found = gain * top / (true_negative**2 * (true_negative - 1.0) ** 2)
-    elif raw >= 1.0:  # x = 1
-        top = samples * true_positive**2 - 2.0 * ones * true_positive + ones
-        found = gain * top / (true_positive**2 * (true_positive - 1.0) ** 2)
+    # Inside P(1) = ones / samples, and neither ones nor zeros is 0: without ones x is 0, without zeros it is 1.
+    if raw <= 0.0:  # x = 0, where P(1) = 1 - w
+        found = gain * (ones / (1.0 - true_negative) ** 2 + zeros / true_negative**2)
+    elif raw >= 1.0:  # x = 1, where P(1) = b
+        found = gain * (zeros / (1.0 - true_positive) ** 2 + ones / true_positive**2)
     else:
         found = gain * float(samples) * samples * samples / (float(ones) * zeros)
     return max(found, LEAST_CONFIDENCE)
