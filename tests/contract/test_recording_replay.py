@@ -51,7 +51,7 @@ def replayed_table(
             "run": np.full(rows.energy.size, run, dtype=np.uint32),
             "robot": rows.session.robot.astype(np.uint16),
             "sample": rows.session.sample.astype(np.uint32),
-            **{column.name: column for column in inference_columns(messages, log)},
+            **{column.name: column for column in inference_columns(scenario, messages, log)},
         }
     )
     return frame, missing

@@ -138,7 +138,7 @@ def check_replay(recording: Recording, result: Any) -> None:
     rows = _rows_of(recording, 0)
     _, unsent, messages, log = _replay_once(scenario, rows, 0, SEED)
     assert unsent == 0
-    frame = pl.DataFrame({column.name: column for column in inference_columns(messages, log)})
+    frame = pl.DataFrame({column.name: column for column in inference_columns(scenario, messages, log)})
     assert_frame_equal(frame, result.inference.select(frame.columns), check_exact=True)
     replayed = replay_recording(recording, scenario, draws=1, seed=SEED)
     assert replayed.robots["decision"].to_list() == result.robots["decision"].to_list()
