@@ -159,13 +159,12 @@ def difference(
     The other arguments are those of ``compare``.
 
     Args:
-        most: by how much runs can differ; nan: as much as the values of all runs here.
+        most: by how much runs can differ; nan: as much as the values of all runs here, and 0.
     """
     d = differences(first, second)
     found = test(d, level, seed)
     if math.isnan(most):
-        values = without_nan(np.asarray((first, second), dtype=np.float64))
-        most = float(np.ptp(values)) if values.size else math.nan
+        most = float(np.ptp(np.append(without_nan(np.asarray((first, second), dtype=np.float64)), 0.0)))
     return found._replace(interval=allowing_for_rare(found.interval, d, most))
 
 

@@ -152,14 +152,17 @@ def local_confidence(ones: int, samples: int, true_positive: float, true_negativ
         ones, samples: own readings so far. true_positive, true_negative: b and w of the table.
     """
     raw = raw_estimate(ones, samples, true_positive, true_negative)
-    gain, zeros = (true_positive + true_negative - 1.0) ** 2, samples - ones
-    # Inside P(1) = ones / samples, and neither ones nor zeros is 0: without ones x is 0, without zeros it is 1.
+    slope, zeros = true_positive + true_negative - 1.0, samples - ones
+    # Inside P(1) = ones / samples, and neither ones nor zeros is 0: without ones x is 0, without zeros it is 1. Squares
+    # are products: powers of Python differ from those of compiled code in last bits.
     if raw <= 0.0:  # x = 0, where P(1) = 1 - w
-        found = gain * (ones / (1.0 - true_negative) ** 2 + zeros / true_negative**2)
-    elif raw >= 1.0:  # x = 1, where P(1) = b
-        found = gain * (zeros / (1.0 - true_positive) ** 2 + ones / true_positive**2)
+        p_one = 1.0 - true_negative
+        found = slope * slope * (ones / (p_one * p_one) + zeros / (true_negative * true_negative))
+    elif raw >= 1.0:  # x = 1, where P(0) = 1 - b
+        p_zero = 1.0 - true_positive
+        found = slope * slope * (zeros / (p_zero * p_zero) + ones / (true_positive * true_positive))
     else:
-        found = gain * float(samples) * samples * samples / (float(ones) * zeros)
+        found = slope * slope * float(samples) * samples * samples / (float(ones) * zeros)
     return max(found, LEAST_CONFIDENCE)
 
 
