@@ -78,9 +78,14 @@ class _Between(NamedTuple):
     groups: int = 1
 
     @property
+    def variance(self) -> float:
+        """Variance between groups without sampling noise."""
+        return max(self.total - self.noise, 0.0)
+
+    @property
     def spread(self) -> float:
         """Standard deviation between groups without sampling noise."""
-        return math.sqrt(max(self.total - self.noise, 0.0))
+        return math.sqrt(self.variance)
 
     def drawn(self, draws: int, purpose: str) -> Floats:
         """Return draws of the spread, (draws,), from total (G - 1) / chi^2 with G - 1 degrees of freedom, less noise.
@@ -385,9 +390,8 @@ def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Fl
         if count > 1
         else _Between()
     )
-    between = max(apart.total - apart.noise, 0.0)
     middle = float(of_means.mean()) if count else 0.0
-    shrunk = np.where(counted, (mean - middle) * between / (between + noise + 1e-12), 0.0)
+    shrunk = np.where(counted, (mean - middle) * apart.variance / (apart.variance + noise + 1e-12), 0.0)
     return shrunk, apart
 
 

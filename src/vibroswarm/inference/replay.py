@@ -292,7 +292,7 @@ def inference_columns(scenario: Scenario, messages: NDArray[np.void], log: Log) 
     for name in ("alpha", "beta"):
         if name in (log.states.dtype.names or ()):
             columns[name] = log.states[name]
-    refuse_values(scenario, {name: columns[name] for name in columns.keys() - {"decision"}})
+    refuse_values(scenario, {name: column for name, column in columns.items() if name != "decision"})
     return [
         as_column(name, columns.get(name, np.full(count, np.nan)), kind)
         for name, kind in INFERENCE.items()

@@ -198,34 +198,11 @@ def plan(
     whole_number_of(runs, "runs", 4, 10**6)
     whole_number_of(each, "each", 1, 10**6)
     number_of(level, "level", 0.0, 1.0)
-    arena, largest_m = scenario.arena, max(*sides_m, *SIZES_M)
-    if largest_m > min(arena.width_m, arena.height_m):
-        raise InputError(
-            f"is {arena.width_m:g} m x {arena.height_m:g} m; a plan draws, and scans for, squares of up to "
-            f"{100 * largest_m:g} cm, which must fit it",
-            field="arena",
-        )
+    _check_arena(scenario, max(*sides_m, *SIZES_M))
     rows: list[tuple[float | None, ...]] = []
     for number in robots:
-        made = scenario.with_values(
-            {
-                "swarm.robots": number,
-                "run.t_end_s": max(until_s),
-                "floor.source": "random:0.0",
-                "floor.tiles": None,
-            }
-        )
-        law = law_of_scenario(made, "the scenario")
-        result = simulate(made, seed, runs)
-        inspections = [samples_of_result(result, run, law) for run in range(runs)]
+        inspections = _planned_inspections(scenario, number, until_s, runs, seed)
         damaged, fresh = inspections[: runs // 2], inspections[runs // 2 :]
-        first_s = max(float(one.column("time_s").min()) for one in inspections)
-        if min(until_s) < first_s:
-            raise InputError(
-                f"not all inspections have a sample after {stated(min(until_s))} s; the last has its first at "
-                f"{stated(first_s)} s",
-                field="--minutes",
-            )
         for end_s in until_s:
             pod = pooled_trials(
                 damaged, fresh, until_s=end_s, sides_m=sides_m, each=each, level=level, seed=seed
@@ -239,6 +216,45 @@ def plan(
                 progress(len(rows) / (len(robots) * len(until_s)))
     names = ["robots", "until_s", "samples", "a50_m", "a90_m", "a90_95_m", "false_calls", "sweep_a90_m"]
     return pl.DataFrame(rows, schema=names, orient="row").fill_nan(None)
+
+
+def _check_arena(scenario: Scenario, largest_m: float) -> None:
+    arena = scenario.arena
+    if largest_m > min(arena.width_m, arena.height_m):
+        raise InputError(
+            f"is {arena.width_m:g} m x {arena.height_m:g} m; a plan draws, and scans for, squares of up to "
+            f"{100 * largest_m:g} cm, which must fit it",
+            field="arena",
+        )
+
+
+def _planned_inspections(
+    scenario: Scenario, robots: int, until_s: Sequence[float], runs: int, seed: int
+) -> list[Samples]:
+    """Simulate inspections of an intact surface by so many robots, until the last end.
+
+    Raises:
+        InputError: an end is before the first sample of an inspection.
+    """
+    made = scenario.with_values(
+        {
+            "swarm.robots": robots,
+            "run.t_end_s": max(until_s),
+            "floor.source": "random:0.0",
+            "floor.tiles": None,
+        }
+    )
+    law = law_of_scenario(made, "the scenario")
+    result = simulate(made, seed, runs)
+    inspections = [samples_of_result(result, run, law) for run in range(runs)]
+    first_s = max(float(one.column("time_s").min()) for one in inspections)
+    if min(until_s) < first_s:
+        raise InputError(
+            f"not all inspections have a sample after {stated(min(until_s))} s; the last has its first at "
+            f"{stated(first_s)} s",
+            field="--minutes",
+        )
+    return inspections
 
 
 SWEEPS: Final = 8
