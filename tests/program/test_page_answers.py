@@ -409,3 +409,34 @@ def test_it_shows_what_robots_report_as_time_goes_on(open_page: Open, tmp_path: 
         assert not page.evaluate(BLANK, "chart")
         chart.evaluate("canvas => { canvas.id = '' }")
     assert open_page().locator("#reports-section").is_hidden()  # robots that report nothing
+
+
+def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open, tmp_path: Path) -> None:
+    """The share of still tiles, which is not the fill ratio that the page shows too."""
+    values = {"strategy.name": "dirichlet", "task.name": "share", "task.share.kind": 0, "run.t_end_s": 60.0}
+    result = simulate(preset("paper").with_values(values), seed=1, segments=True)
+    write_run_page(result, tmp_path / "share.html")
+    page = open_page(file=tmp_path / "share.html")
+    assert page.inner_text("#task") == "What is the share of tiles of kind 0? Truth: 0.52."
+    assert page.inner_text("#verdict-badge") == "Estimates"
+    estimates = result.robots["estimate"]
+    assert page.inner_text("#verdict-line") == f"The robots estimate {estimates[0]:.3f}."
+    assert page.inner_text("#verdict-more").startswith(f"Mean error {(estimates - 0.52).abs().mean():.3g}")
+    cells = page.locator("#roster [data-column=estimate]").all_text_contents()
+    assert [float(cell) for cell in cells] == [round(estimate, 3) for estimate in estimates]
+    assert page.locator("#details div", has_text="Fill ratio").locator("dd").inner_text() == "0.48"
+
+
+def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    fields = {"answers": ("as it was", "changed"), "asked_anew": True, "consensus": "truth_undefined"}
+    write_page(replace(record, **fields), tmp_path / "anew.html")
+    page = open_page(file=tmp_path / "anew.html")
+    assert "Truth: asked anew of each robot" in page.inner_text("#task")
+    assert "some of which may be right" in page.inner_text("#verdict-more")
+
+
+def test_a_threshold_near_one_is_told_as_it_is(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    write_page(replace(record, credible_threshold=1 - 1e-9), tmp_path / "sure.html")
+    assert "below 1e-9 mostly vibrating" in open_page(file=tmp_path / "sure.html").inner_text("#belief-lead")

@@ -47,6 +47,15 @@ def test_a_floor_that_changes_is_drawn_as_it_is_at_the_end_and_small_before() ->
     assert "at the end" in at_end.get_title()
 
 
+def test_the_title_tells_estimates_apart_from_the_fill_ratio() -> None:
+    """The task asks for the share of still tiles."""
+    values = {"strategy.name": "dirichlet", "task.name": "share", "task.share.kind": 0, "run.t_end_s": 60.0}
+    result = simulate(preset("paper").with_values(values), seed=1)
+    title = run_figure(result).axes[0].get_title()
+    assert "fill ratio 0.48" in title
+    assert title.endswith(f"estimates {result.robots['estimate'][0]:.3f}")
+
+
 def test_marks_are_those_of_the_replay_page(result: Result) -> None:
     """Its colours, by their names in the page's style sheet; a diamond says vibrating; misread samples are struck."""
     sheet = files("vibroswarm.run_page").joinpath("assets", "page.css").read_text(encoding="utf-8")

@@ -321,15 +321,24 @@ def headline(found: Verdict) -> str:
 
 def _estimates(found: Verdict) -> str:
     """Return how good the robots' estimates are as one sentence."""
-    estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
     true = f"the {found.estimated} is {number(found.fill_ratio, digits=4)}"
+    told, sure = estimates_in_words(found)
+    return f"ESTIMATES: {told}; {true}. {sure}" if told else f"NO ESTIMATES: {true}, and {sure}"
+
+
+def estimates_in_words(found: Verdict) -> tuple[str, str]:
+    """Return the range of the robots' estimates of what the task asks for, and a sentence on how good they are.
+
+    The range is empty if there are none.
+    """
+    estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
     if not estimates or found.estimate_error is None:
-        return f"NO ESTIMATES: {true}, and no robot has estimated it."
+        return "", "no robot has estimated it."
     sure = "they state no spread"
     if found.estimate_coverage is not None:
         holding = round(found.estimate_coverage * len(estimates))
         sure = f"the 90 % intervals of {holding} of {len(estimates)} hold it"
-    return f"ESTIMATES: {span(estimates)}; {true}. Mean error {number(found.estimate_error)}; {sure}."
+    return span(estimates), f"Mean error {number(found.estimate_error)}; {sure}."
 
 
 def _sides(found: Verdict) -> str:

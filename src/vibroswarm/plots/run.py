@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.verdict import answers_of
+from vibroswarm.analysis.verdict import answers_of, estimates_in_words, verdict
 from vibroswarm.core.numbers import count, number
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patches import Patch
@@ -129,8 +129,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     scale = 6.4 / max(width, height)  # inches per metre
     # Neither side of the arena gets less than 2.4 in, so that title and legend have room also with a narrow arena.
     # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height.
-    summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
-    floor, end_s = result.floor(run), summary["end_s"]
+    floor, end_s = result.floor(run), result.runs.filter(pl.col("run") == run)["end_s"][0]
     small = _small_floors(floor, end_s)
     figure = Figure(
         figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + (2.8 if small else 1.2)),
@@ -154,20 +153,30 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     _draw_robots(axes, result, run)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
-    outcome = (summary["consensus"] or "decisions not logged").replace("_", " ")
+    fill_ratio = floor.at(end_s).fill_ratio_within(width, height)
     feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
     # A dollar in a name does not begin a formula. It is escaped, since matplotlib ignores parse_math=False in a title
     # that it wraps.
     floor_name = floor.name.replace("$", r"\$")
     axes.set_title(
-        f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, fill ratio {number(summary['fill_ratio'], digits=3)}"
+        f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, fill ratio {number(fill_ratio, digits=3)}"
         f"{' at the end' if small else ''}, "
-        f"{feedback}, {origin}: {outcome}" + "".join(f"\n({text})" for text in edge_warnings(scenario)),
+        f"{feedback}, {origin}: {_outcome(result, run)}"
+        + "".join(f"\n({text})" for text in edge_warnings(scenario)),
         fontsize=9,
         wrap=True,
     )
     figure.legend(loc="outside lower center", ncols=4, fontsize=7.5, frameon=False)
     return figure
+
+
+def _outcome(result: Result, run: int) -> str:
+    """Return what the robots estimated or decided, in a few words."""
+    found = verdict(result, run)
+    if found.estimated:
+        told, _ = estimates_in_words(found)
+        return f"estimates {told}" if told else "no estimates"
+    return (found.consensus or "decisions not logged").replace("_", " ")
 
 
 MOST_SMALL: Final = 4

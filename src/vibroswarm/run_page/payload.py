@@ -85,6 +85,20 @@ class ReportOverTime(NamedTuple):
     """The number that it estimates, if it does."""
 
 
+class Estimates(NamedTuple):
+    """What robots say to a task that asks for a number, in words."""
+
+    asked: str
+    """The number that the task asks for, such as "share of tiles that vibrate"."""
+    true: str
+    told: str
+    """The range of the robots' estimates; empty if there are none."""
+    sure: str
+    """A sentence on how good they are."""
+    of_robots: tuple[str, ...]
+    """The estimate of each robot."""
+
+
 @dataclass(frozen=True, eq=False)
 class RunRecord:
     """One run for a page. Lengths in m, times in s, angles in rad.
@@ -107,7 +121,7 @@ class RunRecord:
     t_end_s: float
     """End of the run, s."""
     strategy: str
-    """Name of the robots' strategy, such as "soft"."""
+    """Strategy of the robots in words, such as "soft feedback"."""
     seed: int | None
     """Seed that reproduces the run, with ``run``; None: the run was recorded."""
     run: int
@@ -173,6 +187,12 @@ class RunRecord:
     """Sentences to be read before the question, such as that robots knew their true places."""
     answers: tuple[str, ...] | None = None
     """Meaning of decisions 0, 1 and so on, if the question is not about the fill ratio."""
+    estimates: Estimates | None = None
+    """The robots' estimates; None if the task asks for a decision."""
+    asked_anew: bool = False
+    """Whether what is right depends on each robot's own last answer."""
+    opinions: bool = False
+    """Whether robots count conclusions of others as readings (``analysis.verdict.holds_opinions``)."""
     kinds: int = 2
     """Number of kinds of tile, or of classes of readings if they are more."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
@@ -320,6 +340,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         },
         "notes": list(record.notes),
         "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
+        "estimates": None if record.estimates is None else record.estimates._asdict(),
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},
         "places": None if record.places is None else _places(record, record.places),
@@ -412,6 +433,8 @@ def _rule(record: RunRecord) -> dict[str, Any]:
         "gated": record.gated,
         "by_belief": record.decides_by_belief,
         "answers": None if record.answers is None else list(record.answers),
+        "asked_anew": record.asked_anew,
+        "opinions": record.opinions,
     }
 
 

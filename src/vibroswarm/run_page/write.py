@@ -19,16 +19,28 @@ from vibroswarm.analysis.floor_maps import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.analysis.true_places import true_places_notes
-from vibroswarm.analysis.verdict import answers_of
+from vibroswarm.analysis.verdict import (
+    estimates_in_words,
+    holds_opinions,
+    strategy_name,
+    verdict,
+)
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.core.numbers import count
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, check_kind, path_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.run_page.payload import MapsOverTime, ReportOverTime, RunRecord, fault_rows, payload
+from vibroswarm.run_page.payload import (
+    Estimates,
+    MapsOverTime,
+    ReportOverTime,
+    RunRecord,
+    fault_rows,
+    payload,
+)
 from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
@@ -165,13 +177,15 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
+    floor_at_end = floor.at(summary["end_s"])
     return RunRecord(
         title=title or f"{count(scenario.swarm.robots, 'robot')} on {floor.name}",
         floor=floor,
         t_end_s=summary["end_s"],
         seed=result.seed,
         run=run,
-        fill_ratio=summary["fill_ratio"],
+        # That of the table of runs is the number that the task asks for, if it asks for one.
+        fill_ratio=floor_at_end.fill_ratio_within(scenario.arena.width_m, scenario.arena.height_m),
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
         truth=summary["truth"],
@@ -184,7 +198,8 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         reports=_reports_of(result, run),
         notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
         details=_details_of(result),
-        **_rules_of(scenario, floor.at(summary["end_s"])),
+        **_rules_of(scenario, floor_at_end),
+        **_asked(result, run),
         **_bodies_of(scenario),
     )
 
@@ -200,7 +215,8 @@ def _rules_of(scenario: Scenario, floor_at_end: Floor) -> dict[str, Any]:
     size_m = (scenario.arena.width_m, scenario.arena.height_m)
     read = fields_read(strategy_of(scenario.strategy.name))
     return {
-        "strategy": scenario.strategy.name,
+        "strategy": strategy_name(scenario.strategy.name),
+        "opinions": holds_opinions(scenario),
         "min_observations": decision.min_observations,
         "gate": decision.gate,
         "gate_counts_current": decision.gate_counts_current,
@@ -214,9 +230,23 @@ def _rules_of(scenario: Scenario, floor_at_end: Floor) -> dict[str, Any]:
         else None,
         "prior_alpha": decision.prior_alpha,
         "prior_beta": decision.prior_beta,
-        "answers": None if scenario.task.name == "fill_ratio" else answers_of(scenario),
         "kinds": max(scenario.sensor.kinds, scenario.sensor.readings),
     }
+
+
+def _asked(result: Result, run: int) -> dict[str, Any]:
+    """Return what the task asks for, if that is not the majority, and what the robots estimate."""
+    if result.scenario.task.name == "fill_ratio":
+        return {}
+    found = verdict(result, run)
+    estimates = None
+    if found.estimated:
+        of_robots = (
+            "\u2013" if robot.estimate is None else number(robot.estimate, 3) for robot in found.robots
+        )
+        true = number(found.fill_ratio, digits=4)
+        estimates = Estimates(found.estimated, true, *estimates_in_words(found), tuple(of_robots))
+    return {"answers": found.answers, "estimates": estimates, "asked_anew": found.asked_anew}
 
 
 def _bodies_of(scenario: Scenario) -> dict[str, Any]:

@@ -102,9 +102,12 @@ function beliefBox(width, height) {
   return box;
 }
 
+// Thresholds are those of beliefs, and not every strategy decides by them or tells them.
+const hasLimits = () => run.rule.by_belief && hasBelief;
+
 function drawBeliefFrame(context, box, followed) {
   const limit = run.rule.credible_threshold, right = box.left + box.width;
-  if (run.rule.by_belief) {
+  if (hasLimits()) {
     context.fillStyle = colours["still-soft"];
     context.fillRect(box.left, box.y(1), box.width, box.y(limit) - box.y(1));
     context.fillStyle = colours["vibrating-soft"];
@@ -118,7 +121,7 @@ function drawBeliefFrame(context, box, followed) {
     line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
   }
   context.setLineDash([5, 3]);
-  const limits = run.rule.by_belief ? [[limit, colours.still], [1 - limit, colours.vibrating]] : [];
+  const limits = hasLimits() ? [[limit, colours.still], [1 - limit, colours.vibrating]] : [];
   for (const [p, colour] of limits) {
     context.strokeStyle = colour;
     line(context, box.left, crisp(box.y(p)), right, crisp(box.y(p)));
@@ -164,11 +167,11 @@ function quietPlace(box, width, y, until = box.left + box.width) {
 function beliefWords(context, box) {
   const limit = run.rule.credible_threshold;
   context.font = WORDS_FONT;
-  // Beliefs are those of two kinds, and not every strategy decides by them.
-  if (KIND_COUNT > 2 || !run.rule.by_belief) return tooEarlyWords(context, box);
+  // Beliefs are those of two kinds.
+  if (KIND_COUNT > 2 || !hasLimits()) return tooEarlyWords(context, box);
   const words = [
     [`above ${limit}: ${DECISION_WORDS[STILL]}`, box.y(limit) + 12, STILL],
-    [`below ${Number((1 - limit).toFixed(6))}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],
+    [`below ${lowerLimit()}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],
   ].map(([text, y, decision]) => {
     const { width } = context.measureText(text);
     return { text, y, decision, width, ...quietPlace(box, width, y) };

@@ -7,7 +7,7 @@ function buildDetails() {
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
     ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
     ["Fill ratio", ratio(run.truth.fill_ratio)],
-    ["Strategy", STRATEGY_WORDS[run.strategy] ?? run.strategy],
+    ["Strategy", run.strategy],
     ["Decides", ruleWords(run.rule)],
   ];
   byId("details").replaceChildren(...[...known, ...run.details].map(([name, text]) =>
@@ -35,13 +35,13 @@ function buildLeads() {
     return;
   }
   const rule = run.rule.by_belief
-    ? `Above ${limit} it decides ${DECISION_WORDS[STILL]}, below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.`
+    ? `Above ${limit} it decides ${DECISION_WORDS[STILL]}, below ${lowerLimit()} ${DECISION_WORDS[VIBRATING]}.`
     : "It decides by a rule of its own.";
   say(byId("belief-lead"), hasBelief ? `p: its probability that ${claim}. ${rule}${gateSentence()}${bandSentence()}`
     : "These robots report no belief; flags show when they decided.");
   const { tested } = run.rule, moved = tested !== boundary;
   const line = moved ? `${percent(tested)}, the share of ones expected at the boundary,` : boundary;
-  const opinion = ["positive", "soft"].includes(run.strategy)
+  const opinion = run.rule.opinions
     ? "Under feedback this is the robot's opinion, not an estimate. " : "";
   byId("posterior-lead").replaceChildren(opinion,
     `Beta(\u03b1, \u03b2) after its latest own sample; left of ${line} is p, hatched the rest. `,

@@ -3,6 +3,7 @@
 // Columns that no robot of this run has are left out.
 const ROSTER_BELIEF = hasBelief ? ["p"] : [], ROSTER_THEN = hasBelief ? ["p then"] : [], ROSTER_LOST = radio ? ["lost"] : [];
 const ROSTER_COUNTS = [
+  ...(run.estimates ? [["estimate", "estimate"]] : []),
   ...(hasPosterior ? [["alpha", "\u03b1"], ["beta", "\u03b2"]] : []),
   ["samples", "samples"], ["sent", "sent"], ["messages_received", "received"],
 ];
@@ -32,7 +33,7 @@ function buildRoster(onChoose) {
 }
 
 function rosterRow(robot, onChoose) {
-  const { final } = robot;
+  const final = { ...robot.final, estimate: run.estimates?.of_robots[robots.indexOf(robot)] };
   const row = make("tr", "");
   const choose = make("button", "pip", robot.name);
   choose.type = "button";

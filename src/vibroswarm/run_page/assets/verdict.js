@@ -2,11 +2,11 @@
 
 const SIGNS = {
   right: "M4 10.5l4 4 8-9", wrong: "M5 5l10 10M15 5L5 15", split: "M10 17v-6L4 4M10 11l6-7",
-  incomplete: "M5 3h10M5 17h10M6 3c0 7 8 7 8 14M14 3c0 7-8 7-8 14", truth_undefined: "M4 8h12M4 13h12",
+  incomplete: "M5 3h10M5 17h10M6 3c0 7 8 7 8 14M14 3c0 7-8 7-8 14", truth_undefined: "M4 8h12M4 13h12", estimates: "M4 8c4-4 8 4 12 0M4 13c4-4 8 4 12 0",
 };
 const BADGES = {
   right: "Consensus, right", wrong: "Consensus, wrong", split: "No consensus: split",
-  incomplete: "No consensus: undecided", truth_undefined: "Consensus",
+  incomplete: "No consensus: undecided", truth_undefined: "Consensus", estimates: "Estimates",
 };
 
 function byDecision(decision) {
@@ -14,6 +14,7 @@ function byDecision(decision) {
 }
 
 function verdictLine() {
+  if (run.estimates) return run.estimates.told ? `The robots estimate ${run.estimates.told}.` : "No robot has an estimate.";
   const side = DECISION_WORDS[robots[0]?.final.decision];
   const open = byDecision(-1).length;
   const votes = SIDES.map((side) => [byDecision(side).length, ANSWERS ? DECISION_WORDS[side] : VOTE_WORDS[side]])
@@ -30,17 +31,20 @@ function verdictLine() {
 // The question and the right answer, in one line.
 function taskLine() {
   const { fill_ratio: fill, decision: right } = run.truth, edge = run.rule.boundary;
+  if (run.estimates) return `What is the ${run.estimates.asked}? Truth: ${run.estimates.true}.`;
   if (ANSWERS) {
     const vibrates = KIND_COUNT > 2 ? "" : ` (${percent(fill)} of the floor vibrates)`;
     const none = SIDES.length > 2 ? "none" : "neither";
     return `${SIDES.map((side) => DECISION_WORDS[side]).join(" or ")}? `
-      + `Truth: ${right === null ? none : DECISION_WORDS[right]}${vibrates}.`;
+      + `Truth: ${right !== null ? DECISION_WORDS[right] : run.rule.asked_anew ? "asked anew of each robot" : none}${vibrates}.`;
   }
   const truth = right === null ? "neither" : right === VIBRATING ? "yes" : "no";
   return `Does more than ${percent(edge)} of the floor vibrate? Truth: ${truth} (${percent(fill)}).`;
 }
 
 function verdictMore() {
+  if (run.estimates) return run.estimates.told && run.estimates.sure;
+  if (run.rule.asked_anew) return "Each robot is asked anew after its answers, some of which may be right.";
   if (run.truth.decision !== null) return rightAndWrong();
   return ANSWERS ? `${SIDES.length > 2 ? "No" : "Neither"} answer is right.` : "The share is exactly the boundary, so there is no majority to be right about.";
 }
@@ -87,7 +91,7 @@ function signOf(outcome) {
 }
 
 function buildVerdict() {
-  const outcome = run.outcome.consensus;
+  const outcome = run.estimates ? "estimates" : run.outcome.consensus;
   document.querySelector(".verdict").dataset.outcome = outcome;
   byId("run-name").textContent = run.title;
   byId("verdict-badge").replaceChildren(signOf(outcome), BADGES[outcome]);

@@ -1,7 +1,6 @@
 // How numbers and findings are said.
 
 const STATE_WORDS = { drive: "driving", turn: "turning", avoid: "avoiding", stop: "sampling" };
-const STRATEGY_WORDS = { none: "no feedback", positive: "positive feedback", soft: "soft feedback" };
 
 const seconds = (value) => `${value.toFixed(1)} s`;
 const exactSeconds = (value) => `${Number(value.toFixed(3))} s`;
@@ -33,6 +32,9 @@ const SIDES = (ANSWERS ?? ["still", "vibrating"]).map((_, side) => side);
 // What a robot says to the question.
 const SAY_WORDS = ANSWERS || run.rule.boundary !== 0.5 ? DECISION_WORDS
   : { "-1": "undecided", 0: "not vibrating", 1: "vibrating" };
+
+// Below which belief a robot decides 1; as exact as the threshold p_c is given.
+const lowerLimit = () => Number((1 - run.rule.credible_threshold).toPrecision(6));
 
 // Three places, and never a certainty that is not there.
 function probability(value) {
