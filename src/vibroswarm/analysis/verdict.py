@@ -191,13 +191,19 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 
 def _scores(result: Result, run: int) -> dict[str, Any]:
     """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
-    known = tasks.known().get(result.scenario.task.name)
-    if known is None or not known.estimated:
+    words = asked_number(result.scenario)
+    if not words:
+        known = tasks.known().get(result.scenario.task.name)
         return {"asked_anew": known is not None and known.is_asked_anew(result.scenario.task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
-    words = known.estimated_in_words(result.scenario.task.params)
     return {"estimated": words, **{name: table[name][0] for name in ESTIMATES}}
+
+
+def asked_number(scenario: Scenario) -> str:
+    """Return in words the number that the task asks for; empty if it asks for a decision, or its code is not loaded."""
+    known = tasks.known().get(scenario.task.name)
+    return "" if known is None else known.estimated_in_words(scenario.task.params)
 
 
 def _expected_ones(result: Result, run: int, size: tuple[float, float], end_s: float) -> float:

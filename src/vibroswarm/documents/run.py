@@ -10,12 +10,14 @@ import polars as pl
 
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.analysis.decidability import decidability
+from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
 from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,
     agreement_words,
+    asked_number,
     confidence,
     decision_words,
     headline,
@@ -87,17 +89,18 @@ def verdict_document(found: Verdict) -> Document:
 
 def runs_document(result: Result) -> Document:
     """Return the document of several runs: how their swarms decided, and a row for each run."""
-    outcomes = Counter(outcome or "not logged" for outcome in result.runs["consensus"])
-    counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.most_common())
-    runs = result.runs.select("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
+    outcome, runs = _estimates(result) if asked_number(result.scenario) else _decisions(result)
     floor = result.floor(int(runs["run"][0])).name
     columns = {
         "consensus_time_s": Column("at", "s", decimals=1),
         "right": Column("robots right"),
+        "estimate_error": Column("mean error"),
+        "estimate_coverage": Column("90 % intervals that hold it", share=True),
+        "estimate_crps": Column("CRPS"),
     }
     return Document(
         title=f"{count(runs.height, 'run')} of {strategy_name(result.scenario.strategy.name)}",
-        answer=(*failure_sentences(result), f"{count(runs.height, 'run')}: {counts}."),
+        answer=(*failure_sentences(result), f"{count(runs.height, 'run')}: {outcome}."),
         knew=told([result.scenario]),
         parts=(
             Text(f"{_swarm(result)}, on '{floor}', {_origin(result)}."),
@@ -105,6 +108,22 @@ def runs_document(result: Result) -> Document:
         ),
         made_by=_made_by(result),
     )
+
+
+def _decisions(result: Result) -> tuple[str, pl.DataFrame]:
+    """Return how many swarms decided how, in words, and a table with a row for each run."""
+    outcomes = Counter((outcome or "not logged").replace("_", " ") for outcome in result.runs["consensus"])
+    counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.most_common())
+    return counts, result.runs.select("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
+
+
+def _estimates(result: Result) -> tuple[str, pl.DataFrame]:
+    """Return the mean error of the robots' estimates in words, and a table with a row for each run."""
+    figures = run_figures(result.robots, result.runs, result.scenario.run.t_end_s).select("run", *ESTIMATES)
+    error = figures["estimate_error"].mean()
+    asked = asked_number(result.scenario)
+    words = "no" if error is None else f"mean error {number(error)} of the"  # type: ignore[arg-type]
+    return f"{words} estimates of the {asked}", figures
 
 
 def _verdict_data(found: Verdict) -> dict[str, pl.DataFrame]:
