@@ -437,6 +437,18 @@ def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(
     assert "some of which may be right" in page.inner_text("#verdict-more")
 
 
-def test_a_threshold_near_one_is_told_as_it_is(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
-    write_page(replace(record, credible_threshold=1 - 1e-9), tmp_path / "sure.html")
-    assert "below 1e-9 mostly vibrating" in open_page(file=tmp_path / "sure.html").inner_text("#belief-lead")
+def test_a_threshold_near_one_is_told_as_it_is_and_no_belief_is_one(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    """A belief of 1 is one that was rounded to it."""
+    certain = {
+        "inference": record.inference.with_columns(belief_below=pl.lit(1.0)),
+        "robots": record.robots.with_columns(
+            belief_at_decision=pl.lit(1.0), decision=pl.lit(0, dtype=pl.Int8)
+        ),
+    }
+    write_page(replace(record, credible_threshold=1 - 1e-9, **certain), tmp_path / "sure.html")
+    page = open_page("#t=200", file=tmp_path / "sure.html")
+    assert "below 1e-9 mostly vibrating" in page.inner_text("#belief-lead")
+    assert set(page.locator("#roster [data-column=belief]").all_text_contents()) == {"> 0.999"}
+    assert page.inner_text("[data-fact=certainty] dd") == "> 0.999\nlowest > 0.999"

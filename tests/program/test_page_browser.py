@@ -311,9 +311,9 @@ def test_the_theme_can_be_switched(open_page: Open) -> None:
 
 
 def _said(belief: float) -> str:
-    if 0.9995 < belief < 1:
+    if belief > 0.9995:
         return "> 0.999"
-    return "< 0.001" if 0 < belief < 0.0005 else f"{belief:.3f}"
+    return "< 0.001" if belief < 0.0005 else f"{belief:.3f}"
 
 
 def test_a_recorded_session_can_be_watched(open_page: Open, tmp_path: Path) -> None:

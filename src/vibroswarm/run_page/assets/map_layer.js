@@ -38,5 +38,5 @@ function mapNote(tile, t, followed) {
   const belief = tileBelief(tile, t, followed);
   if (belief === null) return [];
   const whose = followed && run.maps.count > 1 ? `robot ${followed.name}` : "all samples together";
-  return [[`believed to vibrate (${whose})`, probability(belief)]];
+  return [[`believed to vibrate (${whose})`, `${Math.round(100 * belief)} %`]]; // packed in steps of 1/255
 }

@@ -36,11 +36,11 @@ const SAY_WORDS = ANSWERS || run.rule.boundary !== 0.5 ? DECISION_WORDS
 // Below which belief a robot decides 1; as exact as the threshold p_c is given.
 const lowerLimit = () => Number((1 - run.rule.credible_threshold).toPrecision(6));
 
-// Three places, and never a certainty that is not there.
+// Three places, and never a certainty: where a belief is 0 or 1, rounding has made it so.
 function probability(value) {
   if (Number.isNaN(value)) return "\u2013";
-  if (value > 0.9995 && value < 1) return "> 0.999";
-  if (value < 0.0005 && value > 0) return "< 0.001";
+  if (value > 0.9995) return "> 0.999";
+  if (value < 0.0005) return "< 0.001";
   return value.toFixed(3);
 }
 
