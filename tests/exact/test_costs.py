@@ -75,6 +75,31 @@ def test_intervals_of_scores_of_few_runs_stay_within_what_scores_can_be() -> Non
     assert own.interval(seldom).low < 0.0
 
 
+@pytest.mark.parametrize("objective", [Objective("robots_wrong"), Objective("decision_time", "mean")])
+def test_scores_of_runs_that_are_nearly_all_alike_have_no_limits(objective: Objective) -> None:
+    """They were 0 [0, 0] if no robot was wrong in any run, and 1200 [1200, 1200] if none decided."""
+    for others, has_limits in ((0, False), (5, False), (6, True)):
+        values = np.array([0.5] * others + [1.0] * (200 - others))[:, None, None]
+        assert math.isfinite(objective.interval(values).high) == has_limits
+        assert objective.interval(values).low == 0.0 or has_limits
+    assert math.isfinite(objective.interval(np.array([1.0, 2.0, 3.0])[:, None, None]).high)
+
+
+def test_an_expected_time_without_a_right_run_has_no_limits() -> None:
+    """Its score counts half a run as right: with 100 runs of 1200 s it was 240000 [238000, 242000]."""
+    objective, random = Objective("expected_time_to_right"), np.random.default_rng(4)
+    rows = np.stack([random.uniform(900.0, 1200.0, 100), np.zeros(100)], axis=1)[:, None, :]
+    assert objective.interval(rows)[1:3] == (0.0, math.inf)
+    rows[0, 0, 1] = 1.0
+    assert objective.interval(rows).high < math.inf
+
+
+def test_the_interval_of_a_quantile_has_the_score_as_its_estimate() -> None:
+    """The median of two runs was their mean there, and the first of them in comparisons."""
+    objective, rows = Objective("decision_time", "quantile 0.5"), np.array([100.0, 300.0])[:, None, None]
+    assert objective.interval(rows).estimate == objective.score(rows) == 100.0
+
+
 def test_the_score_is_mean_plus_standard_deviation_with_ddof_0() -> None:
     rows = np.array([1.0, 2.0, 6.0])[:, None, None]
     assert Objective("intended").score(rows) == pytest.approx(3.0 + math.sqrt((4 + 1 + 9) / 3))

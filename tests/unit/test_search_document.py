@@ -14,11 +14,18 @@ import numpy as np
 import pytest
 
 from helpers.manifests import resealed
-from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.documents.grid import grid_document
 from vibroswarm.documents.scenario_comparison import checked_document
 from vibroswarm.documents.search import search_document
-from vibroswarm.documents.search_words import OF_THE_PAPER, aim, bound_of, score_label, values_text
+from vibroswarm.documents.search_words import (
+    OF_THE_PAPER,
+    aim,
+    bound_of,
+    score_label,
+    score_sentence,
+    values_text,
+)
 from vibroswarm.documents.sensitivity import sensitivity_document
 from vibroswarm.optimize import compare_scenarios, evaluate
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
@@ -349,6 +356,14 @@ def test_a_page_is_the_same_each_time_and_has_figures_unless_they_are_left_out(
     assert truth.words in seen(without)
 
 
+def test_only_a_cost_of_the_users_is_called_theirs() -> None:
+    assert not [name for name in NAMES if "your cost" in score_sentence(Objective(name))]
+    assert score_sentence(Objective("robots_wrong", "mean")).startswith(
+        "Score: robots wrong (mean over runs);"
+    )
+    assert "your cost mine" in score_sentence(Objective("mine", function=lambda outcomes: outcomes.end_s))
+
+
 def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     found = run_search(Search.from_toml(SMALL.partition("[pso]")[0] + TWO), workers=2)
@@ -360,7 +375,7 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
         assert row["stays"] == ("stays" if member.stays else "beaten")
         for name, believed, true in zip(front.names, member.believed, member.true, strict=True):
             assert row[f"{name}, believed"] == believed
-            assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (true.low, true.high)
+            assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (true.low, plain(true.high))
     assert front.words in seen(page_html(report))
     beaten = replace(front, members=(replace(front.members[0], stays=False, failed=3), *front.members[1:]))
     told = page_of(found, None, beaten)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -97,3 +99,12 @@ def test_whole_numbers_have_whole_bounds() -> None:
     with pytest.raises(InputError, match="no bounds of whole numbers"):
         Dimension.of("decision.min_observations", {"from": 0.5, "to": 3.5, "whole": True})
     assert Dimension.of("decision.min_observations", {"from": 1.0, "to": 3.0, "whole": True}).value(1.0) == 3
+
+
+@pytest.mark.parametrize(
+    "ends", [{"from": 1.5, "to": 20}, {"from": 1.0, "to": 20.0}, {"from": 1, "to": 20, "whole": False}]
+)
+def test_a_field_of_whole_numbers_is_not_searched_between_them(ends: dict[str, Any]) -> None:
+    """Every run failed."""
+    with pytest.raises(InputError, match="holds whole numbers"):
+        Dimension.of("decision.min_observations", ends)

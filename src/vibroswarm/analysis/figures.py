@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import (
     Interval,
+    allowing_for_rare,
     cluster_share,
     mean_interval,
     quantile_interval,
@@ -324,7 +325,7 @@ class RunFigure(NotebookView):
     def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
         """Average it over runs, with Student's limits, which stay within what a mean can be.
 
-        A share is from 0 to 1, and has limits if it is the same in all runs (``share_interval``).
+        Where few runs differ, limits are at least those of rare events (``intervals.allowing_for_rare``).
 
         Args:
             by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
@@ -334,7 +335,8 @@ class RunFigure(NotebookView):
             return share_interval(by_run, level)
         if self.unit == "s" and self.least == 0.0:
             return time_interval(by_run, t_end_s, level)
-        return within(mean_interval(by_run, level), self.least, self.most)
+        found = allowing_for_rare(mean_interval(by_run, level), by_run, self.most_apart)
+        return within(found, self.least, self.most)
 
 
 def _mean_of(column: str) -> Callable[[Swarms], Array]:

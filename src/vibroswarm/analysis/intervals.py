@@ -6,11 +6,11 @@
 | ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
 | ``rate_interval`` | mean rate of events | Garwood's limits for K / c events, times c; c = variance / mean | \
 Garwood 1936; McCullagh & Nelder 1989, 6.2 |
-| ``share_interval`` | mean of shares | the same, clipped to [0, 1] | Student 1908 |
+| ``share_interval`` | mean of shares | the same, clipped to [0, 1], and ``allowing_for_rare`` | Student 1908 |
 | ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
 | ``student_test`` | mean of differences | Student's limits and paired t-test | Student 1908 |
-| ``allowing_for_rare`` | the same, few of which differ | Wilson's limits of how often they do, squared and added | \
+| ``allowing_for_rare`` | mean, where few runs differ | Wilson's limits of how often they do, squared and added | \
 Newcombe 1998 |
 | ``quantile_interval`` | quantile over runs | order statistics, binomial | Thompson 1936 |
 
@@ -261,34 +261,24 @@ def pseudo_values(means: ArrayLike) -> Values:
 def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """Compute a mean over runs of values between 0 and 1, with Student's limits clipped to that range.
 
-    The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1. If all runs
-    have the same share, the limits are Wilson's, as if each run were a single robot (``cluster_share``): the same share
-    in a few runs does not say that no other occurs.
+    The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1. If all runs,
+    or all but a few, have the same share, the limits are at least those of how often others may occur
+    (``allowing_for_rare``): 0 in all of n runs has Wilson's upper limit of 0 of n.
     """
-    found = within(mean_interval(values, level), 0.0, 1.0)
-    if found.n < 2 or found.high - found.low > 1e-12:
-        return found
-    low, high = (float(end) for end in wilson_limits(found.estimate * found.n, found.n, level))
-    # Rounding must not put the mean outside its limits.
-    low, high = min(low, found.estimate), max(high, found.estimate)
-    return within(found._replace(low=low, high=high, how="wilson"), 0.0, 1.0)
+    return within(allowing_for_rare(mean_interval(values, level), values, 1.0), 0.0, 1.0)
 
 
 def time_interval(times_s: ArrayLike, t_end_s: float = math.nan, level: float = 0.95) -> Interval:
     """Compute a mean over runs of times, s, with Student's limits clipped to a run; one run has no limits.
 
-    If all runs last to their end, the lower limit is Wilson's of the share of such runs, as if all others took no time.
+    If all runs, or all but a few, take the same time, such as ``t_end_s``, the limits are at least those of how often
+    other times may occur (``allowing_for_rare``).
 
     Args:
         t_end_s: end of the runs, s; nan: not known, then limits may be later.
     """
     found = mean_interval(times_s, level)
-    if found.n < 2:
-        return found
-    found = within(found, 0.0, t_end_s)
-    if found.estimate < t_end_s or math.isnan(t_end_s):
-        return found
-    return found._replace(low=t_end_s * float(wilson_limits(found.n, found.n, level)[0]), how="wilson")
+    return found if found.n < 2 else within(allowing_for_rare(found, times_s, t_end_s), 0.0, t_end_s)
 
 
 def within(found: Interval, least: float, most: float) -> Interval:
@@ -309,7 +299,7 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """
     shares = np.clip(without_nan(values), 0.0, 1.0)
     of_shares = share_interval(shares, level)
-    if of_shares.n < 2 or of_shares.how == "wilson":
+    if of_shares.n < 2 or np.ptp(shares) <= 1e-12:
         return of_shares
     mean = of_shares.estimate
     error = float(shares.std(ddof=1)) / math.sqrt(shares.size)
@@ -514,19 +504,20 @@ def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> 
     return Tested(mean_interval(d, level), p_value)
 
 
-def allowing_for_rare(found: Interval, differences: ArrayLike, most: float) -> Interval:
-    """Widen the limits of a mean of paired differences, most of which are the same, by how rarely others occur.
+def allowing_for_rare(found: Interval, of_runs: ArrayLike, most: float) -> Interval:
+    """Widen the limits of a mean over runs, most of which have the same value, by how rarely others occur.
 
-    Sign flips, and Student's limits, know no difference that did not occur: where scenarios differ in one run of 200,
-    a third of such comparisons sees none. So if fewer than ``FEW`` differences, and at most half of them, are not the
-    usual one, the limits are at least those of rare events: shares of runs with a larger and with a smaller difference,
-    with Wilson's limits, times how much these differ from the usual one. An amount that was not seen is that of the
-    other side, or ``most``.
+    Sign flips, and Student's limits, know no value that did not occur: where scenarios differ in one run of 200, a
+    third of such comparisons sees none. So if fewer than ``FEW`` values, and at most half of them, are not the usual
+    one, the limits are at least those of rare events: shares of runs with a larger and with a smaller value, with
+    Wilson's limits, times how much these differ from the usual one. An amount that was not seen is that of the other
+    side, or ``most``.
 
     Args:
-        found: their mean with limits. differences: nan is left out. most: by how much runs can differ.
+        found: the mean with limits. of_runs: values of the runs, such as paired differences; nan is left out.
+        most: by how much runs can differ; nan: not known, then an amount that was not seen does not widen the limits.
     """
-    d = without_nan(differences).round(9)
+    d = without_nan(of_runs).round(9)
     values, counts = np.unique(d, return_counts=True)
     if not d.size or not np.isfinite(values).all():
         return found

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import plain
+from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import count, count_of, listed, number, whole, with_limits
 from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.objects import values_table
@@ -285,8 +285,7 @@ def _draw_front(front: Front, style: str) -> Picture:
     rows = [
         {
             "name": ", ".join(setting_words(name, value) for name, value in member.values.items()),
-            "time": first.estimate, "time_low": first.low, "time_high": first.high,
-            "error": second.estimate, "error_low": second.low, "error_high": second.high, "front": member.stays,
+            **columns_of("time", first), **columns_of("error", second), "front": member.stays,
         }
         for member in front.members
         for first, second in [member.true]  # the scores under both objectives

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.core.numbers import count, listed, number, percent, whole, with_limits
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.loop import Found
@@ -109,14 +110,16 @@ SCORES: Final = {
     "expected_time_to_right": "the expected time to a right consensus if runs without one are repeated",
     "time_at_error": "the mean decision time, plus a penalty for more errors or undecided robots than wanted",
 }
-"""What a cost is, by its name."""
+"""What a cost is, by its name; the others are figures (``analysis.figures``)."""
 
 
 def score_sentence(objective: Objective) -> str:
     """Say what a score is, its unit, and which way is better."""
     of = f" ({objective.statistic.replace('+', ' + ')} over runs)" if objective.name not in AIMS else ""
     unit = f"in {objective.unit}" if objective.unit else "without a unit"
-    return f"Score: {SCORES.get(objective.name, f'your cost {objective.name}')}{of}; {unit}, lower is better."
+    name = objective.name
+    what = f"your cost {name}" if objective.function else SCORES.get(name) or BY_NAME[name].title
+    return f"Score: {what}{of}; {unit}, lower is better."
 
 
 def aims(search: Search) -> str:

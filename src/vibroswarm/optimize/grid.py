@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.intervals import Interval, columns_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
@@ -174,9 +174,8 @@ class Nodes(NotebookView):
         for node in self.nodes:
             score, above = node.scored.score, node.above_best
             rows.append({
-                "cell": node.cell.number, **node.cell.point, "score": score.estimate, "score_low": score.low,
-                "score_high": score.high, "above_best": above.estimate, "above_best_low": above.low,
-                "above_best_high": above.high, "as_good_as_best": node.as_good, "decision_time_s": node.time_s,
+                "cell": node.cell.number, **node.cell.point, **columns_of("score", score),
+                **columns_of("above_best", above), "as_good_as_best": node.as_good, "decision_time_s": node.time_s,
                 "belief_in_truth": node.belief_in_truth, "robots_wrong": node.wrong,
                 "robots_undecided": node.undecided, "runs": score.n,
             })  # fmt: skip

@@ -58,6 +58,9 @@ PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
 """The parameters that each cost takes; the others take none."""
 DRAWS: Final = 1000
 """Resamples of a bootstrap."""
+LEAST_DIFFERING: Final = 6
+"""With fewer runs that differ, from the usual run or from their pairs, a score or difference has no limits: all of
+these may favour one side by chance (a sign test of 5 has p = .06)."""
 
 Rows = NDArray[np.float64]
 """Figures of a candidate: (runs, cases, columns)."""
@@ -193,9 +196,11 @@ class Objective(NotebookView):
     def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
         """Compute the score with its confidence interval.
 
-        With one case and at least two runs, the interval of a mean is Student's, within what a figure of that name can
-        be; that of a share of runs is Wilson's, and that of a quantile uses order statistics. Every other interval is a
-        bootstrap over runs. A score that cannot be negative has no negative limit.
+        With one case and at least two runs, the interval of a mean is Student's, that of a mean of shares
+        ``share_interval``, that of a share of runs Wilson's, and that of a quantile uses order statistics. Every other
+        interval is a bootstrap over runs. A score that cannot be negative has no negative limit. Student's limits and
+        those of a bootstrap are infinite where ``few_differ``, and those of ``expected_time_to_right`` where no run of
+        a case is right.
 
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
@@ -204,10 +209,12 @@ class Objective(NotebookView):
         runs, cases = rows.shape[:2]
         if cases == 1 and self.name not in AIMS and runs > 1:
             if quantile is not None:
-                return quantile_interval(rows[:, 0, 0], quantile, level)
+                return quantile_interval(rows[:, 0, 0], quantile, level)._replace(estimate=self.score(rows))
             if self.statistic == "mean":
                 return self._mean_interval(rows[:, 0, 0], level)
         found = bootstrap(self.score, rows, level, seed)
+        if self.name == "expected_time_to_right" and not rows[:, :, 1].any(axis=0).all():
+            found = without_limits(found)
         return found if runs < 2 else within(found, self._least, math.inf)
 
     @property
@@ -219,8 +226,9 @@ class Objective(NotebookView):
     def _mean_interval(self, values: Array, level: float) -> Interval:
         """Compute the mean of one figure of each run, (runs,), with its interval."""
         figure = BY_NAME.get(self.name)
-        if figure is None or self.function is not None:
-            return within(mean_interval(values, level), self._least, math.inf)
+        if figure is None or self.function is not None or not figure.is_share:
+            found = mean_interval(values, level)
+            return within(without_limits(found) if few_differ(values) else found, self._least, math.inf)
         if figure.kind == "runs":  # 1 in the runs that count, 0 in the others
             return wilson(int(values.sum()), values.size, level)
         return figure.mean(values, level)
@@ -289,6 +297,25 @@ class Objective(NotebookView):
         return float(time_s / rows.shape[0] + t_end_s * excess)
 
 
+def few_differ(rows: Rows) -> bool:
+    """Return whether fewer than ``LEAST_DIFFERING`` runs, and at most half of them, differ from the usual run.
+
+    Limits from such runs would be too narrow, of width 0 if all are alike: others may have been missed by chance.
+
+    Args:
+        rows: figures, with runs along the first axis.
+    """
+    runs = len(rows)
+    _, counts = np.unique(rows.reshape(runs, -1), axis=0, return_counts=True)
+    others = runs - int(counts.max())
+    return others < LEAST_DIFFERING and 2 * others <= runs
+
+
+def without_limits(found: Interval) -> Interval:
+    """Return an interval with infinite limits: that its estimate cannot be said to have any."""
+    return found._replace(low=-math.inf, high=math.inf)
+
+
 def bootstrap(
     score: Callable[[Rows], float], rows: Rows, level: float = 0.95, seed: int = 0, draws: int = DRAWS
 ) -> Interval:
@@ -303,10 +330,10 @@ def bootstrap(
         score: computes the score of figures. rows: the figures, with runs along the first axis.
         level: of confidence. seed: of the resampling. draws: number of resamples.
     Returns:
-        The interval; its limits are infinite with fewer than two runs.
+        The interval; its limits are infinite with fewer than two runs, or where ``few_differ``.
     """
     runs, estimate = rows.shape[0], score(rows)
-    if runs < 2:
+    if runs < 2 or few_differ(rows):
         return Interval(estimate, -math.inf, math.inf, level, runs, "bootstrap")
     random = generator(seed, "bootstrap of a score")
     drawn = np.array([score(rows[random.integers(0, runs, runs)]) for _ in range(draws)])

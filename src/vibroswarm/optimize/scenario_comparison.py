@@ -23,9 +23,9 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
-from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.objective import LEAST_DIFFERING, Objective
 from vibroswarm.optimize.outcomes import Outcomes
-from vibroswarm.optimize.validation import LEAST_DIFFERING, Scored, paired_score, scored_of, shifted_progress
+from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.executors import Workers, workers_for
 

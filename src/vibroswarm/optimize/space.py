@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.scenario.scenario import Scenario, value_of
+from vibroswarm.scenario.scenario import Scenario, kind_of, value_of
 from vibroswarm.study.factors import bounds_of, fields_in, value_between
 
 Point = NDArray[np.float64]
@@ -71,8 +71,8 @@ class Dimension:
 
         Raises:
             InputError: a bound is missing; a bound, the scale or ``whole`` is wrong; the bounds are reversed, or not
-                whole for whole numbers; a log scale starts at 0 or below; the table has another key, such as
-                ``steps``, which is for a grid; or a list has fewer than two values.
+                whole for whole numbers or a field that holds integers; a log scale starts at 0 or below; the table has
+                another key, such as ``steps``, which is for a grid; or a list has fewer than two values.
         """
         field = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
@@ -84,6 +84,8 @@ class Dimension:
         if isinstance(given, Mapping) and "steps" in given:
             raise InputError("'steps' is for a grid; leave it out", field=field)
         low, high, scale, is_whole = bounds_of(given, field)
+        if kind_of(name) is int and not is_whole:
+            raise InputError("holds whole numbers; give whole ends, such as 1 and 20", field=field)
         if is_whole and not (float(low).is_integer() and float(high).is_integer()):
             raise InputError(
                 f"{low:g} to {high:g} are no bounds of whole numbers; give whole ones", field=field

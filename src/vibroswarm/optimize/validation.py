@@ -30,7 +30,7 @@ from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.objective import Objective, Rows, bootstrap
+from vibroswarm.optimize.objective import LEAST_DIFFERING, Objective, Rows, bootstrap, without_limits
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import FreshFolder
@@ -41,8 +41,6 @@ TELLING: Final = 0.1
 
 Single objective: if the scores differ much, but not significantly, the interval of the true score is too wide to judge
 luck. Pareto front: if the median difference over the candidates is larger, the page of the search shows a warning."""
-LEAST_DIFFERING: Final = 6
-"""If two scores differ in fewer runs, all of these may favour one of them by chance: a sign test of 5 has p = .06."""
 LEAST_ITERATIONS: Final = 2
 """With fewer iterations, particles have never moved."""
 LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defined", "too short")
@@ -318,9 +316,9 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
         return objective.score(rows[:, :, :width]) - objective.score(rows[:, :, width:])
 
     found = bootstrap(difference, both)
-    if differing >= LEAST_DIFFERING or first is second:
-        return found
-    return found._replace(low=-math.inf, high=math.inf)
+    if first is second:
+        return found._replace(low=0.0, high=0.0)
+    return found if differing >= LEAST_DIFFERING else without_limits(found)
 
 
 def _median_of_known(values: list[float]) -> float:
