@@ -218,6 +218,9 @@ def test_markers_may_be_given_by_their_numbers(session: Path, tmp_path: Path, ca
     capsys.readouterr()
     assert main([*by_file, "--marker-height", "30"]) == 2
     assert "is for ids" in capsys.readouterr().err
+    no_lens = ["lab", "track", str(session / "v.avi"), *by_file[5:7], "--out", str(tmp_path / "no")]
+    assert main([*no_lens, "--board", "8x6"]) == 2
+    assert "--board: is for the video of a chessboard; give it with --lens" in capsys.readouterr().err
     for other in (["--partial"], ["--any-floor"], ["--board", "8x6"]):
         assert main([*by_file, *other]) == 2, other  # other settings, so other work than that in the folder
         assert "add --force to replace it" in " ".join(capsys.readouterr().err.split())

@@ -313,6 +313,11 @@ def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.Captu
         ("evaluate --style poster", "--style: there is no 'poster' (choices: column, page, slide)"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
+        ("evaluate --vary network.loss.share=0,0.1", "has no effect: network.name is 'ideal' in every cell"),
+        (
+            "evaluate --strategy none,positive --vary strategy.soft.eta=1,2",
+            "has no effect: strategy.name is 'none' and 'positive' in every cell; set it to 'soft', or vary it",
+        ),
         ("evaluate --runs 5 --until 2%", "--until: use --runs or --until, not both"),
         ("evaluate --figure robots_right", "--figure: needs --until"),
     ],

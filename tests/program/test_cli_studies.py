@@ -133,9 +133,8 @@ def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    assert (
-        main(["evaluate", *SHORT, "--runs", "10", "--vary", "strategy.soft.eta=1,2", "--json", *QUIET]) == 0
-    )
+    varied = ["--strategy", "soft", "--vary", "strategy.soft.eta=1,2"]
+    assert main(["evaluate", *SHORT, "--runs", "10", *varied, "--json", *QUIET]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [cell["strategy.soft.eta"] for cell in told["tables"]["cells"]] == [1, 2]
     assert list(tmp_path.iterdir()) == []

@@ -84,9 +84,11 @@ def test_a_tracking_without_problems_has_no_doubts(tmp_path: Path) -> None:
 def test_places_that_depend_on_the_sizes_of_markers_are_warned_of(tmp_path: Path) -> None:
     good = tracking_of(tmp_path)
     assert good.warnings() == []
-    (words,) = replace(good, camera=replace(CAMERA, place_error_m=0.0054)).warnings()
+    (words,) = replace(good, camera=replace(CAMERA, place_error_m=0.0054, calibrated=False)).warnings()
     assert words.startswith("Robots' places may be off by 5 mm")
     assert "--camera-height" in words
+    (words,) = replace(good, camera=replace(CAMERA, place_error_m=0.0054)).warnings()
+    assert "known no better by the 4 floor markers seen" in words
 
 
 def hide(corners: np.ndarray[Any, Any]) -> None:

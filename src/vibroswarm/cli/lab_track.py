@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 REVIEW = "review.html"
 """File name of the page."""
+BOARD = (9, 6)
+"""Default number of inner corners of a chessboard, across and down."""
 board = pair_of("x", "WxH, such as 9x6 (inner corners)", int, low=3, high=50)
 """Reads numbers of inner corners of a chessboard; OpenCV detects none with fewer than 3."""
 
@@ -78,7 +80,9 @@ class CameraOptions:
     """The camera and its lens."""
 
     lens: Annotated[Path | None, Option("video of a chessboard, by the same camera", "VIDEO")] = None
-    board: Annotated[tuple[int, ...], Option("its inner corners (default 9x6)", "WxH", read=board)] = (9, 6)
+    board: Annotated[tuple[int, ...] | None, Option("its inner corners (default 9x6)", "WxH", read=board)] = (
+        None
+    )
     camera_height: Annotated[
         float | None, Option("of the lens above the floor, if measured, m", "M", low=0.1, high=100)
     ] = None
@@ -128,7 +132,7 @@ def track(
     # The video is identified by its path, not by its content; the log by its samples.
     settings = (
         made.hash, stated, markers.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
-        None if samples is None else samples.to_dicts(), camera.board, partial, any_floor,
+        None if samples is None else samples.to_dicts(), camera.board or BOARD, partial, any_floor,
     )  # fmt: skip
     destination = Destination(output, "lab track", *settings, at_once=False)
     tracking = _tracking(video, markers, camera, partial=partial)
@@ -176,8 +180,10 @@ def _tracking(video: Path, markers: Markers, camera: CameraOptions, *, partial: 
 
     # Without a chessboard, `track` fits the lens to the markers in the video itself.
     lens, lens_size_px = None, None
+    if camera.lens is None and camera.board is not None:
+        raise InputError("is for the video of a chessboard; give it with --lens", field="--board")
     if camera.lens is not None:
-        across, down = camera.board
+        across, down = camera.board or BOARD
         lens, lens_size_px = lens_from_chessboard(camera.lens, (across, down))
     with progress_bar("tracking") as progress:
         return track(

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
+from vibroswarm.core.numbers import listed
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.source import source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_settings, parse_values, preset
@@ -71,7 +72,7 @@ def study_of(
         else scenario_of(**scenario).model_dump(exclude_none=True)
     )
     precision = _precision(runs, until, figure, max_runs)
-    return Study(
+    study = Study(
         base=base,
         vary={"grid": varied} if varied else {},
         runs=None if precision else RUNS if runs is None else runs,
@@ -81,6 +82,22 @@ def study_of(
         keep=("samples",) if keep_samples else (),
         folder=Path(),  # floor files that options name are relative to the current folder
     )
+    for field in varied:
+        _refuse_without_effect(study, field)
+    return study
+
+
+def _refuse_without_effect(study: Study, field: str) -> None:
+    """Refuse a varied field of a strategy, network or other entry that no cell selects: its cells would be equal."""
+    kind, *path = field.split(".")
+    choices = [choice for cell in study.cells for choice in cell.scenario.choices if choice.kind == kind]
+    names = {str(getattr(choice, choice.selector)) for choice in choices}
+    if len(path) > 1 and names and path[0] not in names:
+        raise InputError(
+            f"has no effect: {kind}.{choices[0].selector} is {listed(map(shown, sorted(names)))} in every cell; "
+            f"set it to {shown(path[0])}, or vary it",
+            field=f"--vary {field}",
+        )
 
 
 def _refuse_beside_file(words: dict[str, Any]) -> None:

@@ -90,8 +90,9 @@ class Camera:
     edge_px: float = 0.0
     """Distance by which the edges of black squares are seen too far outwards, px."""
     place_error_m: float = 0.0
-    """How far the places of robots move if their markers are seen wider by ``SIZE_PX`` at each edge than those of the
-    floor, m, the largest; 0 if the lens is given, since then places do not depend on the size of robots' markers."""
+    """How far the places of robots may be off, m, the largest: the larger of two standard errors, by errors of
+    ``CORNER_PX`` of the corners, and of how far places move if robots' markers are seen wider by ``SIZE_PX`` at each
+    edge than those of the floor (not if the lens is given: then places do not depend on the size of these markers)."""
 
     def at_height(self, points_px: Floats, height_m: float) -> Floats:
         """Return x and y in the arena, (..., 2), m, of points at a given height above the floor.
@@ -239,8 +240,8 @@ class _Seen:
             parts.append((square_errors(corners_m, self.robot_size_m) * px_per_m / CORNER_PX).ravel())
             lens_spreads = np.array([FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE, LENS_SPREAD, LENS_SPREAD])
             parts.append(at[6:11] / lens_spreads)  # parameters of the lens; their priors have mean 0
-            if self.camera_height_m is not None:
-                parts.append(np.array([(camera.position_m[2] / self.camera_height_m - 1.0) / HEIGHT_SHARE]))
+        if self.camera_height_m is not None:
+            parts.append(np.array([(camera.position_m[2] / self.camera_height_m - 1.0) / HEIGHT_SHARE]))
         return np.concatenate(parts)
 
     def fitted(self, start: Floats) -> OptimizeResult:
@@ -249,15 +250,29 @@ class _Seen:
         # scales each parameter by its effect on the errors, since angles, metres and pixels are of different sizes.
         return least_squares(self.errors, start, x_scale="jac", loss="soft_l1", max_nfev=200)
 
-    def place_error_m(self, found: Floats) -> float:
-        """Return ``Camera.place_error_m`` of the fitted parameters ``found``."""
+    def place_error_m(self, found: OptimizeResult) -> float:
+        """Return ``Camera.place_error_m`` of the fit ``found``; 0 without robots."""
+        if not self.robots_px.size:
+            return 0.0
+        # The rows of ``directions`` are independent combinations of the parameters; 1 / scale is the standard error of
+        # each. Places are linear in small steps only.
+        _, scales, directions = np.linalg.svd(found.jac, full_matrices=False)
+        steps = 1e-4 * directions / np.maximum(scales, 1e-6)[:, None]
+        moved_m = [self.moved_m(found.x, found.x + step) / 1e-4 for step in steps]
+        by_corners_m = 2.0 * np.linalg.norm(moved_m, axis=0)
+        if self.lens is not None:
+            return float(by_corners_m.max())
         wider = replace(self, robots_px=self.robots_px + SIZE_PX * self.robots_outwards)
+        by_size_m = self.moved_m(found.x, wider.fitted(found.x).x)
+        return float(np.maximum(by_corners_m, by_size_m).max())
+
+    def moved_m(self, before: Floats, after: Floats) -> Floats:
+        """Return how far robots' places move, (markers,), m, if the parameters are ``after`` instead of ``before``."""
         centres_px = self.robots_px.mean(axis=1)
         before_m, after_m = (
-            self.camera(at).at_height(centres_px, self.robot_height_m)
-            for at in (found, wider.fitted(found).x)
+            self.camera(at).at_height(centres_px, self.robot_height_m) for at in (before, after)
         )
-        return float(np.linalg.norm(after_m - before_m, axis=1).max(initial=0.0))
+        return np.asarray(np.linalg.norm(after_m - before_m, axis=1))
 
     def start(self, focal: float) -> Floats | None:
         """Return parameters from which the fit starts, or None if no pose fits the floor's corners.
@@ -303,7 +318,7 @@ def fit_camera(
             seen, (points, 2).
         robots_px: corners of robots' markers as they are seen at any places, (markers, 4, 2).
         robot_size_m, robot_height_m: edge of a robot's marker, and its height above the floor.
-        camera_height_m: height of the lens above the floor, if it was measured; used only if the lens is fitted.
+        camera_height_m: height of the lens above the floor, if it was measured.
     Raises:
         InputError: there are fewer than 4 floor corners, or no camera explains them: the fit failed, the camera is not
             above the robots, or the floor's corners are off by more than 2 % of the image's width.
@@ -341,10 +356,8 @@ def fit_camera(
             field="--markers",
         )
     if lens is None:  # the lens was fitted to the floor's corners too, so their error is also its own
-        lens_error = replace(camera.lens, error_px=error_px)
-        place_error_m = seen.place_error_m(found.x)
-        return replace(camera, lens=lens_error, floor_error_px=error_px, place_error_m=place_error_m)
-    return replace(camera, floor_error_px=error_px)
+        camera = replace(camera, lens=replace(camera.lens, error_px=error_px))
+    return replace(camera, floor_error_px=error_px, place_error_m=seen.place_error_m(found))
 
 
 def matrix_of(focal_px: float, centre_px: Floats) -> Floats:

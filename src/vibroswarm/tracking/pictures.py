@@ -169,7 +169,8 @@ def draw_time_line(
         numbers += [(robot, "gap", start_s, end_s) for start_s, end_s in away]
         numbers += [(robot, "stop", start_s, end_s) for start_s, end_s in stood]
         numbers += [(robot, "doubtful", time_s, time_s) for time_s in times_s]
-    axes.set_xlim(*span_s)
+    if span_s[0] < span_s[1]:  # a video of one frame has no length
+        axes.set_xlim(*span_s)
     legend_below(rows.figure, sizes, list(handles.values()), list(handles))
     rows.settle(sizes)  # sets the height of the figure, now that all is drawn
     schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}

@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.core.numbers import number, percent, stated
+from vibroswarm.core.numbers import count, number, percent, stated
 from vibroswarm.core.tables import csv_bytes, write_frame
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
@@ -40,7 +40,9 @@ MOVED_PX: Final = 0.5
 FEW: Final = 0.95
 """If robots are found in a smaller share of the frames, faults of the picture are warned of."""
 PLACES_M: Final = 0.003
-"""If places may be off by more because the lens was fitted to the video itself, this is warned of."""
+"""If places may be off by more, this is warned of."""
+FLOOR_WANTED: Final = 3
+"""With fewer markers of the floor, they are what makes places uncertain, however the lens is known."""
 FASTEST_M_S: Final = 0.5
 """Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
 at a higher speed is a misread marker."""
@@ -116,7 +118,7 @@ class Tracking:
             if np.isnan(edge)
         ]
         if never:
-            found.append(f"Never seen: robots {', '.join(map(str, never))}.")
+            found.append(f"Never seen, or only at two places at once: robots {', '.join(map(str, never))}.")
         uneven = uneven_frames(self.detections.time_s)
         if uneven is not None:
             share, shortest_s, longest_s = uneven
@@ -132,9 +134,7 @@ class Tracking:
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
-                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm: seen so straight from "
-                "above, the camera's height follows from the sizes of the markers alone. Measure it (--camera-height), "
-                "film a chessboard (--lens), or tilt the camera by 5 degrees."
+                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm: {self._why_off()}"
             )
         # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
         if self.camera.floor_error_px > 1.0:
@@ -144,6 +144,19 @@ class Tracking:
                 "and calibrate the lens with a chessboard (--lens)."
             )
         return found
+
+    def _why_off(self) -> str:
+        """Return why robots' places may be off, and what to do about it."""
+        seen = len(self.detections.floor_px)
+        if self.camera.calibrated or seen < FLOOR_WANTED:
+            return (
+                f"the camera's pose is known no better by the {count(seen, 'floor marker')} seen; lay one at each "
+                "corner of the arena, or larger ones."
+            )
+        return (
+            "seen so straight from above, the camera's height follows from the sizes of the markers alone. Measure it "
+            "(--camera-height), film a chessboard (--lens), or tilt the camera by 5 degrees."
+        )
 
 
 def track(

@@ -150,7 +150,8 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
     if not partial and count < info.frames - MISSING_FRAMES:
         raise InputError(
             f"ends after {count} of {info.frames} frames ({last_s:.1f} s): it is truncated or damaged; copy it again, "
-            "or add --partial to use what is there",
+            "or add --partial to use what is there (also if the camera left out frames: MKV, WebM and TS state a "
+            "length, from which their number of frames is computed)",
             field=str(path),
         )
 
