@@ -140,17 +140,24 @@ def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
     out.
 
     Files that are not loaded in this process are left out.
+
+    Raises:
+        InputError: two different files have one name.
     """
+    files: dict[str, str] = {}
     codes = [*others, *(code for scenario in scenarios for code in scenario.codes)]
-    # A reference to code is "file.py:Name sha256:...".
-    return {code.partition(":")[0]: text for code, text in plugins.texts_of(codes)}
+    for code, text in plugins.texts_of(codes):
+        name = code.partition(":")[0]  # a reference to code is "file.py:Name sha256:..."
+        if files.setdefault(name, text) != text:
+            raise InputError("two different files have this name; rename one, as a copy is kept", field=name)
+    return files
 
 
 def write_code(folder: Path, scenarios: Iterable[Scenario], *others: str) -> None:
     """Write copies of the users' code files of ``code_files`` into an existing folder; the copies are never run.
 
     Raises:
-        RunError: the disk is full or failed.
+        InputError: two different files have one name. RunError: the disk is full or failed.
     """
     for file_name, text in code_files(scenarios, *others).items():
         with whole_file(folder / file_name) as part:

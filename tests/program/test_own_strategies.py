@@ -229,6 +229,13 @@ mine = strategy_in(__name__, "mine")
 COUNTS_BITS = GOOD.replace(
     "    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n"
 )
+WRONG_VALUES = (
+    GOOD.replace("strategy_in, u", "array, strategy_in")
+    .replace("    decides: int = -1\n", "    decides: float = -1.0\n    bit: int = 0\n    index: int = 0\n")
+    .replace("    n: int\n", "    n: int\n\n\nclass Arrays:\n    heard = array('int32', 'robots')\n")
+    .replace("    return True\n", "    out.bit = p.bit\n    a.heard[p.index] += 1\n    return True\n")
+    .replace("    return p.decides\n", "    if p.decides != 3.0:\n        return p.decides\n")
+)
 BAD = {
     "a syntax error": (GOOD.replace("class State:", "class State"), 2, "line 13"),
     "raises as it is loaded": (GOOD + "\nraise ValueError('no')\n", 2, r"ValueError: no \(line 34\)"),
@@ -238,6 +245,16 @@ BAD = {
     "text for a decision": (GOOD.replace("return p.decides", "return 'yes'"), 2, "cannot be compiled"),
     "no kind of decision": (GOOD, 1, "a decision is none of", "decides=7"),
     "no kind of decision, counting": (COUNTS_BITS, 1, "a decision is none of", "decides=7"),
+    "a part of a decision": (WRONG_VALUES, 1, "a decision is none of", "decides=0.5"),
+    "no decision in one case": (WRONG_VALUES, 1, "such as decision, returned None", "decides=3"),
+    "two bits": (WRONG_VALUES, 1, "the bit of a message is neither 0 nor 1", "bit=2"),
+    "two bits, counting": (
+        COUNTS_BITS.replace("    return True\n", "    out.bit = p.raises_at\n    return True\n"),
+        1, "the bit of a message is neither 0 nor 1", "raises_at=-2",
+    ),
+    "an index too large": (WRONG_VALUES, 1, "an index is beyond the end of an array", "index=5"),
+    "no decision": (GOOD.replace("return p.decides", "p.decides"), 2, "line 28, in decision: returns nothing"),
+    "a count that is none": (GOOD.replace("    n: int", "    n: int\n    alpha: float"), 2, "alpha is a count of bits"),
     "raises": (GOOD, 1, "line 24, in on_sample: ValueError: three", "raises_at=3"),
     "two ways to hear": (
         GOOD.replace("    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n\n\n"

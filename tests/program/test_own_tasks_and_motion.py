@@ -220,6 +220,15 @@ def test_a_task_that_is_wrong(
     assert not out.exists()
 
 
+@pytest.mark.parametrize("draw", ["random()", "chance.random()"])
+def test_a_task_that_draws_is_refused(draw: str, files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "import random as chance\nfrom random import random\n" + HALVES
+    text = text.replace("None if left == right else int(left > right)", f"int({draw} > 0.5)")
+    (files / "halves.py").write_text(text, encoding="utf-8")
+    assert main(["run", "--task", f"{files / 'halves.py'}:halves", *SHORT]) == 2
+    assert "in truth: draws random numbers of its own" in capsys.readouterr().err
+
+
 def test_commands_about_shares_refuse_another_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["detect", "--task", f"{files / 'halves.py'}:halves", "--runs", "4"]) == 2
     assert "task.name: must be fill_ratio to detect" in capsys.readouterr().err

@@ -95,7 +95,7 @@ def test_any_spec_gives_a_floor_or_an_input_error(spec):
 def test_named_tiles_reads_no_files(tmp_path):
     path = tmp_path / "f.txt"
     path.write_text("10\n01\n")
-    with pytest.raises(InputError, match="neither a floor nor a file"):
+    with pytest.raises(InputError, match="is a file, which is read from"):
         named_tiles(str(path), 2, 2, 0, 0)
     assert np.array_equal(named_tiles("random:0.25", 2, 2, 1, 2), random_tiles(2, 2, 0.25, 1, 2))
     assert np.array_equal(named_tiles("diagonal:0.48", 2, 2, 0, 0), pattern("diagonal:0.48"))

@@ -26,6 +26,11 @@ mine = SensorModel(name="mine", measure=measure, reading=reading, likelihood=lik
 """
 BAD = {
     "measure raises": ("return u + kind", "return u[99999]", "mine.py, line 6, in measure: IndexError"),
+    "measure draws": (
+        "return u + kind",
+        "return np.random.random(u.shape)",
+        "line 6, in measure: draws random numbers",
+    ),
     "measure has another shape": ("return u + kind", "return 1.0", "measure: returned"),
     "reading raises": ("return value > 1.0", "return 1 / 0", "line 9, in reading: ZeroDivisionError"),
     "reading falls": ("return value > 1.0", "return abs(value - 0.5) > 0.2", "reading falls as u grows"),

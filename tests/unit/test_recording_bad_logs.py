@@ -97,6 +97,17 @@ def test_late_rows_are_put_in_their_place_and_lost_ones_counted(
     assert mended.tracks["time_s"].is_sorted()
 
 
+def test_a_clock_that_starts_late_is_told(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def later(rows: Rows) -> None:
+        rows[1:] = [[row[0], str(float(row[1]) + 100.0), *row[2:]] for row in rows[1:]]
+
+    recording = recording_of([read_log(changed(later))], ground, preset("paper"))
+    told = "  100 s before the first row, of which nothing is known: times count from the clock's 0"
+    assert told in count_lines(recording)
+
+
 def test_a_robot_that_stops_early_is_counted(
     changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
 ) -> None:
@@ -226,13 +237,15 @@ def test_what_was_read_is_counted_in_words() -> None:
     ]
     lines = count_lines(cast("Recording", SimpleNamespace(sessions=sessions)))
     assert lines[0] == "session 1: a.csv (rugbot)"
-    assert lines[1:4] == [
+    assert lines[1:5] == [
         "  1 row read",
+        "  1 s before the first row, of which nothing is known: times count from the clock's 0",
         "  1 repeated row: removed",
         "  1 late row (by up to a second): sorted in",
     ]
-    assert lines[4:6] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
-    assert lines[15] == "session 2: b.csv (csv)"
-    assert lines[16:18] == ["  2,000 rows read", "  2,000 repeated rows: removed"]
+    assert lines[5:7] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
+    assert lines[16] == "session 2: b.csv (csv)"
+    assert lines[17] == "  2,000 rows read"
+    assert lines[19] == "  2,000 repeated rows: removed"
     assert "  4.694 s, the longest such gap" in lines
-    assert not [line for line in lines[15:] if "off all tiles" in line]
+    assert not [line for line in lines[16:] if "off all tiles" in line]

@@ -185,6 +185,8 @@ def test_a_file_needs_to_say_only_what_differs(tmp_path: Path) -> None:
     path = tmp_path / "my scenario.toml"
     path.write_text("[walk]\nleg_min_ms = 500\n", encoding="utf-8")
     assert Scenario.read(path) == Scenario().with_values({"walk.leg_min_ms": 500.0})
+    path.write_text("\ufeff[walk]\nleg_min_ms = 500\n", encoding="utf-8")  # as some editors save it
+    assert Scenario.read(path) == Scenario().with_values({"walk.leg_min_ms": 500.0})
     path.write_text("", encoding="utf-8")
     assert Scenario.read(path) == Scenario()
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import ast
 import linecache
 from dataclasses import replace
+from hashlib import sha256
 
 import pytest
 
 from vibroswarm import networks, strategies
 from vibroswarm.errors import InputError
+from vibroswarm.result import code_files
+from vibroswarm.scenario import plugins
 from vibroswarm.strategies import place_options, places, soft, static_analysis
-from vibroswarm.strategies.static_analysis import check_function, fields_read, nodes_of
+from vibroswarm.strategies.static_analysis import check_function, fields_read, nodes_of, reads_places
 
 SIZES = {"tiles": 25, "longest_mm": 1000}
 OPTIONS = [{"energies": True}, {"draws": 2}, {"share_map": True}]
@@ -86,6 +89,49 @@ def test_an_error_is_found_with_its_line(text, line):
     hook = typed(text)
     with pytest.raises(InputError, match=rf"line {line}, in .*s\.wrong: no such field"):
         check_function("decision", hook, {"s": ("right",)})
+
+
+PLACED = """from vibroswarm.strategies import strategy_in
+
+
+class State:
+    n: int
+
+
+def begin(s, a, d, p, w):
+    s.n = 0
+
+
+def on_sample(s, a, x, out, d, p, w):
+    s.n += x.x_m > 0.5
+    return True
+
+
+def decision(s, a, p, w):
+    return -1
+
+
+placed = strategy_in(__name__, "placed")
+"""
+
+
+def test_files_of_one_name_are_not_taken_for_each_other():
+    """A worker process knows only their names, and whether places are read decides how robots find them."""
+    other = PLACED.replace("x.x_m > 0.5", "1").replace("placed", "unplaced")
+    texts = {"placed": PLACED, "unplaced": other}
+    codes = {
+        name: f"mine.py:{name}{plugins.HASH}{sha256(text.encode()).hexdigest()}"
+        for name, text in texts.items()
+    }
+    try:
+        plugins.install_all((codes[name], text) for name, text in texts.items())
+        read = {name: reads_places(strategies.strategy(name)) for name in texts}
+    finally:
+        for name in texts:
+            strategies.base.forget(name)
+    assert read == {"placed": True, "unplaced": False}
+    with pytest.raises(InputError, match="two different files have this name"):
+        code_files([], *codes.values())
 
 
 def test_a_function_without_a_source_has_no_nodes():

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from helpers.manifests import resealed
+from vibroswarm import tasks
 from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
@@ -34,6 +35,7 @@ from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of, write_outcome
+from vibroswarm.tasks import Task
 
 STUDY = Study(
     {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}, {"grid": {"strategy.name": ["none", "soft"]}}, 30
@@ -415,6 +417,22 @@ def test_other_versions_are_not_mixed_unless_told(copy: Path) -> None:
     assert more.runs().height == 62
     assert len(more.store.made_by) == 2
     assert set(more.runs()["code"]) == {"other code", versions()["code"]}
+
+
+def test_runs_of_registered_code_that_has_changed_are_not_continued(tmp_path: Path) -> None:
+    """A scenario has only the name of what a program registers, and the functions may be others at the next start."""
+    halves = [Task(name="halves", truth=truth) for truth in (lambda f, asked, p: 1, lambda f, asked, p: 0)]
+    tasks.register(halves[0])
+    try:
+        own = Study({"task": {"name": "halves"}, "run": {"t_end_s": 20.0}}, {}, 2)
+        own.run(tmp_path / "st", progress=False)
+        own.run(tmp_path / "st", progress=False)  # the same is continued
+        tasks.base.forget("halves")
+        tasks.register(halves[1])
+        with pytest.raises(InputError, match="another task halves, whose code has changed since"):
+            own.run(tmp_path / "st", progress=False)
+    finally:
+        tasks.base.forget("halves")
 
 
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(

@@ -201,15 +201,24 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, from_python=False, _nrt=False, forceinline=False)
 
 
-def inlined_uncached(function: Callable[P, R]) -> Callable[P, R]:
+def inlined_uncached(function: Callable[P, R], boundscheck: bool = False) -> Callable[P, R]:
     """Compile as ``inlined`` does, without a cache file: for the functions of a strategy or network, and their callees.
 
     The types of these functions' arguments are defined by generated modules (``inference.generated_kernels``), and
     their code is part of the cached kernels of those modules. LLVM's superword-level vectorisation is off: it would
     pack the few single additions to a state into vectors, and wait for each.
+
+    Args:
+        boundscheck: whether an index beyond an array raises an IndexError; without it, it reads or spoils other memory.
     """
     return _compile(
-        function, from_python=False, cached=False, side_by_side=False, _nrt=False, forceinline=True
+        function,
+        from_python=False,
+        cached=False,
+        side_by_side=False,
+        _nrt=False,
+        forceinline=True,
+        boundscheck=boundscheck,
     )
 
 

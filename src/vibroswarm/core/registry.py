@@ -38,6 +38,12 @@ def written_names(folder: str, suffix: str = ".py") -> list[str]:
     return [name for file in files for name in REGISTERED.findall(file.read_text(encoding="utf-8"))]
 
 
+def other_name(registered: Named) -> str:
+    """Return what to do if a registered object has the name of a new one, for error messages."""
+    forget = f"{type(registered).__module__}.forget('{registered.name}')"
+    return f"give yours another name, or call {forget} before if it is an earlier one of yours"
+
+
 class Registry(Generic[T]):
     """The registered objects of one kind.
 
@@ -60,7 +66,9 @@ class Registry(Generic[T]):
         """
         registered = self._known.setdefault(one.name, one)
         if registered != one:
-            raise InputError(f"there is a {self.kind} '{one.name}' already", field="name")
+            raise InputError(
+                f"there is a {self.kind} '{one.name}' already; {other_name(registered)}", field="name"
+            )
         return registered
 
     def forget(self, name: str) -> None:

@@ -77,7 +77,7 @@ def read_text(path: Path, what: str, most: int = MAX_TEXT) -> str:
         InputError: the file does not pass ``check_plain``, or is not UTF-8 text.
     """
     try:
-        return read_bytes(path, most, what).decode("utf-8")
+        return read_bytes(path, most, what).decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError:
         raise InputError(f"is not text in UTF-8; {what} is", field=_named(path)) from None
 

@@ -327,6 +327,8 @@ class Expressions:
             return Value(f"vs_mod{SUFFIX[both]}({bare(left.text)}, {bare(right.text)})", both)
         if kind is ast.FloorDiv and both in INTEGERS:
             return Value(f"vs_floordiv{SUFFIX[both]}({bare(left.text)}, {bare(right.text)})", both)
+        if kind is ast.Pow:
+            self.refuse(node, "a power of whole numbers (write x * x, or x ** 2.0)")
         self.refuse(node, f"the operator {kind.__name__} on such numbers")
 
     def on_boolop(self, node: ast.BoolOp) -> Value:

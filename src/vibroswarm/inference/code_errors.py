@@ -41,9 +41,20 @@ def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
         if _is_of_compiler(error):
             raise InputError(_compiler_message(error, files), field=_field(strategy, network)) from None
         place = _place(error, files)
+        if place is None and (reason := _reason_of(error)):
+            raise CodeError(f"{_field(strategy, network)}: {reason}; --plain may name the line") from None
         if place is None:
             raise
         raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
+
+
+def _reason_of(error: Exception) -> str | None:
+    """Return what a user's function has done, from an error that compiled code raises without a line; None: unknown."""
+    if isinstance(error, IndexError):
+        return "an index is beyond the end of an array"
+    if isinstance(error, TypeError) and "None" in str(error):
+        return "a function that returns a number, such as decision, returned None"
+    return None
 
 
 def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
@@ -119,7 +130,8 @@ def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None
     # A cached kernel reports the path that the file had when it was compiled. The file may have been moved since, so
     # only its name is compared; or it may have been renamed, so without a match the first of the user's files is named.
     last, by_name = frames[-1], {Path(file).name: file for file in files}
-    file = by_name.get(Path(last.filename).name) or next(iter(files))
+    alike = by_name.get(Path(last.filename).name) or next(iter(files))
+    file = last.filename if last.filename in files else alike
     return f"{file}, line {last.lineno}, in {last.name}"
 
 

@@ -251,7 +251,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
         )
     else:
         text += "\n\n@inlined_uncached\ndef clear_network(a):\n    return\n"
-    # Only kernels that count bits call ``bit_of``. For messages without a bit it returns 0 and is not used.
+    # For messages without a bit it returns 0.
     bit = "m.bit" if "bit" in (strategy.message_type.names or ()) else "0"
     text += f"\n\n@inlined_uncached\ndef bit_of(m):\n    return {bit}\n"
     # ``next_s`` is called only if there is a timer.
@@ -327,5 +327,5 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
             function.__code__, space, function.__name__, function.__defaults__, function.__closure__
         )
         rebound.__module__, rebound.__qualname__ = function.__module__, function.__qualname__
-    compiled[function] = inlined_uncached(rebound)
+    compiled[function] = inlined_uncached(rebound, boundscheck=not is_ours(function.__module__))
     return compiled[function]

@@ -49,12 +49,15 @@ from vibroswarm.inference.deliveries import HEARD_ROWS, LAST_OWN, OTHERS, Reach,
 from vibroswarm.inference.replay_arrays import (
     DOES_NOT_SEND,
     DONE,
+    INVALID_BIT,
     INVALID_DECISION,
     Counts,
     Deliveries,
     Log,
     Readings,
     Rows,
+    is_bit,
+    is_decision,
     own_reading,
 )
 from vibroswarm.strategies.world import World
@@ -190,7 +193,10 @@ def replay(
             status = take(swarm, e, i, m, k, rows, readings, counts, log, steering, world, seed, run)
             if status != DONE:
                 return status
-            count_bit(swarm, e, m, k, bit_of(counts.messages[m]), counts, reach)
+            bit = bit_of(counts.messages[m])
+            if not is_bit(bit):
+                return INVALID_BIT
+            count_bit(swarm, e, m, k, bit, counts, reach)
             if messages.size > 0:
                 messages[k] = counts.messages[m]
             replayed[r] += 1
@@ -284,7 +290,7 @@ def take(
     row.sent += 1
     new = decision(s, a, p, w)
     if new != row.decision:
-        if new < -1 or new >= w.kinds:
+        if not is_decision(new, w.kinds):
             return INVALID_DECISION
         if row.decision == -1:
             row.first_decided_s = rows.time_s[k]

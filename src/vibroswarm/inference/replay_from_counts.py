@@ -21,10 +21,13 @@ from vibroswarm.inference.default_hooks import begin, belief, bit_of, decision, 
 from vibroswarm.inference.replay_arrays import (
     DOES_NOT_SEND,
     DONE,
+    INVALID_BIT,
     INVALID_DECISION,
     HeardMessages,
     Log,
     Session,
+    is_bit,
+    is_decision,
 )
 from vibroswarm.strategies.world import Reading, World
 
@@ -151,11 +154,13 @@ def replay_from_counts(
         x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0, -1, np.nan, np.nan, 0.0, 0.0)
         if not on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w):
             return DOES_NOT_SEND, unsent
+        if not is_bit(bit_of(messages[k])):
+            return INVALID_BIT, unsent
         row.samples += 1
         row.sent += 1
         row.belief = belief(s, a, p, w)
         new = decision(s, a, p, w)
-        if new < -1 or new >= w.kinds:
+        if not is_decision(new, w.kinds):
             return INVALID_DECISION, unsent
         if new != row.decision:
             row.decision, row.decided_s, row.belief_at_decision = new, session.time_s[k], row.belief

@@ -38,6 +38,7 @@ from vibroswarm.inference.default_hooks import (
     READS_POSITIONS,
     begin,
     belief,
+    bit_of,
     clear_network,
     decision,
     lost,
@@ -55,6 +56,7 @@ from vibroswarm.inference.replay_arrays import (
     AGREED_SINCE,
     BUFFER_FULL,
     DONE,
+    INVALID_BIT,
     INVALID_DECISION,
     SETTLED,
     Log,
@@ -63,6 +65,8 @@ from vibroswarm.inference.replay_arrays import (
     Rows,
     Stops,
     clear_inbox,
+    is_bit,
+    is_decision,
     put_message,
     take_first,
 )
@@ -202,7 +206,7 @@ def update_decision(
     row.tick = tick
     row.belief = belief(s, a, p, w)
     new = decision(s, a, p, w)
-    if new < -1 or new >= w.kinds:
+    if not is_decision(new, w.kinds):
         return INVALID_DECISION
     if HAS_TIMER:
         row.due_tick = due_tick(swarm, e, w)
@@ -407,6 +411,8 @@ def replay(
                 opposite_of(out, w)
             sends = sends and tick < swarm.failures[e].silent_tick
             if sends:
+                if not is_bit(bit_of(out)):
+                    return INVALID_BIT
                 if READS_POSITIONS:
                     positions_at(tracks, first, tick, world.tick_ms, buffer.x_m, buffer.y_m)
                 if not send_message(

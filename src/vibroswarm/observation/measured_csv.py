@@ -30,7 +30,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
     """
     name = str(path)
     # Spreadsheet programs write a byte order mark, which would become part of the first column's name.
-    text = read_text(Path(path), "a CSV file of energies", LARGEST_BYTES).removeprefix("\ufeff")
+    text = read_text(Path(path), "a CSV file of energies", LARGEST_BYTES)
     energies: dict[bool, list[float]] = {True: [], False: []}
     head: list[str] | None = None
     try:

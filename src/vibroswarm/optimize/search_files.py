@@ -149,4 +149,4 @@ def made_by(folder: Path) -> list[dict[str, str]]:
         began = versions_of(folder)
     except InputError:
         return [now]
-    return [began] if began == now else [began, now]
+    return [began] if now.items() <= began.items() else [began, now]  # which also has ``registered_code``

@@ -63,6 +63,7 @@ from vibroswarm.optimize.spec import Search, differences
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.executors import check_begun_by
+from vibroswarm.study.registered_code import check_registered, registered_code
 
 SEARCH: Final = "search.toml"
 """File with the definition of the search."""
@@ -216,7 +217,8 @@ class SearchFolder:
 
     def _make(self) -> None:
         """Write the files of a new search; the manifest last, since a folder with one counts as a search."""
-        manifest = manifest_text("search", hash=self.search.hash, versions=versions())
+        made_by = versions() | registered_code(self.search.code_used[0])
+        manifest = manifest_text("search", hash=self.search.hash, versions=made_by)
         write_code(self.folder, *self.search.code_used)
         write_files(self.folder, {SEARCH: self._text, MANIFEST: manifest})
 
@@ -254,6 +256,7 @@ class SearchFolder:
                     f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
                     field=str(self.folder),
                 )
+        check_registered(search.code_used[0], [made_by], self.folder)
         if not mixed:
             check_begun_by(made_by, self.folder)
 

@@ -30,6 +30,8 @@ from vibroswarm.simulation import versions
 
 USUAL_AGE_S: Final = 0.25
 """A sample's position that was seen longer before the sample than this is counted as old."""
+LATE_BEGINNING_S: Final = 10.0
+"""A log whose first row is later than this was begun late, or has a clock that did not begin with the session."""
 GONE_S: Final = 60.0
 """A robot whose last known position is older than this at the end of the session is counted as gone."""
 
@@ -173,6 +175,13 @@ def _end_of(log: Log) -> float:
     return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]
 
 
+def _late_beginning_of(log: Log) -> float:
+    """Return the time of the first row of a log, s; 0 if it is not later than usual."""
+    times = [frame["time_s"].min() for frame in (log.samples, log.tracks) if frame.height]
+    first_s = round(float(min(times)), 6)  # type: ignore[type-var,arg-type]
+    return first_s if first_s > LATE_BEGINNING_S else 0.0
+
+
 class _Session(NamedTuple):
     """What a log tells about one session."""
 
@@ -216,7 +225,7 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
         "tracks": _in_schema(tracks, TRACKED),
         "places": _own_places(frame),
     }
-    counts = _problem_counts(paths, rows, observations, scenario)
+    counts = _problem_counts(paths, rows, observations, scenario) | {"begins_late_s": _late_beginning_of(log)}
     about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
     return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
 

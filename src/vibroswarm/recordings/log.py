@@ -79,6 +79,10 @@ COUNTERS: Final = ("sent", "messages_received", "avoid_total_s", "stop_total_s")
 
 COUNTED: Final[dict[str, tuple[str, str]]] = {
     "rows": ("row", " read"),
+    "begins_late_s": (
+        "",
+        " s before the first row, of which nothing is known: times count from the clock's 0",
+    ),
     "rows_repeated": ("repeated row", ": removed"),
     "rows_late": ("late row", " (by up to a second): sorted in"),
     "samples": ("sample", ""),

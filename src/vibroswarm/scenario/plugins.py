@@ -22,12 +22,13 @@ from types import ModuleType
 from typing import Any, Final, NamedTuple, TypeVar
 
 from vibroswarm import networks, sensors, strategies, tasks
-from vibroswarm.core.registry import Named, Registry
+from vibroswarm.core.registry import Named, Registry, other_name
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown
 from vibroswarm.networks import Network
 from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Strategy
+from vibroswarm.strategies.static_analysis import TEXT
 from vibroswarm.tasks import Task
 
 T = TypeVar("T", bound=Named)
@@ -293,7 +294,7 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
         known = KINDS[found_kind].register(replace(found, source=text, code=code))
     elif known.source != text:
         whose = "another file has been loaded with" if known.source else "vibroswarm has"
-        raise InputError(f"{whose} a {found_kind} '{name}' already; give yours another name", field=file)
+        raise InputError(f"{whose} a {found_kind} '{name}' already; {other_name(known)}", field=file)
     _texts[code] = text
     _code_names.add(name)
     return known
@@ -380,6 +381,7 @@ def _module(name: str, text: str, file: str) -> ModuleType:
     # With the text in linecache, tracebacks and ``inspect.getsource`` work although a worker has no such file. None in
     # place of the time of the file's last change keeps linecache from looking for the file.
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    setattr(module, TEXT, text)  # linecache has the text of one of the files that have this name
     sys.modules[name] = module
     # dont_inherit: without it, this module's ``from __future__ import annotations`` would apply to the text too.
     try:

@@ -61,6 +61,7 @@ from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.patches import mixed
 from vibroswarm.floors.place import Place
 from vibroswarm.strategies.base import Plugin
+from vibroswarm.strategies.static_analysis import refuse_chance
 
 if TYPE_CHECKING:
     from vibroswarm.robot.line_sensing import LineProgram
@@ -167,7 +168,7 @@ class SensorModel(Plugin):
 
         Raises:
             InputError: the name is invalid, or ``measure`` (or ``sense``) or ``reading`` (or ``class_of``) is not a
-                function, or ``class_of`` is there in vain.
+                function or draws random numbers of its own, or ``class_of`` is there in vain.
         """
         super().__post_init__()
         field = f"sensor '{self.name}'"
@@ -181,6 +182,8 @@ class SensorModel(Plugin):
         ):
             if not callable(getattr(self, part)):
                 raise InputError(f"has no function {part}", field=field)
+        # ``sense`` may have a generator of its own, which it seeds by the address of chance that it is given.
+        refuse_chance((self.measure, self.reading, self.class_of, self.likelihood), "use u, of measure")
 
     def number_of(self, what: Literal["kinds", "readings"], p: BaseModel) -> int:
         """Return the number of kinds of tile, or of classes of readings.

@@ -274,6 +274,12 @@ class Strategy(Plugin):
             raise InputError(
                 "has on_counts and on_message; define one of them", field=f"strategy '{self.name}'"
             )
+        for name in ("alpha", "beta"):  # of which tables of results have whole numbers
+            if name in (rows["s"] or ()) and self.state_type[name] != np.int64:
+                raise InputError(
+                    f"{name} is a count of bits, an int; give numbers of another type another name",
+                    field=f"strategy '{self.name}'",
+                )
 
     @property
     def reported(self) -> dict[str, Report]:

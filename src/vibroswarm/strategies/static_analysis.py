@@ -15,7 +15,7 @@ from __future__ import annotations
 import ast
 import inspect
 import linecache
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache, lru_cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
@@ -58,6 +58,10 @@ NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
 """Arguments of the hooks of networks, by name of the hook; ``networks.base`` explains them."""
 PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
 """Arguments of each hook. Their number and order are checked; a hook may give them other names."""
+ANSWERS: Final = {"decision": "0, 1 or -1 (undecided)", "belief": "a probability, or math.nan"}
+"""What hooks return whose result is a number, in words."""
+TEXT: Final = "__text__"
+"""Global variable of the module of a user's file that was loaded by name: its text. Several files may have its name."""
 CHANCE: Final = ("random", "secrets", "uuid")
 """Modules whose random numbers a seed of the simulation does not determine."""
 
@@ -75,9 +79,9 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
         name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
             argument's name in ``PARAMETERS``, such as ``s``.
     Raises:
-        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, or the hook or a
-            function that it calls changes a variable outside of itself or draws random numbers that the seed does not
-            determine.
+        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, has no number
+            to return and has to, or the hook or a function that it calls changes a variable outside of itself or draws
+            random numbers that the seed does not determine.
     """
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
     if len(given) != len(wanted):
@@ -94,8 +98,16 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
                 f"{row}.{field}: no such field{nearest(field, known)} (there are {', '.join(known) or 'none'})",
                 field=where(function, line),
             )
+    tree = next(nodes_of(function), None)
+    if name in ANSWERS and isinstance(tree, ast.FunctionDef) and not _returns(tree):
+        raise InputError(f"returns nothing; return {ANSWERS[name]}", field=where(function))
     for callee in _with_callees(function, set()):
         _refuse_side_effects(callee)
+
+
+def _returns(tree: ast.AST) -> bool:
+    """Return whether a function returns a value somewhere."""
+    return any(isinstance(node, ast.Return) and node.value is not None for node in ast.walk(tree))
 
 
 def _refuse_side_effects(function: Callable[..., Any]) -> None:
@@ -111,9 +123,29 @@ def _refuse_side_effects(function: Callable[..., Any]) -> None:
                 f"changes the {kind} {', '.join(node.names)}; keep it in State",
                 field=where(function, node.lineno),
             )
+    _refuse_chance(function, "use u(d, k)")
+
+
+def refuse_chance(functions: Iterable[object], instead: str) -> None:
+    """Refuse functions that draw random numbers of their own, themselves or in functions of users that they call.
+
+    Args:
+        functions: of a task or a sensor; what is no plain Python function of a user is not checked.
+        instead: what to use in their place, for the message.
+    Raises:
+        InputError: one draws random numbers.
+    """
+    for function in functions:
+        if isinstance(function, FunctionType) and not is_shipped(function):
+            for callee in _with_callees(function, set()):
+                _refuse_chance(callee, instead)
+
+
+def _refuse_chance(function: Callable[..., Any], instead: str) -> None:
+    for node in nodes_of(function):
         if isinstance(node, ast.Attribute | ast.Name) and _is_chance(node, function):
             raise InputError(
-                "draws random numbers of its own, so that runs could not be repeated; use u(d, k)",
+                f"draws random numbers of its own, so that runs could not be repeated; {instead}",
                 field=where(function, node.lineno),
             )
 
@@ -182,8 +214,10 @@ def nodes_of(function: Callable[..., Any]) -> Iterator[ast.AST]:
     """
     plain = _plain(function)
     code = plain.__code__
-    linecache.checkcache(code.co_filename)  # the file may have changed since it was read
-    text = "".join(linecache.getlines(code.co_filename, plain.__globals__))
+    text = plain.__globals__.get(TEXT)
+    if text is None:
+        linecache.checkcache(code.co_filename)  # the file may have changed since it was read
+        text = "".join(linecache.getlines(code.co_filename, plain.__globals__))
     for tree in _functions_in(text).get((code.co_name, code.co_firstlineno), ()):
         yield from ast.walk(tree)
 

@@ -71,6 +71,7 @@ from vibroswarm.study.batch_table import (
     walked,
 )
 from vibroswarm.study.plan import Group, Texts, scenario_of
+from vibroswarm.study.registered_code import registered_code
 from vibroswarm.study.spec import Study
 from vibroswarm.study.work import Work
 
@@ -400,7 +401,7 @@ class BatchResult:
     rows: int
     """Number of rows of the table ``robots``."""
     versions: dict[str, str]
-    """``simulation.versions`` of the worker."""
+    """``simulation.versions`` of the worker, and its ``registered_code``."""
 
 
 def batch_of(study: Study, group: Group, first: int, last: int) -> Batch:
@@ -455,7 +456,8 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
             tables[name] = pl.concat(further[name]).sort(order, maintain_order=True)
     metadata = {"vibroswarm_study": work.study}
     files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
-    return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
+    made_by = versions() | registered_code(scenario_of(text) for text, _ in pairs)
+    return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=made_by)
 
 
 NEVER_NULL: Final = frozenset({"decision", "messages_received", "consensus", "right", "wrong", "undecided"})

@@ -44,6 +44,7 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, check_shard
 from vibroswarm.study.executors import check_begun_by
 from vibroswarm.study.plan import Group, Range, missing, plan_of
+from vibroswarm.study.registered_code import check_registered
 from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.study_text import as_toml
 
@@ -108,7 +109,8 @@ class Store:
             shards: whether to read and check the shards too, which takes some milliseconds for each.
         Returns: None if the folder holds no store yet, and may become one.
         Raises:
-            InputError: the folder holds something else, another study, or a study of another format.
+            InputError: the folder holds something else, another study, a study of another format, or runs of other
+                code that has been registered (``registered_code``).
         """
         folder = Path(folder)
         try:
@@ -116,6 +118,7 @@ class Store:
                 store = cls.open(folder, shards=shards)
                 if store.study.hash != study.hash:
                     raise InputError(_differences(store.study, study), field=str(folder))
+                check_registered((cell.scenario for cell in study.cells), store.made_by, folder)
                 store.study = study
                 return store
             # A folder without a manifest may have files of another writer of this study, which was killed or is just

@@ -36,7 +36,7 @@ from vibroswarm.core.registry import Registry
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.strategies.base import Plugin
-from vibroswarm.strategies.static_analysis import where
+from vibroswarm.strategies.static_analysis import refuse_chance, where
 
 
 class Asked(NamedTuple):
@@ -86,11 +86,13 @@ class Task(Plugin):
         """Check the fields.
 
         Raises:
-            InputError: ``truth`` is not a function, or the name is not valid (``Plugin``).
+            InputError: ``truth`` is not a function, a function draws random numbers, or the name is not valid
+                (``Plugin``).
         """
         super().__post_init__()
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
+        refuse_chance(vars(self).values(), "the truth follows from the floor")
 
     def estimated_in_words(self, params: BaseModel) -> str:
         """Return in words which number the task asks for; empty: it asks for a decision."""
