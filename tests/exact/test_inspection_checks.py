@@ -62,6 +62,16 @@ def test_checks_of_few_samples_of_each_robot_are_not_made() -> None:
     }  # fmt: skip
 
 
+def test_drift_is_not_testable_where_each_robot_has_one_time() -> None:
+    samples = replace(drawn_samples(1, count=100, spread_m=0.0), law=LAW)
+    robot = samples.frame["robot"].to_numpy().astype(float)
+    value = values_at(LAW, np.random.default_rng(1).random(100), False)
+    nothing = Others(samples, {one: np.zeros(9) for one in range(5)}, np.zeros(100))
+    assert outcomes(samples.with_columns(value=value), nothing)["drift"] == "not refused"
+    for time_s in (np.zeros(100), robot):
+        assert outcomes(samples.with_columns(value=value, time_s=time_s), nothing)["drift"] == "not testable"
+
+
 @pytest.mark.parametrize("reach_m", [0.0, 0.03])
 def test_samples_feel_what_is_drawn(reach_m: float) -> None:
     samples = drawn_samples(3, count=60, spread_m=0.04)

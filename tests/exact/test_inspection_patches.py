@@ -92,6 +92,16 @@ def test_cracks_along_a_narrow_beam_are_declared() -> None:
             declared((2.0, 0.1), wrong)  # type: ignore[arg-type]
 
 
+def test_no_place_lies_between_those_of_narrow_damage() -> None:
+    """Cracks of 1 cm were 2.5 cm apart: at a told risk of 5 %, 36 % of cleared surfaces had one between them."""
+    patches = declared((0.6, 0.6), [(0.3, 0.01), (0.01, 0.3), 0.015])
+    for number, form in enumerate(patches.forms):
+        for at_m, side_m in ((patches.left_m, form.width_m), (patches.bottom_m, form.height_m)):
+            assert np.diff(np.unique(at_m[patches.form == number])).max() <= side_m + 1e-9
+    with pytest.raises(InputError, match="wider damage"):
+        declared((1.0, 1.0), [(0.3, 0.001)])
+
+
 @pytest.mark.parametrize("spread_m", [0.0, 0.03])
 def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
     samples = drawn_samples(1, count=80, spread_m=spread_m)

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import optimize
 from scipy.special import expit, logit
 
+from helpers.inspections import drawn_samples
+from vibroswarm import preset
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.missed import Trials
+from vibroswarm.inspection import missed
+from vibroswarm.inspection.damage import patch_of, random_places
+from vibroswarm.inspection.missed import Trials, weakest_found
+from vibroswarm.inspection.patches import declared, shares_of
 from vibroswarm.inspection.pod import fit_pod
+from vibroswarm.inspection.samples import Law
+from vibroswarm.inspection.scan import critical_value, drawn_statistics, intact_statistics
 
 SIDES_M = np.linspace(0.01, 0.2, 10)
 FALSE = 0.1
@@ -148,3 +156,22 @@ def test_places_that_are_not_visited_are_an_asymptote_below_one() -> None:
     # Where all places are visited, the asymptote is not taken, or is 1 as nearly as can be told.
     whole = drawn(2, 200)
     assert whole.fit(asymptote=True).a90_m == pytest.approx(whole.fit().a90_m, rel=0.05)
+
+
+def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A quarter of the surface is not visited. A curve that must end at 1 had a limit in half of such fits."""
+    law = Law(preset("paper").sensor, "preset paper")
+    samples = replace(drawn_samples(7, count=600, spread_m=0.0, rows=4), law=law, floor=None)
+    samples = samples.with_columns(**{name: 0.72 * samples.column(name) for name in ("x_m", "true_x_m")})
+    patches = declared(samples.size_m, (0.1, 0.2))
+    shares = shares_of(samples, patches)
+    critical = critical_value(intact_statistics(samples, patches, shares, 199, 1), 0.05)
+    random = np.random.default_rng(1)
+    damage = patch_of(*random_places(random, np.full(2000, 0.16), samples.size_m), 0.16)
+    strongest = drawn_statistics(random, samples, patches, shares, 2000, damage) >= critical
+    assert 0.88 < strongest.mean() < 0.9
+    monkeypatch.setattr(missed, "WEAKEST_M", (0.16,))
+    found = [weakest_found(samples, patches, shares, critical, (10, 200), seed=seed) for seed in range(3, 8)]
+    assert [one["c90_95"].to_list() for one in found] == [[None]] * 5

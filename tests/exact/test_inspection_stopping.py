@@ -48,6 +48,21 @@ def test_a_strict_risk_is_the_larger_one() -> None:
         stopping(samples, patches, Question(least_m=0.7), drawn=50)
 
 
+def test_damage_too_weak_to_be_called_is_suspected_where_it_is() -> None:
+    """An engineer read that more samples are needed, at a risk of 100 %, and not where they fit damage."""
+    samples = replace(drawn_samples(8, count=900, spread_m=0.0), law=LAW)
+    patches, random = declared(samples.size_m, SIDES_M), np.random.default_rng(3)
+    rule = rule_of(samples, patches, Question(contrasts=(1.0, 0.5)))
+    centre_m = np.full(1, 0.4), np.full(1, 0.2)
+    weak = drawn_values(random, samples, 1, patch_of(*centre_m, 0.2, 0.4))
+    assert rule.told(weak)[0, 0] > 0.99
+    suspected = rule.suspected(weak[:, 0])
+    assert suspected is not None
+    assert suspected[0].centre_m == pytest.approx((0.4, 0.2), abs=0.05)
+    assert suspected[1] == 0.5
+    assert rule.suspected(drawn_values(random, samples, 1)[:, 0]) is None  # an intact surface
+
+
 @pytest.mark.parametrize("declared_m", [(0.3,), (0.07, 0.3), ((0.3, 0.05), (0.05, 0.3))])
 def test_the_least_damage_is_part_of_the_told_risk_whatever_is_declared(declared_m: tuple[Any, ...]) -> None:
     """Of squares of 30 cm alone it was below 1 % where squares of 10 cm, which were asked for, were missed."""

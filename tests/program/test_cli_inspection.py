@@ -197,6 +197,27 @@ def test_without_a_grid_damage_is_called_and_certified(
     page.close()
 
 
+@pytest.mark.usefixtures("few_draws")
+def test_a_certificate_of_many_shapes_and_a_long_name_prints_on_one_sheet(
+    tmp_path: Path, browser: Any
+) -> None:
+    """Nothing is certified, which is said in large letters. It was two sheets, and the name was cut off."""
+    example = ROOT / "examples" / "inspection"
+    head, *rows = (example / "plate.csv").read_text().splitlines()
+    plate = tmp_path / f"{'крыло' * 12}.csv"
+    plate.write_text("\n".join([head, *rows, *rows[:9]]))
+    given = ("--laws", example / "reference.csv", "--size", "1x1", "--replicates", "19", "--spread-mm", "5")
+    more = ("--shapes", "square,disc,crack", "--looks", "4", "--loss", "20%")
+    assert run("inspect", plate, *given, *more, "--out", tmp_path / "out") == 0
+    page = browser.new_page()
+    page.goto((tmp_path / "out" / "certificate.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(prefer_css_page_size=True))) == 1
+    page.set_viewport_size({"width": 700, "height": 1000})
+    assert page.evaluate("document.documentElement.scrollWidth") == 700
+    page.close()
+
+
 @pytest.mark.usefixtures("blank_pictures", "few_draws")
 def test_a_robot_with_another_gain_is_not_certified(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -377,7 +398,8 @@ def test_what_is_odd_about_a_file_is_said(capsys: pytest.CaptureFixture[str], tm
     for words, odd in (
         ("378 of 948 places are in the lower left corner", in_m),
         ("948 of 948 values are outside of those of the law", [[*row, 1000 * float(v)] for *row, v in rows]),
-        ("All samples have the same time", [[r, 7, x, y, v] for r, _, x, y, v in rows]),
+        ("All samples of each robot have the same time", [[r, 7, x, y, v] for r, _, x, y, v in rows]),
+        ("Robots 0 and 5 have the same times, places and values", rows + [[5, *row] for r, *row in rows if r == "0"]),
         ("948 samples of 5 robots on 1 m x 1 m, 19 of them outside of it.", [
             [r, t, -30 if k % 50 == 0 else x, y, v] for k, (r, t, x, y, v) in enumerate(rows)
         ]),

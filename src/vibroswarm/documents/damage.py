@@ -34,10 +34,7 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     told = "below 0.1 %" if risk < 0.001 else percent(risk)
     size = f"{in_cm(question.least_m)} cm or larger"
     if found.verdict == "damage":
-        each = [
-            f"{_box(box)} at x = {number(box.centre_m[0], 2)} m, y = {number(box.centre_m[1], 2)} m"
-            for box in found.scan.called_m[:MOST_LISTED]
-        ]
+        each = [_placed(box) for box in found.scan.called_m[:MOST_LISTED]]
         more = len(found.scan.called_m) - len(each)
         each += [f"and {more} more"] if more else []
         where = count(len(found.scan.called_m), "patch", "patches")
@@ -47,9 +44,21 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     else:
         first = (
             f"OPEN: no damage is called (p = {p_value(found.scan.p_value)}), but the risk of damage of {size} is "
-            f"{told} (tolerated: {percent(question.risk)}); more samples are needed."
+            f"{told} (tolerated: {percent(question.risk)}); {_next(found)}."
         )
     return first, _pod_words(found)
+
+
+def _next(found: Assessment) -> str:
+    """Return what to do about an open question: if damage is as sure as clearing asks, it is too weak to be called."""
+    suspected = found.stopping.suspected
+    if suspected is None or found.stopping.told[-1] < 1.0 - found.question.risk:
+        return "more samples are needed"
+    box, contrast = suspected
+    return (
+        f"the samples fit damage of contrast {stated(contrast)} better than none, best {_placed(box)} (centre): "
+        "measure there again, or by other means"
+    )
 
 
 def _pod_words(found: Assessment) -> str:
@@ -149,6 +158,10 @@ def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
         "smaller damage comes out larger and weaker than it is."
     )
     return Table(pl.DataFrame(rows, schema=list(columns), orient="row"), columns, name="patches"), Text(words)
+
+
+def _placed(box: Box) -> str:
+    return f"{_box(box)} at x = {number(box.centre_m[0], 2)} m, y = {number(box.centre_m[1], 2)} m"
 
 
 def _box(box: Box) -> str:
@@ -255,7 +268,7 @@ def weakest_parts(found: Assessment) -> tuple[Table, ...]:
     columns = {
         "side_m": Column("square", "cm", decimals=0),
         "area_m2": Column("area", "cm2", decimals=0),
-        "c90": Column("weakest contrast found in 90 %", decimals=2),
+        "c90": Column("contrast at 90 %", decimals=2),
         "c90_95": Column("95 % limit", decimals=2),
     }
     caption = (
@@ -343,7 +356,8 @@ def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: 
     words = (
         f"{count(runs, 'simulated inspection')}, half of which give the threshold; {count(plates, 'surface')} with "
         "squares drawn from the law of the sensor (model-assisted); a90/95 is the upper 95 % limit of a90 for so "
-        "many. A sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
+        "many, at the places of these inspections: of few inspections it is often below the a90 of many (--runs). A "
+        "sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
     )
     return Document(
         title="Plan of an inspection",

@@ -62,8 +62,8 @@ CHECKS: Final[Any] = {
     "power": pl.Float64,
 }
 """A row for each check. ``samples``: how many it reads. ``corrected``: the p-value by Holm's method. ``outcome``: "not
-refused", "refused", "not made" (too few samples are on still places) or "not testable" (of places). p-values are null
-without a test. ``power``: of places."""
+refused", "refused", "not made" (too few samples are on still places) or "not testable" (of places, and of drift where
+each robot has one time). p-values are null without a test. ``power``: of places."""
 LEAST_PER_ROBOT: Final = 10
 """Robots with fewer samples are not compared."""
 SURE: Final = 0.02
@@ -87,7 +87,7 @@ def law_checks(
     some = samples.with_frame(samples.frame.filter(pl.Series(known)))
     exact = not (samples.column("spread_x_m").any() or samples.column("spread_y_m").any())
     compared = (some.frame["robot"].value_counts()["count"] >= LEAST_PER_ROBOT).sum()
-    possible = (quiet.sum() >= FEWEST, compared >= 2, compared >= 1)
+    possible = (quiet.sum() >= FEWEST, compared >= 2, compared >= 1 and not samples.is_timeless)
     p: dict[str, float] = {}
     if any(possible):
         found = _of_law(some, ~quiet[known], others.found and not exact, drawn, random)
@@ -98,6 +98,7 @@ def law_checks(
         p |= {PLACES: of_places} if power >= LEAST_POWER else {}
     corrected = dict(zip(p, holm(list(p.values())), strict=True))
     outcome = dict.fromkeys(LAW_CHECKS, "not made") | {PLACES: "not testable"}
+    outcome |= {"drift": "not testable"} if samples.is_timeless else {}
     outcome |= {check: "refused" if value < LEVEL else "not refused" for check, value in corrected.items()}
     numbers = int(quiet.sum()), some.frame.height, some.frame.height, samples.frame.height
     read = dict(zip((*LAW_CHECKS, PLACES), numbers, strict=True))

@@ -111,7 +111,7 @@ def weakest_found(
     """Return the weakest contrast that is found in 90 % of inspections, a row for each side of ``WEAKEST_M``.
 
     The columns are side_m, area_m2, c90 and c90_95, its upper 95 % limit: PoD is fitted to contrasts as it is to sizes
-    (``pod``). They are null where even contrast 1 is found less often.
+    (``pod``), but may end below 1 wherever places are. They are null where even contrast 1 is found less often.
 
     Args:
         critical, false, looks: as for ``own_trials``.
@@ -122,7 +122,8 @@ def weakest_found(
         places_m = random_places(random, np.full(contrast.size, side_m), samples.size_m)
         patch = patch_of(*places_m, side_m, contrast)
         drawn = drawn_statistics(random, samples, patches, shares, contrast.size, patch, looks=looks)
-        pod = Trials(contrast, (drawn >= critical).astype(np.float64), *false).fit()
+        # Squares on which few samples lie are not found, however strong they are.
+        pod = Trials(contrast, (drawn >= critical).astype(np.float64), *false).fit(asymptote=True)
         rows.append((side_m, side_m**2, pod.a90_m, pod.a90_95_m if pod.a90_95_m <= 1.0 else float("nan")))
     names = ["side_m", "area_m2", "c90", "c90_95"]
     return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64), orient="row").fill_nan(None)

@@ -2,7 +2,7 @@
 
 | name | symbol | equation |
 |---|---|---|
-| declared set | j | forms (squares, cracks, discs), a quarter of a side apart, at least ``FINEST_M`` |
+| declared set | j | forms (squares, cracks, discs), ``Form.step_m`` apart |
 | share of a sample's place in patch j | q_j | normal in x and y; edges add blur and reach; discs are strips |
 | likelihood of patch j over that of an intact surface | L_j | product over samples of 1 + (r - 1) q_j |
 | prior weight of patch j | w_j | forms alike, places of a form alike |
@@ -30,7 +30,7 @@ from vibroswarm.inspection.samples import Floats, Samples
 SIZES_M: Final = (0.07, 0.10, 0.14, 0.20, 0.28)
 """Sides of the squares of the declared set by default."""
 FINEST_M: Final = 0.025
-"""Least distance between places of the declared set."""
+"""Least distance between places of the declared set, except of forms that are narrower."""
 STRIPS: Final = 16
 """Strips that stand for a disc."""
 LEAST_SHARE: Final = 1e-3
@@ -62,8 +62,9 @@ class Form(NamedTuple):
 
     @property
     def step_m(self) -> float:
-        """Distance between its places in the declared set."""
-        return max(min(self.width_m, self.height_m) / 4.0, FINEST_M)
+        """Distance between its places in the declared set: no more than its width, so that none lies between them."""
+        narrow_m = min(self.width_m, self.height_m)
+        return max(narrow_m / 4.0, min(narrow_m, FINEST_M))
 
     def is_within(self, size_m: tuple[float, float]) -> bool:
         """Return whether it has a size, and fits a surface of that width and height."""
@@ -148,7 +149,7 @@ def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> 
     if (total := sum(across * up for across, up in numbers)) > MOST:
         raise InputError(
             f"damage has {total:,} places on {size_m[0]:g} m x {size_m[1]:g} m, more than {MOST:,}; is the size of the "
-            "surface in m? If it is, declare larger damage (--sizes)",
+            "surface in m? If it is, declare larger or wider damage (--sizes, --least-cm)",
             field="--size",
         )
     parts = []

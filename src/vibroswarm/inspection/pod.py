@@ -13,9 +13,10 @@
 
 The most likely curve of few inspections is too steep, and its a90 too small. The penalty (Jeffreys; Firth 1993) takes
 most of that away, and keeps the slope finite where all damage above a size was found and none below. Several curves
-often fit alike, but differ near the top: a90/95 is the largest of those of all curves that are not rejected at the same
-level. A fit that leaves p_f out takes false calls on small damage for detections, so that a curve in ln a, which begins
-at 0, is too flat, and its a90 too large; the logistic curve in a, which does not, hides them in its own foot.
+often fit alike, but differ near the top: a90/95 is the largest of those of all curves, with and without an asymptote,
+that are not rejected at the same level. A fit that leaves p_f out takes false calls on small damage for detections, so
+that a curve in ln a, which begins at 0, is too flat, and its a90 too large; the logistic curve in a, which does not,
+hides them in its own foot.
 """
 
 from __future__ import annotations
@@ -255,8 +256,7 @@ def fit_pod(
     for name in curves:
         curve = _CURVES[name]
         trials = _Trials(sizes, hits, number, p_f, curve, curve.g(sizes))
-        ends = [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
-        fits.append(min(ends, key=lambda fit: fit.aic))
+        fits += [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
     best = min(fits, key=lambda fit: fit.aic)
     # Beyond the sizes that were tried the curve says nothing.
     a50, a90 = (size if size <= sizes[-1] else float("nan") for size in map(best.size_at, (0.5, 0.9)))

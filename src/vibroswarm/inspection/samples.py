@@ -170,6 +170,11 @@ class Samples(NotebookView):
         """Numbers of the robots, ascending."""
         return self.frame["robot"].unique().sort().to_list()
 
+    @property
+    def is_timeless(self) -> bool:
+        """Whether all samples of each robot have the same time, so that none can drift."""
+        return self.frame.select("robot", "time_s").n_unique() == len(self.robots)
+
     def column(self, name: str) -> Floats:
         """Return a column as numbers, (samples,)."""
         return np.ascontiguousarray(self.frame[name].to_numpy(), dtype=np.float64)

@@ -73,6 +73,12 @@ class Box(NamedTuple):
         return self.left_m + 0.5 * self.width_m, self.bottom_m + 0.5 * self.height_m
 
 
+def box_of(patches: Patches, number: int) -> Box:
+    """Return one patch of a declared set."""
+    form = patches.forms[patches.form[number]]
+    return Box(float(patches.left_m[number]), float(patches.bottom_m[number]), *form)
+
+
 @dataclass(frozen=True, eq=False)
 class Scan(NotebookView):
     """Whether there is damage, and where."""
@@ -199,9 +205,7 @@ def called_patches(
         at = int((logs - penalty).argmax())
         if logs[at] - penalty[at] < critical or len(called) == MOST_CALLED:
             return tuple(called), 1.0 - sound
-        called.append(
-            Box(float(patches.left_m[at]), float(patches.bottom_m[at]), *patches.forms[patches.form[at]])
-        )
+        called.append(box_of(patches, at))
         rest[near(samples, called[-1])] = 0.0
         critical = max(critical, EVIDENCE)
 

@@ -271,8 +271,11 @@ def _doubts(samples: Samples) -> Iterator[str]:
     frame = samples.frame
     if copies := frame.height - frame.n_unique():
         yield f"The file repeats {count(copies, 'row')}: if they are copies, their samples count twice."
-    if frame["time_s"].n_unique() == 1:
-        yield "All samples have the same time, so that nothing can be said over time, nor of drift."
+    elif len(alike := _alike(frame)) > 1 and not samples.is_timeless:
+        robots = listed(str(robot) for robot in alike)
+        yield f"Robots {robots} have the same times, places and values: if they are copies, their samples count twice."
+    if samples.is_timeless:
+        yield "All samples of each robot have the same time, so that nothing can be said of drift."
     near_m = zip("xy", samples.size_m, strict=True)
     at_corner = np.all(
         [np.abs(samples.column(f"{axis}_m")) < CORNER * whole for axis, whole in near_m], axis=0
@@ -283,6 +286,13 @@ def _doubts(samples: Samples) -> Iterator[str]:
             "width and height, as if they were in a larger unit than the others."
         )
     yield from _doubts_of_values(samples.law, samples.column("value"), bool(samples.warning))
+
+
+def _alike(frame: pl.DataFrame) -> list[int]:
+    """Return the robots most of whose rows are another robot's, too."""
+    repeated = frame.select("robot", repeated=frame.drop("robot").is_duplicated())
+    share = repeated.group_by("robot").agg(pl.col("repeated").mean())
+    return share.filter(pl.col("repeated") > 0.5)["robot"].sort().to_list()
 
 
 def _doubts_of_values(law: Law, value: Floats, judges_itself: bool) -> Iterator[str]:

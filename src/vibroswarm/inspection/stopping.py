@@ -33,9 +33,17 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_flags, check_kind, number_of
 from vibroswarm.floors.patches import place_within
 from vibroswarm.inspection.damage import contrast_ratios, drawn_parts, judged, patch_of, random_places
-from vibroswarm.inspection.patches import Patches, Shares, declared, ratios_at_looks, shares_of, told_risk
+from vibroswarm.inspection.patches import (
+    Patches,
+    Shares,
+    declared,
+    log_likelihoods,
+    ratios_at_looks,
+    shares_of,
+    told_risk,
+)
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.inspection.scan import looks_of
+from vibroswarm.inspection.scan import EVIDENCE, Box, box_of, looks_of
 
 LOOKS: Final = 32
 """Times at which the told risk is computed."""
@@ -118,6 +126,14 @@ class Rule(NotebookView):
             ratio = np.maximum(ratio, of_sizes.max(axis=1))
         return told_risk(ratio, self.question.prior)
 
+    def suspected(self, value: Floats) -> tuple[Box, float] | None:
+        """Return the patch and the contrast that values, (samples,), fit best; None: T is not even ``EVIDENCE``."""
+        contrasts, patches = self.question.contrasts, self.patches
+        ratios = np.stack([contrast_ratios(self.samples.law, value, c) for c in contrasts], axis=1)
+        logs = log_likelihoods(self.shares, ratios) - np.log(patches.places[patches.form])[:, None]
+        patch, contrast = divmod(int(logs.argmax()), len(contrasts))
+        return (box_of(patches, patch), contrasts[contrast]) if logs.max() > EVIDENCE else None
+
 
 def rule_of(samples: Samples, patches: Patches, question: Question, looks: int = 1) -> Rule:
     """Return the rule by which an inspection ends.
@@ -161,6 +177,8 @@ class Stopping(NotebookView):
     """Time at which the last of the robots tolerates its told risk for the first time; None: one never does."""
     missed_by_robots: Interval | None = None
     """``missed`` if the robots stop by themselves; None: they hear all, as the centre does."""
+    suspected: tuple[Box, float] | None = None
+    """The patch and the contrast that all samples fit best (``Rule.suspected``)."""
 
 
 def stopping(
@@ -198,6 +216,7 @@ def stopping(
         _share(at_worst, question),
         None if None in first else max(one for one in first if one is not None),
         _share(by_robots, question) if by_robots.size else None,
+        rule.suspected(value[:, 0]),
     )
 
 
