@@ -281,7 +281,7 @@ def claiming() -> Iterator[Scenario]:
         ({"estimate": 1e301}, r"estimate is 1e\+301"),
         ({"spread": -0.1}, "estimate_spread is -0.1"),
         ({"counts": -3}, "alpha is -3; it has to be from 0 to 4294967295"),
-        ({"bit": 300}, "message is 300; it has to be from 0 to 1"),
+        ({"bit": 300}, "the bit of a message is neither 0 nor 1"),
     ],
 )
 def test_values_that_no_table_holds_are_refused(

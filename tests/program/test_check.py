@@ -269,7 +269,7 @@ BAD = {
         "FAIL  it gives one of its answers, None, or a number",
     ),
     "task: draws": (
-        "import random\n\n" + TASK.replace("int(floor.tiles[0].sum() > 2)", "random.randrange(2)"),
+        "from os import urandom\n\n" + TASK.replace("int(floor.tiles[0].sum() > 2)", "urandom(1)[0] % 2"),
         "FAIL  the same again for the same floor: on the floor ",
     ),
     "task: remembers": (

@@ -3,7 +3,7 @@
 ``generated_kernels`` makes a module like this one for each strategy and network, with their compiled functions, and
 replaces this module by it in the kernel's source. The functions here serve for hooks that a strategy or network does
 not define, and for type checks of the templates. The constants, and ``next_s``, ``reading_of``, ``views``,
-``clear_network`` and ``bit_of``, are in every generated module, so here they serve for type checks alone.
+``clear_network``, ``bit_of`` and ``is_message``, are in every generated module, so here they serve for types alone.
 
 ``strategies.base`` and ``networks.base`` describe the hooks' arguments: s: state of the robot; a: arrays; x: reading;
 m: message; out: message to fill; d: random numbers; p: parameters; w: world; n: state of the network; t_s: time.
@@ -121,6 +121,11 @@ def clear_network(a: Any) -> None:
 def bit_of(m: Row) -> int:
     """Return the bit of a message; the generated function returns 0 if the strategy's messages have no ``bit``."""
     return 0
+
+
+def is_message(m: Row) -> bool:
+    """Return whether the bit of a message is 0 or 1, if it has one; others would count as several, or as a part."""
+    return True
 
 
 def lost(sender: int, receiver: int, d: Draws, p: Row, w: World) -> bool:

@@ -251,9 +251,11 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
         )
     else:
         text += "\n\n@inlined_uncached\ndef clear_network(a):\n    return\n"
-    # For messages without a bit it returns 0.
-    bit = "m.bit" if "bit" in (strategy.message_type.names or ()) else "0"
-    text += f"\n\n@inlined_uncached\ndef bit_of(m):\n    return {bit}\n"
+    # Only kernels that count bits call ``bit_of``. For messages without a bit it returns 0 and is not used.
+    has_bit = "bit" in (strategy.message_type.names or ())
+    text += f"\n\n@inlined_uncached\ndef bit_of(m):\n    return {'m.bit' if has_bit else '0'}\n"
+    valid = "m.bit == 0 or m.bit == 1" if has_bit else "True"
+    text += f"\n\n@inlined_uncached\ndef is_message(m):\n    return {valid}\n"
     # ``next_s`` is called only if there is a timer.
     text += (
         f"\n\n@inlined_uncached\ndef next_s(s):\n    return {'s.next_s' if strategy.on_timer else '0.0'}\n"
@@ -262,7 +264,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
         text += AS_COUNTS
     if strategy.opposite is not None:
         text += OPPOSITE.format("opposite(m)")
-    elif "bit" in (strategy.message_type.names or ()):
+    elif has_bit:
         text += OPPOSITE.format("m.bit = 1 - m.bit")
     elif strategy.has_opposite:
         text += OPPOSITE.format("m.kind = (m.kind + 1) % w.kinds")

@@ -26,7 +26,7 @@ BUFFER_FULL: Final = 2
 """Status code: a buffer of messages is full; the call must be repeated with a larger one."""
 INVALID_DECISION: Final = 3
 """Error code: a decision is not -1, 0 or 1."""
-INVALID_BIT: Final = 4
+INVALID_MESSAGE: Final = 4
 """Error code: the ``bit`` of a message is not 0 or 1."""
 AGREED_SINCE: Final = 0
 """Index in ``MessageBuffer.agreement`` of the tick since which all opinions agree; -1: they do not."""
@@ -36,7 +36,7 @@ ERROR_TEXT: Final = {
     DOES_NOT_SEND: "on_sample did not send; a strategy that counts messages (on_counts) sends at every sample: "
     "let it return True, or give it on_message in place of on_counts",
     INVALID_DECISION: "a decision is none of -1 (undecided), 0, 1 (or a further kind of tile)",
-    INVALID_BIT: "the bit of a message is neither 0 nor 1",
+    INVALID_MESSAGE: "the bit of a message is neither 0 nor 1",
 }
 """Messages of the error codes."""
 
@@ -45,12 +45,6 @@ ERROR_TEXT: Final = {
 def is_decision(new: float, kinds: int) -> bool:
     """Return whether what a strategy's ``decision`` returned is -1 (undecided) or a kind of tile."""
     return -1 <= new < kinds and new % 1 == 0
-
-
-@inlined
-def is_bit(bit: float) -> bool:
-    """Return whether what a strategy sends as a bit is one; others would count as several messages, or as a part."""
-    return bit == 0 or bit == 1
 
 
 class Rows(NamedTuple):

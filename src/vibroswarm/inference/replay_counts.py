@@ -39,6 +39,7 @@ from vibroswarm.inference.default_hooks import (
     belief,
     bit_of,
     decision,
+    is_message,
     on_counts,
     on_sample,
     opposite_of,
@@ -49,14 +50,13 @@ from vibroswarm.inference.deliveries import HEARD_ROWS, LAST_OWN, OTHERS, Reach,
 from vibroswarm.inference.replay_arrays import (
     DOES_NOT_SEND,
     DONE,
-    INVALID_BIT,
     INVALID_DECISION,
+    INVALID_MESSAGE,
     Counts,
     Deliveries,
     Log,
     Readings,
     Rows,
-    is_bit,
     is_decision,
     own_reading,
 )
@@ -193,10 +193,9 @@ def replay(
             status = take(swarm, e, i, m, k, rows, readings, counts, log, steering, world, seed, run)
             if status != DONE:
                 return status
-            bit = bit_of(counts.messages[m])
-            if not is_bit(bit):
-                return INVALID_BIT
-            count_bit(swarm, e, m, k, bit, counts, reach)
+            if not is_message(counts.messages[m]):
+                return INVALID_MESSAGE
+            count_bit(swarm, e, m, k, bit_of(counts.messages[m]), counts, reach)
             if messages.size > 0:
                 messages[k] = counts.messages[m]
             replayed[r] += 1

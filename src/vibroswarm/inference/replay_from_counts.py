@@ -17,16 +17,24 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.core.rng import LOSS, uniform
 from vibroswarm.inference.agents import Swarm, begin_agent, begin_draws, sample_draws, world_of_robot
-from vibroswarm.inference.default_hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
+from vibroswarm.inference.default_hooks import (
+    begin,
+    belief,
+    bit_of,
+    decision,
+    is_message,
+    on_counts,
+    on_sample,
+    views,
+)
 from vibroswarm.inference.replay_arrays import (
     DOES_NOT_SEND,
     DONE,
-    INVALID_BIT,
     INVALID_DECISION,
+    INVALID_MESSAGE,
     HeardMessages,
     Log,
     Session,
-    is_bit,
     is_decision,
 )
 from vibroswarm.strategies.world import Reading, World
@@ -154,8 +162,8 @@ def replay_from_counts(
         x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0, -1, np.nan, np.nan, 0.0, 0.0)
         if not on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w):
             return DOES_NOT_SEND, unsent
-        if not is_bit(bit_of(messages[k])):
-            return INVALID_BIT, unsent
+        if not is_message(messages[k]):
+            return INVALID_MESSAGE, unsent
         row.samples += 1
         row.sent += 1
         row.belief = belief(s, a, p, w)

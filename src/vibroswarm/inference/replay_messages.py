@@ -38,9 +38,9 @@ from vibroswarm.inference.default_hooks import (
     READS_POSITIONS,
     begin,
     belief,
-    bit_of,
     clear_network,
     decision,
+    is_message,
     lost,
     next_s,
     on_message,
@@ -56,8 +56,8 @@ from vibroswarm.inference.replay_arrays import (
     AGREED_SINCE,
     BUFFER_FULL,
     DONE,
-    INVALID_BIT,
     INVALID_DECISION,
+    INVALID_MESSAGE,
     SETTLED,
     Log,
     MessageBuffer,
@@ -65,7 +65,6 @@ from vibroswarm.inference.replay_arrays import (
     Rows,
     Stops,
     clear_inbox,
-    is_bit,
     is_decision,
     put_message,
     take_first,
@@ -411,8 +410,8 @@ def replay(
                 opposite_of(out, w)
             sends = sends and tick < swarm.failures[e].silent_tick
             if sends:
-                if not is_bit(bit_of(out)):
-                    return INVALID_BIT
+                if not is_message(out):
+                    return INVALID_MESSAGE
                 if READS_POSITIONS:
                     positions_at(tracks, first, tick, world.tick_ms, buffer.x_m, buffer.y_m)
                 if not send_message(
