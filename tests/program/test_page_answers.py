@@ -433,8 +433,8 @@ def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(
     fields = {"answers": ("as it was", "changed"), "asked_anew": True, "consensus": "truth_undefined"}
     write_page(replace(record, **fields), tmp_path / "anew.html")
     page = open_page(file=tmp_path / "anew.html")
-    assert "Truth: asked anew of each robot" in page.inner_text("#task")
-    assert "some of which may be right" in page.inner_text("#verdict-more")
+    assert "Truth: depends on the last answer of each robot" in page.inner_text("#task")
+    assert "so some answers may be right" in page.inner_text("#verdict-more")
 
 
 def test_a_threshold_near_one_is_told_as_it_is_and_no_belief_is_one(

@@ -91,6 +91,7 @@ class Estimates(NamedTuple):
     asked: str
     """The number that the task asks for, such as "share of tiles that vibrate"."""
     true: str
+    """The right number."""
     told: str
     """The range of the robots' estimates; empty if there are none."""
     sure: str

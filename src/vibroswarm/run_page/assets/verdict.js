@@ -36,7 +36,7 @@ function taskLine() {
     const vibrates = KIND_COUNT > 2 ? "" : ` (${percent(fill)} of the floor vibrates)`;
     const none = SIDES.length > 2 ? "none" : "neither";
     return `${SIDES.map((side) => DECISION_WORDS[side]).join(" or ")}? `
-      + `Truth: ${right !== null ? DECISION_WORDS[right] : run.rule.asked_anew ? "asked anew of each robot" : none}${vibrates}.`;
+      + `Truth: ${right !== null ? DECISION_WORDS[right] : run.rule.asked_anew ? "depends on the last answer of each robot" : none}${vibrates}.`;
   }
   const truth = right === null ? "neither" : right === VIBRATING ? "yes" : "no";
   return `Does more than ${percent(edge)} of the floor vibrate? Truth: ${truth} (${percent(fill)}).`;
@@ -44,7 +44,7 @@ function taskLine() {
 
 function verdictMore() {
   if (run.estimates) return run.estimates.told && run.estimates.sure;
-  if (run.rule.asked_anew) return "Each robot is asked anew after its answers, some of which may be right.";
+  if (run.rule.asked_anew) return "Each robot is asked again after it has answered, so some answers may be right.";
   if (run.truth.decision !== null) return rightAndWrong();
   return ANSWERS ? `${SIDES.length > 2 ? "No" : "Neither"} answer is right.` : "The share is exactly the boundary, so there is no majority to be right about.";
 }
