@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 
+import polars as pl
 import pytest
 from matplotlib.patches import Rectangle
 
 from vibroswarm.plots.picture import themed_svg
-from vibroswarm.plots.run import run_figure
+from vibroswarm.plots.run import maps_figure, run_figure
 from vibroswarm.plots.style import RUN, settings
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
@@ -54,6 +55,18 @@ def test_the_title_tells_estimates_apart_from_the_fill_ratio() -> None:
     title = run_figure(result).axes[0].get_title()
     assert "fill ratio 0.48" in title
     assert title.endswith(f"estimates {result.robots['estimate'][0]:.3f}")
+
+
+@pytest.mark.parametrize(("truth", "crosses", "words"), [([1, 0], 2, "x: believed"), ([None, None], 0, "")])
+def test_a_map_speaks_of_wrong_tiles_only_where_the_truth_is_known(
+    truth: list[int | None], crosses: int, words: str
+) -> None:
+    """Without it, a map without crosses would pass for one that is right everywhere."""
+    tiles = {"run": [0, 0], "robot": [None, None], "row": [0, 0], "column": [0, 1], "vibrating": [0.1, 0.9]}
+    figure = maps_figure(pl.DataFrame({**tiles, "vibrates": pl.Series(truth, dtype=pl.Int8)}))
+    assert len(figure.axes[0].lines[0].get_xdata()) == crosses
+    assert figure.get_supxlabel().startswith(words)
+    assert bool(figure.get_supxlabel()) == bool(words)
 
 
 def test_marks_are_those_of_the_replay_page(result: Result) -> None:

@@ -385,7 +385,8 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     """Draw the map of all robots together, then the maps of the ``MOST_MAPS`` robots with the lowest numbers.
 
     The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not: the
-    belief that it vibrates is above 0.5 although it is still, or not above 0.5 although it vibrates.
+    belief that it vibrates is above 0.5 although it is still, or not above 0.5 although it vibrates. Where the truth is
+    not known (``vibrates`` is null) there are no crosses, and no words about them.
 
     Args:
         maps: the table of ``analysis.floor_maps.floor_maps``, in which the pooled map has null as its robot, and the
@@ -416,5 +417,6 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
         ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)
     bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
     bar.set_label("belief that a tile vibrates", fontsize=9)
-    figure.supxlabel("x: believed to be what it is not", fontsize=8)
+    if of_run["vibrates"].is_not_null().any():
+        figure.supxlabel("x: believed to be what it is not", fontsize=8)
     return figure
