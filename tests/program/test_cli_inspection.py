@@ -171,8 +171,10 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_without_a_grid_damage_is_called_and_certified(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, browser: Any
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, browser: Any
 ) -> None:
+    monkeypatch.setattr("vibroswarm.cli.progress.LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("vibroswarm.cli.progress.FIRST_LINE_S", 0.0)
     example = ROOT / "examples" / "inspection"
     given = [
         example / "plate.csv",
@@ -184,7 +186,10 @@ def test_without_a_grid_damage_is_called_and_certified(
         "39",
     ]
     assert run("inspect", *given, "--out", tmp_path / "out") == 0
-    out = capsys.readouterr().out
+    out, err = capsys.readouterr()
+    shares = [int(share) for share in re.findall(r"^inspecting: (\d+) %$", err, re.MULTILINE)]
+    assert shares == sorted(shares)
+    assert len(shares) > 3  # with many samples it takes minutes
     assert "DAMAGE: 2 patches, 20 cm x 20 cm at x = 0.70 m, y = 0.70 m" in out
     assert "20 cm x 20 cm at x = 0.30 m, y = 0.30 m" in out
     assert "Model-assisted" in out

@@ -18,6 +18,7 @@ from vibroswarm.errors import InputError, check_choice
 if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
     from vibroswarm.inspection.inspection import Inspection
+    from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.show.document import Document
 
 DEFAULT: Final = "optimised-places"
@@ -259,8 +260,6 @@ def _inspected(
     source: Path | None, evidence: Evidence, damage: Damage, scenario: ScenarioOptions, seed: int
 ) -> Inspection:
     """Inspect what the options name."""
-    from vibroswarm.inspection.inspection import inspect as inspect_source
-
     known: dict[str, Any] = {
         "run": evidence.run, "laws": evidence.laws, "bits": evidence.bits, "seed": seed, **_asked(damage),
         "spread_m": evidence.spread_mm / 1000.0,
@@ -271,7 +270,7 @@ def _inspected(
     if source is None:
         made = scenario_from(_with_default(scenario))
         say_compiling(scenario=made)
-        return inspect_source(made, **known)
+        return _with_progress(made, **known)
     of_file = ("floor", "tiles", "image_threshold")  # what a CSV may be told
     given = [value for name, value in words_of(scenario).items() if name not in of_file]
     _refuse(any(given), str(source), "is inspected as it is; leave the options of a simulation out")
@@ -281,9 +280,16 @@ def _inspected(
             str(source),
             "has its own floor; leave --floor and --tiles out",
         )
-        return inspect_source(source, **known)
+        return _with_progress(source, **known)
     floor = _floor_of(scenario, evidence.size)
-    return inspect_source(source, size_m=evidence.size, floor=floor, **known)
+    return _with_progress(source, size_m=evidence.size, floor=floor, **known)
+
+
+def _with_progress(source: Scenario | Path, **known: Any) -> Inspection:
+    from vibroswarm.inspection.inspection import inspect as inspect_source
+
+    with progress_bar("inspecting", simulates=False) as progress:
+        return inspect_source(source, progress=progress, **known)
 
 
 def _asked(damage: Damage) -> dict[str, Any]:

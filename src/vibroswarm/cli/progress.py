@@ -59,23 +59,24 @@ def _shown(what: str, total: float | None = None) -> Iterator[Callable[..., None
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+def progress_bar(what: str, *, simulates: bool = True) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function that takes the share done, 0 to 1. See ``labelled_progress_bar``."""
-    with labelled_progress_bar(what) as progress:
+    with labelled_progress_bar(what, simulates=simulates) as progress:
         yield lambda share: progress(what, share)
 
 
 @contextmanager
-def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
+def labelled_progress_bar(what: str, *, simulates: bool = True) -> Iterator[Callable[[str, float], None]]:
     """Show a progress bar; yield a function that takes a description of the present step and the share done, 0 to 1.
 
     If kernels must be compiled, that is reported first (``say_compiling``). If stderr is not a terminal, lines with the
     share done are printed instead of a bar; they name the whole work, not the step.
 
     Args:
-        what: description of the whole work.
+        what: description of the whole work. simulates: whether it needs an engine.
     """
-    say_compiling()
+    if simulates:
+        say_compiling()
     with _shown(what, total=1.0) as show:
         yield lambda now, share: show(f"{what}: {percent(share, 0)}", description=now, completed=share)
 

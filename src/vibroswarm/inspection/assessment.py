@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -80,6 +80,7 @@ def assess(
     seed: int = 1,
     looks: int = 1,
     shapes: Sequence[str] = ("square",),
+    progress: Callable[[float], None] | None = None,
 ) -> Assessment:
     """Answer a question about damage by the samples of one inspection.
 
@@ -87,10 +88,12 @@ def assess(
         question: by default ``Question()``. sides_m: declared sizes and shapes. replicates:
             intact surfaces drawn for the scan. seed: of all that is drawn.
         looks: how often the scan is looked at, evenly spaced. shapes: of ``damage.SHAPES``, of which PoD is fitted.
+        progress: called with the share that is done.
     Raises:
         InputError: a declared size, or the smallest that must be found, does not fit the surface.
     """
     question = question or Question()
+    done = progress or (lambda share: None)
     if samples.law.bits and question.contrasts != (1.0,):
         raise InputError("readings of classes have one contrast; give 1", field="--contrasts")
     patches = declared(samples.size_m, sides_m)
@@ -99,16 +102,19 @@ def assess(
         samples, patches, shares,
         prior=question.prior, level=question.level, replicates=replicates, seed=seed, looks=looks,
     )  # fmt: skip
+    done(0.2)
     if samples.floor is not None:
         checks = law_checks(samples, by_tiles(samples), seed=seed)
     else:
         others = by_patches(samples, patches, shares, found.critical, question.prior)
         away = np.all([~near(samples, box) for box in found.called_m], axis=0)  # from called damage
         checks = law_checks(samples, others, away, seed=seed)
+    done(0.3)
     known = samples, patches, shares, found.critical
     visited = _visited(samples)
     drawn: dict[str, Any] = {"seed": seed + 1, "looks": looks}
     false = false_calls(*known, **drawn)
+    done(0.4)
 
     def pod(contrast: float, shape: str = "square") -> Pod:
         sides = lengths_within(samples.size_m, shape)
@@ -117,10 +123,12 @@ def assess(
 
     raster_times_s, _ = looks_of(samples, RASTERS)
     over_time, own = rasters(samples, patches, shares, found.critical, question.prior, raster_times_s)
+    stops = stopping(samples, patches, question, seed=seed)
+    done(0.8)
     return Assessment(
         question,
         found,
-        stopping(samples, patches, question, seed=seed),
+        stops,
         {contrast: pod(contrast) for contrast in question.contrasts},
         checks,
         _refusals(samples, checks),

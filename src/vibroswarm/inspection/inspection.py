@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType
@@ -168,6 +168,7 @@ def inspect(
     replicates: int = REPLICATES,
     looks: int = 1,
     shapes: Sequence[str] = ("square",),
+    progress: Callable[[float], None] | None = None,
 ) -> Inspection:
     """Inspect a surface by the samples of one run, session or file: where does it vibrate, and how sure is that?
 
@@ -186,7 +187,7 @@ def inspect(
         question: what damage must be found, and how surely; without a grid it is always asked.
         sides_m: declared sizes of damage: sides of squares, width and height of cracks, or forms.
         replicates: intact surfaces drawn for the scan. looks: how often it is looked at.
-        shapes: of ``damage.SHAPES``, of which PoD is fitted.
+        shapes: of ``damage.SHAPES``, of which PoD is fitted. progress: called with the share that is done.
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """
@@ -207,6 +208,7 @@ def inspect(
     times_s = np.linspace(samples.began_s + (end_s - samples.began_s) / TIMES, end_s, TIMES)
     damage: dict[str, Any] = {
         "sides_m": sides_m, "replicates": replicates, "seed": seed, "looks": looks, "shapes": shapes,
+        "progress": progress,
     }  # fmt: skip
     if samples.floor is None:
         return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))
