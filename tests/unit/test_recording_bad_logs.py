@@ -235,7 +235,7 @@ def test_what_was_read_is_counted_in_words() -> None:
         {"log": "a.csv", "reader": "rugbot", "told": once},
         {"log": "b.csv", "reader": "csv", "told": often},
     ]
-    lines = count_lines(cast("Recording", SimpleNamespace(sessions=sessions)))
+    lines = list(count_lines(cast("Recording", SimpleNamespace(sessions=sessions))))
     assert lines[0] == "session 1: a.csv (rugbot)"
     assert lines[1:5] == [
         "  1 row read",

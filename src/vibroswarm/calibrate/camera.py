@@ -14,6 +14,7 @@ positions are the true ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -26,6 +27,9 @@ from vibroswarm.core.numbers import number
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+
+Place = Callable[[Floats, Floats, tuple[float, float]], tuple[Floats, Floats]]
+"""Takes x and y, m, of objects, and width and height of the arena; returns others in their place."""
 
 
 @dataclass(frozen=True)
@@ -104,10 +108,9 @@ def corrected(result: Result, camera: Camera) -> Result:
     """
     if camera == RIGHT or not isinstance(result, Recording):
         return result
-    size = (result.scenario.arena.width_m, result.scenario.arena.height_m)
-    return replace(
-        result, motion=_moved(result.motion, camera, size), tracks=_moved(result.tracks, camera, size)
-    )
+    size_m = result.scenario.arena.size_m
+    motion, tracks = (moved(table, camera.true, size_m) for table in (result.motion, result.tracks))
+    return replace(result, motion=motion, tracks=tracks)
 
 
 def seen_through(result: Result, camera: Camera) -> Result:
@@ -118,12 +121,10 @@ def seen_through(result: Result, camera: Camera) -> Result:
     """
     if camera == RIGHT or isinstance(result, Recording):
         return result
-    motion, arena = result.motion, result.scenario.arena
-    x, y = camera.seen(motion["x_m"].to_numpy(), motion["y_m"].to_numpy(), (arena.width_m, arena.height_m))
-    return replace(result, motion=motion.with_columns(x_m=pl.Series(x), y_m=pl.Series(y)))
+    return replace(result, motion=moved(result.motion, camera.seen, result.scenario.arena.size_m))
 
 
-def _moved(frame: pl.DataFrame, camera: Camera, size: tuple[float, float]) -> pl.DataFrame:
-    """Replace the seen positions (``x_m``, ``y_m``) of a table by the true ones."""
-    x, y = camera.true(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), size)
+def moved(frame: pl.DataFrame, place: Place, size_m: tuple[float, float]) -> pl.DataFrame:
+    """Replace the positions (``x_m``, ``y_m``) of a table by those that ``Camera.true`` or ``Camera.seen`` gives."""
+    x, y = place(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), size_m)
     return frame.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))

@@ -124,7 +124,7 @@ def stretch_classifier() -> Any:
 
 
 def classifier_accuracy(
-    real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame], level: float = 0.95
+    real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame]
 ) -> ClassifierAccuracy:
     """Measure how well a classifier distinguishes real sessions from simulated ones, and from each other.
 
@@ -137,8 +137,7 @@ def classifier_accuracy(
 
     Args:
         real, simulated: samples of each session (``features.sessions_of``), at least one session each.
-        level: confidence level of the intervals, which are over the real sessions. With one real session the limits
-            are 0 and 1.
+            Intervals, at 95 % confidence, are over the real sessions; with one real session the limits are 0 and 1.
     Raises:
         InputError: a session has no times spent avoiding, or is too short for one stretch of each robot; or fewer than
             two robots took part in all sessions; or scikit-learn is not installed.
@@ -163,16 +162,15 @@ def classifier_accuracy(
         )
     return ClassifierAccuracy(
         simulated=share_interval(
-            [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))], level
+            [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))]
         ),
         simulated_by_robot=share_interval(
             [
                 float(np.mean([_accuracy_between(own, other, robots) for other in simulated_stretches]))
                 for own in real_stretches
-            ],
-            level,
+            ]
         ),
-        real=_accuracy_among(real_stretches, robots, level),
+        real=_accuracy_among(real_stretches, robots),
     )
 
 
@@ -247,7 +245,7 @@ def _accuracy_between(one: Stretches, other: Stretches, robots: Sequence[int]) -
     return _accuracy_over_robots(classes, classes, robots)
 
 
-def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
+def _accuracy_among(sessions: list[Stretches], robots: list[int]) -> Interval | None:
     """Return the mean balanced accuracy between pairs of sessions, with its interval; None with one session.
 
     For each session, the accuracies of the pairs that contain it are averaged. The interval is of their pseudo-values.
@@ -261,4 +259,4 @@ def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) 
     by_session = [
         float(np.mean([accuracy for pair, accuracy in accuracies.items() if i in pair])) for i in numbers
     ]
-    return share_interval(pseudo_values(by_session), level)
+    return share_interval(pseudo_values(by_session))

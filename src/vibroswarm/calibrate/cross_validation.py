@@ -108,10 +108,9 @@ def on_floor(base: Scenario, floor: Floor) -> Scenario:
     size has tiles that fill its arena.
     """
     rows, columns, width, height, left, bottom = floor.geometry
-    arena = base.arena
     # Width, height, left and bottom of all tiles together.
     tiled = (columns * width, rows * height, left, bottom)
-    fills = np.allclose(tiled, (arena.width_m, arena.height_m, 0.0, 0.0))
+    fills = np.allclose(tiled, (*base.arena.size_m, 0.0, 0.0))
     return base.with_values(
         {
             "floor.source": floor.name or "recorded",

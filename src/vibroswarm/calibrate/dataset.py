@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.sampling import packet_loss
-from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
+from vibroswarm.calibrate.camera import RIGHT, Camera, corrected, moved
 from vibroswarm.calibrate.drive import drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
 from vibroswarm.calibrate.wall_approach import approach_tables
@@ -89,10 +89,8 @@ class Dataset(NotebookView):
         The camera sees a sample at another place, so the tile below it may be another tile, and ``vibrating`` may
         change. Rows are grouped by session; within a session they keep the order of ``samples``.
         """
-        x, y = camera.seen(self.samples["x_m"].to_numpy(), self.samples["y_m"].to_numpy(), self.arena_m)
-        moved = self.samples.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))
         parts = []
-        for own in moved.partition_by("run", maintain_order=True):
+        for own in moved(self.samples, camera.seen, self.arena_m).partition_by("run", maintain_order=True):
             floor = self.floors[own["run"][0]]
             relocated = _with_edges(own, floor)
             vibrating = floor.tiles.ravel()[relocated["tile"].to_numpy()] == 1
@@ -135,7 +133,7 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
     tables: list[dict[str, pl.DataFrame]] = []
     # Each result with its samples and the expression that numbers its sessions, for ``at_walls``.
     parts_of: list[tuple[Result, pl.DataFrame, pl.Expr]] = []
-    sizes = {(result.scenario.arena.width_m, result.scenario.arena.height_m) for result in results}
+    sizes = {result.scenario.arena.size_m for result in results}
     if len(sizes) > 1:
         raise InputError("the recordings have arenas of different sizes; fit them separately", field="REAL")
     for result in results:

@@ -118,11 +118,11 @@ def track_of(result: Result, run: int, robot: int) -> Floats | None:
     The path of a recording is what the camera tracked; that of a simulation is true, at intervals of ``STEP_S``.
     """
     if isinstance(result, Recording):
-        own = result.tracks.filter((pl.col("run") == run) & (pl.col("robot") == robot))
+        own = result.tracks.filter(run=run, robot=robot)
         return own.select("time_s", "x_m", "y_m").to_numpy() if own.height else None
     if result.segments is None:
         return None
-    end_s = float(result.ends.filter((pl.col("run") == run) & (pl.col("robot") == robot))["end_s"][0])
+    end_s = float(result.ends.filter(run=run, robot=robot)["end_s"][0])
     times = np.arange(0.0, end_s, STEP_S)
     poses = pose(result.segments, run, robot, times)
     return np.column_stack([times, poses[:, 0], poses[:, 1]])

@@ -268,7 +268,7 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
     columns = taken.by_name()
     by_robot = np.argsort(columns["robot"], kind="stable")
     ordered = {name: columns[name][by_robot] for name in COLUMNS}
-    return summary(ordered, (scenario.arena.width_m, scenario.arena.height_m))
+    return summary(ordered, scenario.arena.size_m)
 
 
 def _predicted(

@@ -20,7 +20,7 @@ The same random numbers are used for all parameters: the misfit is a smooth enou
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
@@ -286,7 +286,7 @@ def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS, folds: boo
         names=feature_names(),
         misfit=_misfit(simulator, values, simulator.rows, resamples),
         facts=facts_of(simulator, values),
-        folds=_folds(simulator, best, draws) if folds else (),
+        folds=tuple(_folds(simulator, best, draws)) if folds else (),
     )
 
 
@@ -320,35 +320,31 @@ def facts_of(simulator: _Simulator, values: Mapping[str, float]) -> tuple[Readin
     return readings_beside(recorded, simulated)
 
 
-def _folds(simulator: _Simulator, start: Floats, draws: int) -> tuple[FoldMisfit, ...]:
+def _folds(simulator: _Simulator, start: Floats, draws: int) -> Iterator[FoldMisfit]:
     """Return the misfits of fits to all sessions but one; none for fewer than three sessions."""
     session = simulator.samples.session
     sessions: Sequence[int] = np.unique(session).tolist()
-    folds = []
     for left_out in sessions if len(sessions) > 2 else ():
         inside, outside = np.flatnonzero(session != left_out), np.flatnonzero(session == left_out)
         values = _fields(*simulator.fit(inside, start))
         resamples = [_resampled(simulator.samples, outside, draw) for draw in range(draws)]
         recorded = simulator.recorded(inside)
         judged = _misfit(simulator, values, outside, resamples)
-        folds.append(
-            FoldMisfit(
-                session=left_out,
-                inside=relative_misfit(simulator.simulated(values, inside), recorded),
-                outside=judged,
-                forecast=relative_misfit(recorded, judged.recorded),
-            )
+        yield FoldMisfit(
+            session=left_out,
+            inside=relative_misfit(simulator.simulated(values, inside), recorded),
+            outside=judged,
+            forecast=relative_misfit(recorded, judged.recorded),
         )
-    return tuple(folds)
 
 
 def _resampled(samples: FactSamples, rows: Ints, draw: int) -> Ints:
     """Return ``rows`` drawn again with replacement, each session by itself."""
-    parts = []
-    for session in np.unique(samples.session[rows]):
-        own = rows[samples.session[rows] == session]
-        parts.append(own[resample(_SEED, draw, int(session), own.size)])
-    return np.concatenate(parts)
+    sessions = np.unique(samples.session[rows]).tolist()
+    by_session = {session: rows[samples.session[rows] == session] for session in sessions}
+    return np.concatenate(
+        [own[resample(_SEED, draw, session, own.size)] for session, own in by_session.items()]
+    )
 
 
 def _draws(

@@ -34,9 +34,9 @@ def readings_beside(recorded: dict[str, float], simulated: Sequence[dict[str, fl
     A statistic is left out if it is unknown in the recordings, or in all simulations but one, as a standard deviation
     needs two values.
     """
-    readings = []
-    for name, value in recorded.items():
-        own = np.array([statistics[name] for statistics in simulated])
-        if np.isfinite(value) and np.isfinite(own).sum() > 1:
-            readings.append(Reading(name, value, float(np.nanmean(own)), float(np.nanstd(own, ddof=1))))
-    return tuple(readings)
+    own = {name: np.array([statistics[name] for statistics in simulated]) for name in recorded}
+    return tuple(
+        Reading(name, value, float(np.nanmean(own[name])), float(np.nanstd(own[name], ddof=1)))
+        for name, value in recorded.items()
+        if np.isfinite(value) and np.isfinite(own[name]).sum() > 1
+    )

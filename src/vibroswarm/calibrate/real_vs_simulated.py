@@ -221,14 +221,11 @@ def write_comparison_pictures(real: Result, simulated: Result, found: Comparison
         Paths of the pictures: the features in the order of ``FEATURES``, then ``together.png``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in [feature for feature in FEATURES if feature not in found.missing] + ["together"]:
-        # Of all features, ``comparison_figure`` leaves out the missing ones.
-        chosen = FEATURES if name == "together" else (name,)
-        path = folder / f"{name}.png"
-        save_figure(partial(comparison_figure, real, simulated, found, chosen), path)
-        written.append(path)
-    return written
+    chosen: dict[str, tuple[str, ...]] = {name: (name,) for name in FEATURES if name not in found.missing}
+    chosen["together"] = FEATURES  # of which ``comparison_figure`` leaves out the missing ones
+    for name, features in chosen.items():
+        save_figure(partial(comparison_figure, real, simulated, found, features), folder / f"{name}.png")
+    return [folder / f"{name}.png" for name in chosen]
 
 
 def write_comparison_picture(real: Result, simulated: Result, found: Comparison, path: Path) -> None:

@@ -114,10 +114,10 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
         samples: rows of ``sample_table`` of one session.
         threshold: threshold that turns energies into bits.
     """
-    arena = result.scenario.arena
+    size_m = result.scenario.arena.size_m
     x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
     kind, bits = samples["vibrating"].to_numpy(), energy > threshold  # kind: whether the tile below vibrates
-    wall = wall_distance(x, y, (arena.width_m, arena.height_m))
+    wall = wall_distance(x, y, size_m)
     avoid = samples["avoid_s"].drop_nulls().to_numpy()
     # Up to 1e-9 s is rounding, not avoidance: recorded times are differences of logged totals.
     positive = avoid[avoid > 1e-9]
@@ -129,8 +129,8 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
         "avoid_most_s": np.quantile(positive, 0.975) if positive.size else None,
         **_density(result, x, y),
         # Within 25 mm of the nearest wall, and 50 to 75 mm from it.
-        "near_walls": _ring(wall, 0.0, 0.025, arena.width_m, arena.height_m),
-        "off_walls": _ring(wall, 0.05, 0.075, arena.width_m, arena.height_m),
+        "near_walls": _ring(wall, 0.0, 0.025, *size_m),
+        "off_walls": _ring(wall, 0.05, 0.075, *size_m),
         "false_positive": bits[~kind].mean() if (~kind).any() else None,
         "false_negative": (~bits[kind]).mean() if kind.any() else None,
         "lag_one_bits": lag_one(bits, samples["robot"].to_numpy()),

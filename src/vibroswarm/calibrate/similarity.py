@@ -315,10 +315,11 @@ def compare_distance(
         known[feature] = _real_distances(scaled_real)
     among_real = known[feature]
     within_simulated = [mean_distance(session) for session in scaled_simulated]
-    effects = []  # of each real session, mean over simulated sessions
-    for x, within_x in zip(scaled_real, among_real.each, strict=True):
-        pairs = zip(scaled_simulated, within_simulated, strict=True)
-        effects.append(float(np.mean([effect_size(x, y, within_x, within_y) for y, within_y in pairs])))
+    others = list(zip(scaled_simulated, within_simulated, strict=True))
+    effects = [  # of each real session, mean over simulated sessions
+        float(np.mean([effect_size(x, y, within_x, within_y) for y, within_y in others]))
+        for x, within_x in zip(scaled_real, among_real.each, strict=True)
+    ]
     return EnergyDistance(feature, mean_interval(effects), among_real.against)
 
 

@@ -79,7 +79,7 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
     Args:
         samples: table ``features.sample_table`` of the result.
     """
-    size = (result.scenario.arena.width_m, result.scenario.arena.height_m)
+    size = result.scenario.arena.size_m
     approaches: list[tuple[int, int, float, float, float]] = []
     turns: list[tuple[int, int, float]] = []
     for (run,), of_run in samples.group_by("run", maintain_order=True):

@@ -60,10 +60,11 @@ def is_alive(pid: int) -> bool:
         os.kill(pid, 0)  # signal 0 only checks that the process exists
     except ProcessLookupError:
         return False
-    except PermissionError:  # the process exists and belongs to another user
-        return True
-    except OverflowError:  # too large a number for this system, so that it cannot be checked
-        return True
+    except (
+        PermissionError,
+        OverflowError,
+    ):  # it belongs to another user; it is too large a number for this system
+        pass
     return True
 
 

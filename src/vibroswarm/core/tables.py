@@ -304,10 +304,8 @@ def escaped(frame: pl.DataFrame) -> pl.DataFrame:
             text = pl.col(name).cast(pl.String)
             formula = text.str.contains(_FORMULA) & ~text.str.contains(_NUMBER) & (text != "-")
             columns.append(pl.when(formula).then(pl.lit(_MARK) + text).otherwise(text).alias(name))
-        else:
-            columns.append(pl.col(name))
     escaped_names = {name: f"{_MARK}{name}" for name in frame.columns if name.startswith(tuple("=+-@\t\r"))}
-    return frame.select(columns).rename(escaped_names)
+    return frame.with_columns(columns).rename(escaped_names)
 
 
 def unescaped(frame: pl.DataFrame) -> pl.DataFrame:

@@ -156,7 +156,7 @@ class Calls(Expressions):
         Rows and arrays are passed by address. A row that has no address yet, as the result of a call, is stored in a
         variable.
         """
-        names = [argument.arg for argument in self.program.source(called).tree.args.args]
+        names = self.program.source(called).names
         given: dict[str, ast.expr] = dict(zip(names, node.args, strict=False))
         given |= {word.arg: word.value for word in node.keywords if word.arg}
         if len(node.args) > len(names) or set(given) != set(names):

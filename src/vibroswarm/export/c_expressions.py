@@ -174,9 +174,9 @@ class Expressions:
             kind = self.types[name]
             if name in self.program_loops and name not in self.loops:
                 self.refuse(node, f"the variable '{name}' of a loop is read after it")
-            if isinstance(kind, Struct) and name in self.parameters:
+            if isinstance(kind, Struct) and name in self.source.names:
                 return Value(f"(*{identifier(name)})", kind, is_place=True, root=name)
-            root = name if name in self.parameters else ""
+            root = name if name in self.source.names else ""
             return Value(identifier(name), kind, is_place=isinstance(kind, Struct), root=root)
         if name in self.program.globals:
             return self.program.globals[name]
@@ -187,11 +187,6 @@ class Expressions:
             if number is not None:
                 return literal(number)
         self.refuse(node, f"the name '{name}', which is no number, variable or row")
-
-    @cached_property
-    def parameters(self) -> set[str]:
-        """Names of the function's parameters."""
-        return {argument.arg for argument in self.source.tree.args.args}
 
     @cached_property
     def program_loops(self) -> set[str]:

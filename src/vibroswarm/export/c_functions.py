@@ -166,8 +166,7 @@ class Function(Calls):
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:
         """Begin with the types ``given`` for the parameters; ``name`` is the function's name in C."""
         self.program, self.source, self.given, self.name = program, source, given, name
-        names = [argument.arg for argument in source.tree.args.args]
-        self.types = dict(zip(names, given, strict=True))
+        self.types = dict(zip(source.names, given, strict=True))
         self.returns: Any = None
         self.loops, self.pending = [], []
         self.written = set()
@@ -190,7 +189,7 @@ class Function(Calls):
                 self.statement(statement)
             if (dict(self.types), self.returns) == before:
                 break
-        names = list(self.parameters_in_order)
+        names = self.source.names
         body_text = "\n".join(self.lines)
         # Not behind a dot or arrow, where the name is that of a field.
         used = [re.search(rf"(?<![.>\w]){identifier(name)}\b", body_text) is not None for name in names]
@@ -217,11 +216,6 @@ class Function(Calls):
         text = "\n".join([place, f"{head}", "{", *local, *unused, *self.lines, "}"])
         changes = tuple(name in self.written for name in names)
         return Compiled(self.name, self.given, returns, head, text, changes, takes)
-
-    @property
-    def parameters_in_order(self) -> list[str]:
-        """Names of the parameters, in order."""
-        return [argument.arg for argument in self.source.tree.args.args]
 
     def write(self, text: str) -> None:
         """Append a line to the body, after the pending statements, which are thereby written too."""
@@ -343,7 +337,7 @@ class Function(Calls):
             for other in ast.walk(statement)
         ):
             self.refuse(node, f"the variable '{node.target.id}' of a loop is changed in it")
-        if node.target.id in self.parameters:  # which has a type of its own
+        if node.target.id in self.source.names:  # which has a type of its own
             self.refuse(node, f"the variable '{node.target.id}' of a loop is also an argument")
         if isinstance(node.iter, ast.Tuple):
             found = [self.number(item) for item in node.iter.elts]
@@ -562,10 +556,10 @@ class Function(Calls):
             self.aliases[name] = value
             return
         # The value is a number or a named tuple here; the parameter is a pointer in C, which stays the same.
-        if name in self.parameters and isinstance(self.types[name], Struct | CArray):
+        if name in self.source.names and isinstance(self.types[name], Struct | CArray):
             self.refuse(node, f"the argument '{name}' is given another row")
         kind = joined(self.types.get(name), value.type)
-        if kind is None or (name in self.parameters and kind != self.types[name]):
+        if kind is None or (name in self.source.names and kind != self.types[name]):
             self.refuse(node, f"'{name}' is given values of several kinds")
         self.types[name] = kind
         self.write(f"{identifier(name)} = {bare(as_type(value, kind))};")

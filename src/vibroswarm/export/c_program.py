@@ -257,6 +257,7 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
     inbox = robot_memory.INBOX
     # Types of fields that depend on the strategy, or that are rows or arrays.
     special: dict[str, Any] = {
+        "seed": LONG,  # seeds need 64 bits
         "state": structs["State"],
         "arrays": structs["Arrays"],
         "out": structs["Message"],
@@ -280,19 +281,13 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         *(("wave",) if parts.wave is None else ()),
         *(() if parts.reads_classes else ("reading",)),
     )
-    fields = []
-    for name, hint in inspect.get_annotations(robot_memory.Robot).items():
-        if name in omitted:
-            continue
-        kind: Any
-        if name == "seed":
-            kind = LONG  # seeds need 64 bits
-        elif special.get(name) is not None:
-            kind = special[name]
-        else:
-            kind = {"int": INT, "float": REAL, "bool": BOOL}[hint]  # the annotation, as text
-        fields.append((name, kind))
-    return Struct("vs_Robot", robot_memory.Robot, tuple(fields), mutable=True)
+    numbers = {"int": INT, "float": REAL, "bool": BOOL}  # by the annotation, as text
+    fields = tuple(
+        (name, special.get(name) or numbers[hint])
+        for name, hint in inspect.get_annotations(robot_memory.Robot).items()
+        if name not in omitted
+    )
+    return Struct("vs_Robot", robot_memory.Robot, fields, mutable=True)
 
 
 def type_of_argument(

@@ -59,15 +59,15 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
     rows: dict[str, Mapping[str, Any]] = {
         "PARAMS": parts.params,
         "WORLD": {name: value for name, value in parts.world._asdict().items() if name not in omitted},
-        "WALKER": parts.walker._asdict(),
-        "SENSING": parts.sensing._asdict(),
     }
-    if parts.localiser is not None:
-        rows["LOCALISER"] = parts.localiser._asdict()
-    if parts.lines is not None:
-        rows["LINES"] = parts.lines._asdict()
-    if parts.borders is not None:
-        rows["BORDERS"] = parts.borders._asdict()
+    programs = {
+        "WALKER": parts.walker,
+        "SENSING": parts.sensing,
+        "LOCALISER": parts.localiser,
+        "LINES": parts.lines,
+        "BORDERS": parts.borders,
+    }
+    rows |= {name: program._asdict() for name, program in programs.items() if program is not None}
     if parts.classifier is not None:
         rows["SENSOR"] = parts.classifier.params
     found = {

@@ -8,7 +8,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from types import FunctionType
 from typing import Any, Final
@@ -33,6 +33,11 @@ class Source:
     """Number of lines in the file before the function: lines of the tree count from its first line."""
     space: Mapping[str, Any]
     """Values of the global names that it may read."""
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of its arguments, in order."""
+        return [argument.arg for argument in self.tree.args.args]
 
     def refusal(self, node: ast.AST | None, why: str) -> InputError:
         """Return the error that refuses a construct.
@@ -114,13 +119,8 @@ def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source
 def number_of(value: Any) -> Number | None:
     """Return a value as a plain Python number or truth value; None if it is neither."""
     # Truth values come first, because a Python bool is an int, too.
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(value)
-    return None
+    kinds = (bool, bool | np.bool_), (int, int | np.integer), (float, float | np.floating)
+    return next((kind(value) for kind, own in kinds if isinstance(value, own)), None)
 
 
 def without_docstring(body: list[ast.stmt]) -> list[ast.stmt]:

@@ -228,22 +228,14 @@ def paper_table() -> list[Entry]:
             # At 0.46 the paper's alternating floor has 48 vibrating tiles; the correct one has 46.
             used_by_paper = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
             correct = pattern(name)
-            table.append(
+            table += [
                 Entry(
-                    pattern=name,
-                    measure="Moran index",
-                    printed=printed_moran,
-                    as_the_paper=moran_index(used_by_paper),
-                    right=moran_index(correct),
-                )
-            )
-            table.append(
+                    name, "Moran index", printed_moran,
+                    as_the_paper=moran_index(used_by_paper), right=moran_index(correct),
+                ),
                 Entry(
-                    pattern=name,
-                    measure="entropy",
-                    printed=printed_entropy,
-                    as_the_paper=entropy(used_by_paper, _PAPER_ONES),
-                    right=entropy(correct),
-                )
-            )
+                    name, "entropy", printed_entropy,
+                    as_the_paper=entropy(used_by_paper, _PAPER_ONES), right=entropy(correct),
+                ),
+            ]  # fmt: skip
     return table

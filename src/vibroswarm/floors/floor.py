@@ -38,6 +38,8 @@ DRAWN, WITHIN = 40, 5
 """Rows and columns of cells in which patches are drawn, and of the points of each cell at which they are looked for."""
 KIND_LIMIT: Final = len(DIGITS)
 """Maximum number of kinds of tile."""
+KINDS_IN_WORDS: Final = f"a tile is 0 (still) or 1 (vibrating), or another kind up to {KIND_LIMIT - 1}"
+"""What a tile may be, for messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +78,7 @@ class Floor(NotebookView):
         object.__setattr__(self, "tiles", as_tiles(self.tiles))
         self.tiles.setflags(write=False)
         for field in ("tile_width_m", "tile_height_m"):
-            value = getattr(self, field)
-            if not (_is_finite(value) and value > 0):
-                raise InputError(
-                    f"{shown(value)} is not a size; give a finite number above 0", field=f"floor.{field}"
-                )
+            _size_of(getattr(self, field), f"floor.{field}")
         for field in ("left_m", "bottom_m"):
             if not _is_finite(getattr(self, field)):
                 raise InputError(
@@ -195,7 +193,7 @@ class Floor(NotebookView):
             patches, (rows, columns, width_m, height_m, _, _) = self.surface.patches, self.geometry
             patched_m2 = sum(patch.contrast * patch.area_m2 for patch in patches)
             return float(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))
-        return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
+        return self._mean_value
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
         """Return the fill ratio inside an arena of ``width_m`` by ``height_m``: ``share_within`` of kind 1."""
@@ -254,7 +252,7 @@ class Floor(NotebookView):
         """The mean contrast of the tiles, without patches; correctly rounded."""
         values = self.surface.values
         if values is None:
-            return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)
+            return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
         return int(values.sum(dtype=np.int64)) / (STEPS * values.size)
 
     @property
@@ -371,18 +369,16 @@ def sides_inside(
     return across, up
 
 
-def check_size(rows: int, columns: int, field: str = "tiles") -> None:
+def check_size(rows: int, columns: int) -> None:
     """Refuse a floor without tiles, or with more than ``TILE_LIMIT`` tiles.
 
-    Args:
-        field: name of the argument that gave the size, for the message.
     Raises:
         InputError: the floor would have no tiles or too many.
     """
     if rows < 1 or columns < 1:
-        raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field=field)
+        raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field="tiles")
     if rows * columns > TILE_LIMIT:
-        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT}", field=field)
+        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT}", field="tiles")
 
 
 def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:
@@ -390,24 +386,16 @@ def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:
     return tuple("".join(DIGITS[kind] for kind in row) for row in tiles.tolist())
 
 
-def words_of_kinds(kinds: int = KIND_LIMIT) -> str:
-    """Return what a tile may be, for messages."""
-    more = f", or another kind up to {kinds - 1}" if kinds > 2 else ""
-    return f"a tile is 0 (still) or 1 (vibrating){more}"
-
-
-def as_tiles(values: ArrayLike, kinds: int = KIND_LIMIT) -> NDArray[np.uint8]:
+def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
     """Return a contiguous copy of ``values`` as uint8 of shape (rows, columns) of kinds of tile.
 
-    Args:
-        kinds: number of kinds that are allowed; 2 where tiles are still or vibrating.
     Raises:
-        InputError: ``values`` is not a rectangle, is empty, or has values other than 0 to ``kinds`` - 1.
+        InputError: ``values`` is not a rectangle, is empty, or has values other than 0 to ``KIND_LIMIT`` - 1.
     """
     # For speed: an array of the right type and values is only copied.
     if isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.ndim == 2 and values.size:
         copied = np.array(values, order="C")
-        if copied.max() < kinds:
+        if copied.max() < KIND_LIMIT:
             return copied
     try:
         grid = np.asarray(values, dtype=np.float64)
@@ -415,11 +403,11 @@ def as_tiles(values: ArrayLike, kinds: int = KIND_LIMIT) -> NDArray[np.uint8]:
         raise InputError("a floor is a rectangle of numbers, the kinds of its tiles", field="floor") from None
     if grid.ndim != 2 or grid.size == 0:
         raise InputError(f"a floor is a rectangle of tiles, not of shape {grid.shape}", field="floor")
-    wrong = ~((grid >= 0) & (grid < kinds) & (grid == np.floor(grid)))
+    wrong = ~((grid >= 0) & (grid < KIND_LIMIT) & (grid == np.floor(grid)))
     if wrong.any():
         row, column = (int(i[0]) for i in np.nonzero(wrong))
         raise InputError(
-            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; {words_of_kinds(kinds)}",
+            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; {KINDS_IN_WORDS}",
             field="floor",
         )
     return np.ascontiguousarray(grid, dtype=np.uint8)

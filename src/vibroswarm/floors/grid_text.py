@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, words_of_kinds
+from vibroswarm.floors.floor import KIND_LIMIT, KINDS_IN_WORDS, TILE_LIMIT
 
 Size = tuple[int, int]
 """Rows and columns of a floor."""
@@ -195,7 +195,7 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
         if len(kinds) != len(line.cells):
             column = next(i for i, cell in enumerate(line.cells) if _kind(cell) is None)
             raise InputError(
-                f"line {line.number}, column {column + 1} holds '{_short(line.cells[column])}'; {words_of_kinds()}",
+                f"line {line.number}, column {column + 1} holds '{_short(line.cells[column])}'; {KINDS_IN_WORDS}",
                 field=name,
             )
         if len(kinds) != columns:

@@ -203,7 +203,9 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
     # part: a temporary file, which is renamed to ``path`` when it is complete
     with whole_file(path, replace=replace) as part:
         if kind == ".png":
-            write_png(part, grid)
+            from PIL import Image
+
+            Image.fromarray(grid * np.uint8(255)).save(part, format="PNG")
         else:
             # Without separators each character is a tile, so that kinds above 9 need them.
             separator = "," if kind == ".csv" else " " if grid.max() > 9 else ""
@@ -322,13 +324,6 @@ def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
     """Refuse a threshold of brightness that is not above 0 and below 1; ``field`` names it in the message."""
     least = math.nextafter(0.0, 1.0)
     number_of(threshold, field, least, math.nextafter(1.0, 0.0))
-
-
-def write_png(path: Path, tiles: NDArray[np.uint8]) -> None:
-    """Write tiles of 0 and 1 as black and white pixels, one per tile, so that ``read_png`` gives the same tiles."""
-    from PIL import Image
-
-    Image.fromarray(tiles * np.uint8(255)).save(path, format="PNG")
 
 
 def _grey_levels(data: bytes, name: str) -> tuple[NDArray[Any], int]:

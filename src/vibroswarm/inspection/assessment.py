@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -131,7 +131,7 @@ def assess(
         stops,
         {contrast: pod(contrast) for contrast in question.contrasts},
         checks,
-        _refusals(samples, checks),
+        tuple(_refusals(samples, checks)),
         visited,
         {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"},
         over_time,
@@ -141,15 +141,14 @@ def assess(
     )
 
 
-def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
-    """Return the reasons not to certify anything."""
-    words = []
+def _refusals(samples: Samples, checks: pl.DataFrame) -> Iterator[str]:
+    """Yield the reasons not to certify anything."""
     refused = dict(checks.filter(pl.col("outcome") == "refused").select("check", "corrected").iter_rows())
     for check, p in refused.items():
         contradicted = "map of the other robots" if check == PLACES else "law of the sensor"
-        words.append(f"the samples contradict the {contradicted} ({check}, corrected p = {p_value(p)})")
+        yield f"the samples contradict the {contradicted} ({check}, corrected p = {p_value(p)})"
     if is_sensed(samples.law.sensor) and refused.keys() - {PLACES}:
-        words.append(
+        yield (
             f"what sensor '{samples.law.sensor.model}' measures on a tile depends on the tiles around it, but its law "
             "is the mean over floors on which all kinds are mixed in equal shares: on others still tiles measure "
             "more or less than it says"
@@ -158,12 +157,11 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
     unmade = checks.filter(pl.col("outcome") == "not made", (pl.col("check") != BETWEEN) | (not one_robot))
     for check, number in unmade.select("check", "samples").iter_rows():
         where = "still places" if check == LAW_CHECKS[0] else "places of a known kind"
-        words.append(f"{check} could not be checked: only {count(number, 'sample')} on {where}")
+        yield f"{check} could not be checked: only {count(number, 'sample')} on {where}"
     if samples.warning:
-        words.append(samples.warning[:1].lower() + samples.warning[1:].rstrip("."))
+        yield samples.warning[:1].lower() + samples.warning[1:].rstrip(".")
     if one_robot:
-        words.append("one robot took all samples, so that its sensor cannot be compared with another")
-    return tuple(words)
+        yield "one robot took all samples, so that its sensor cannot be compared with another"
 
 
 def _visited(samples: Samples) -> float:

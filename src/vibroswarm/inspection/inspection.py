@@ -213,11 +213,7 @@ def inspect(
     if samples.floor is None:
         return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))
     pooled, by_kind = _maps(samples, times_s)
-    own = {
-        robot: _maps(samples.with_frame(samples.of(robot)), times_s)[0]
-        for robot in samples.robots
-        if len(samples.robots) > 1
-    }
+    own = {robot: _maps(samples.of(robot), times_s)[0] for robot in samples.robots if len(samples.robots) > 1}
     judged = samples if by_kind is None else any_but_still(samples)
     assessment = None if question is None else assess(judged, question, **damage)
     return Inspection(samples, times_s, pooled, own, by_kind, assessment)

@@ -15,7 +15,7 @@ standard deviation of sqrt(s_t^2 / tiles + s_r^2 / robots), which multiplies all
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -212,7 +212,7 @@ def law_of_measured(
         **{f"sensor.{name}": value or None for name, value in zip(SPREADS, spreads, strict=True)},
     }
     sensor = preset("paper").with_values(values).sensor
-    draws = _resampled(sensor, vibrating, still)
+    draws = tuple(_resampled(sensor, vibrating, still))
     _check_told_apart(words, draws, vibrating, still)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
@@ -225,9 +225,9 @@ def law_of_measured(
     return FittedLaw(Law(sensor, origin, "", own, draws), RIGHT)
 
 
-def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> tuple[Draw, ...]:
-    """Return laws of resampled energies, each with the energies that were left out."""
-    random, drawn = generator(1, "resampled energies"), []
+def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Draw]:
+    """Yield laws of resampled energies, each with the energies that were left out."""
+    random = generator(1, "resampled energies")
     for _ in range(max(1, min(MEASURED, LARGEST // (vibrating.size + still.size)))):
         seen: dict[str, Any] = {}
         left_out: dict[str, Any] = {}
@@ -235,8 +235,7 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> tuple[Draw, 
             chosen = random.integers(each.size, size=each.size)
             seen[kind] = tuple(each[chosen].tolist())
             left_out[kind] = tuple(np.delete(each, chosen).tolist())
-        drawn.append(Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out)))
-    return tuple(drawn)
+        yield Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out))
 
 
 def _check_told_apart(words: str, draws: Sequence[Draw], vibrating: Floats, still: Floats) -> None:

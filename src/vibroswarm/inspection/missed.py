@@ -221,7 +221,7 @@ def plan(
 
 def _check_arena(scenario: Scenario, largest_m: float) -> None:
     arena = scenario.arena
-    if largest_m > min(arena.width_m, arena.height_m):
+    if largest_m > min(arena.size_m):
         raise InputError(
             f"is {arena.width_m:g} m x {arena.height_m:g} m; a plan draws, and scans for, squares of up to "
             f"{100 * largest_m:g} cm, which must fit it",

@@ -130,5 +130,5 @@ def _judged(samples: Samples, maps: dict[int, Floats]) -> Others:
     """Return maps of the others with what each robot's samples feel by them."""
     felt, robot = np.empty(samples.frame.height), samples.frame["robot"].to_numpy()
     for one, p in maps.items():
-        felt[robot == one] = felt_on(samples.with_frame(samples.of(one)), p)
+        felt[robot == one] = felt_on(samples.of(one), p)
     return Others(samples, maps, felt)

@@ -179,9 +179,9 @@ class Samples(NotebookView):
         """Return a column as numbers, (samples,)."""
         return np.ascontiguousarray(self.frame[name].to_numpy(), dtype=np.float64)
 
-    def of(self, robot: int) -> pl.DataFrame:
+    def of(self, robot: int) -> Samples:
         """Return the samples of one robot."""
-        return self.frame.filter(pl.col("robot") == robot)
+        return self.with_frame(self.frame.filter(pl.col("robot") == robot))
 
     def with_columns(self, **columns: Floats) -> Samples:
         """Return the same samples with other values in some columns, such as other places for a control."""

@@ -80,7 +80,7 @@ def samples_of_result(
     name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
     return _samples(
         frame,
-        (result.scenario.arena.width_m, result.scenario.arena.height_m),
+        result.scenario.arena.size_m,
         law,
         places,
         f"{'session' if recorded else 'simulation'} '{name}'",

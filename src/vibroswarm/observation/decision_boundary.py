@@ -32,7 +32,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_at, place_of
 from vibroswarm.floors.surfaces import PLAIN
-from vibroswarm.observation.edge_response import FAR, share_past, vibration_probability
+from vibroswarm.observation.edge_response import FAR, share_past, tiles_around, vibration_probability
 from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
@@ -95,7 +95,7 @@ def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
     Raises:
         InputError: edges reach over too many tiles.
     """
-    return _expected(scenario.sensor, geometry_of(scenario), _size(scenario), fill_ratio)
+    return _expected(scenario.sensor, geometry_of(scenario), scenario.arena.size_m, fill_ratio)
 
 
 def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
@@ -152,10 +152,13 @@ def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID)
     return SensedShares(tiled * fill, detected / (size[0] * size[1]), spillover / (size[0] * size[1]))
 
 
+@lru_cache(maxsize=256)
 def mean_sensed_shares(
     sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float, grid: int = GRID
 ) -> SensedShares:
     """Return the mean shares of an arena's area that vibrate and are sensed so, over random floors of a fill ratio.
+
+    They are cached, as their computation takes long.
 
     Args:
         geometry: grid of the floors, as ``Floor.geometry``. size: width and height of the arena, m.
@@ -210,8 +213,8 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
     Raises:
         InputError: the rates sum to 1 or more, or edges reach over too many tiles.
     """
-    sensor, size = scenario.sensor, _size(scenario)
-    sensed = _mean_sensed_shares_cached(sensor, geometry_of(scenario), size, x)
+    sensor = scenario.sensor
+    sensed = mean_sensed_shares(sensor, geometry_of(scenario), scenario.arena.size_m, x)
     v = sensed.vibrating
     # of false positives and of false negatives, away from edges
     a, b = claimed_error_rates(sensor, grid_of(scenario))
@@ -239,17 +242,9 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
 def _expected(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float) -> float:
     """Return q, the share of ones expected on random floors of this fill ratio, by the sensor's true error rates."""
     a, b = error_rates(sensor, place_at(geometry))
-    sensed = _mean_sensed_shares_cached(sensor, geometry, size, fill_ratio)
+    sensed = mean_sensed_shares(sensor, geometry, size, fill_ratio)
     share = sensed.detected + sensed.spillover  # h
     return share * (1.0 - b) + (1.0 - share) * a
-
-
-@lru_cache(maxsize=256)
-def _mean_sensed_shares_cached(
-    sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float
-) -> SensedShares:
-    """Return ``mean_sensed_shares`` with the usual number of points, cached as its computation takes long."""
-    return mean_sensed_shares(sensor, geometry, size, fill_ratio)
 
 
 def geometry_of(scenario: Scenario) -> Geometry:
@@ -266,11 +261,6 @@ def grid_of(scenario: Scenario) -> Place:
 def _geometry(floor: FloorField, arena: Arena) -> Geometry:
     """Return the geometry of the floor of seed 0 and run 0, which that of all runs equals."""
     return floor.placed_in(arena, 0, 0).geometry
-
-
-def _size(scenario: Scenario) -> Size:
-    """Return width and height of the arena, m."""
-    return scenario.arena.width_m, scenario.arena.height_m
 
 
 def _edges(sensor: Sensor) -> bool:
@@ -459,10 +449,7 @@ def _distances(
             it is long enough.
     """
     count = 0
-    first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
-    last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
-    first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
-    last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
+    first_column, last_column, first_row, last_row = tiles_around(x_m, y_m, within_m, place)
     for r in range(first_row, last_row + 1):
         # up, across: distances to the tile along y and x, 0 where the point lies within the tile's row or column.
         above = y_m - (place.top_m - r * place.height_m)

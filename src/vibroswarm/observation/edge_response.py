@@ -78,6 +78,21 @@ class Response(NamedTuple):
     """(runs + 1,): run r has the patches from ``first_patch[r]`` to ``first_patch[r + 1]``."""
 
 
+@inner
+def tiles_around(x_m: float, y_m: float, within_m: float, place: Place) -> tuple[int, int, int, int]:
+    """Return the first and last column, and the first and last row, of a floor that a square around a point touches.
+
+    Args:
+        within_m: half of the square's side. place: grid and position of the floor.
+    """
+    return (
+        max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0),
+        min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1),
+        max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0),
+        min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1),
+    )
+
+
 @kernel
 def nearest_of_kind(
     x_m: float, y_m: float, kind: int, within_m: float, place: Place, tiles: NDArray[np.uint8]
@@ -91,11 +106,7 @@ def nearest_of_kind(
     Returns: (-1, inf) if there is no tile of this kind within ``within_m``.
     """
     best, tile = np.inf, -1
-    # Columns and rows that a square around the point touches, limited to the floor.
-    first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
-    last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
-    first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
-    last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
+    first_column, last_column, first_row, last_row = tiles_around(x_m, y_m, within_m, place)
     for row in range(first_row, last_row + 1):
         # How far the point lies above the row's upper side and left of the column's left side (``above``, ``before``;
         # negative: below or right of it). ``up``, ``across``: distances to the tile along y and x, 0 within its row or
@@ -385,7 +396,7 @@ def edge_warnings(scenario: Scenario) -> list[str]:
     """Return a list with a warning if edges as fitted to the recordings are used on smaller tiles; else no warning."""
     if not _has_fitted_edges(scenario.sensor):
         return []
-    side_m = shorter_side_m(scenario.floor, scenario.arena.width_m, scenario.arena.height_m)
+    side_m = shorter_side_m(scenario.floor, *scenario.arena.size_m)
     # 1e-9: a side that is computed from the arena's size may be rounded down.
     if side_m >= FITTED_ON_M * (1.0 - 1e-9):
         return []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final, NamedTuple
 
@@ -343,7 +343,7 @@ def inside(x_m: Any, y_m: Any, scenario: Scenario) -> tuple[Any, Any]:
     Args:
         x_m, y_m: positions, m, arrays of the same shape. scenario: its arena has the walls.
     """
-    width, height = scenario.arena.width_m, scenario.arena.height_m
+    width, height = scenario.arena.size_m
     x = np.where(np.abs(x_m - width) < EDGE_M, width - EDGE_M, x_m)
     return x, np.where(
         np.abs(y_m) < EDGE_M, EDGE_M, np.where(np.abs(y_m - height) < EDGE_M, height - EDGE_M, y_m)
@@ -433,17 +433,15 @@ def _outcomes(
     return robot_frame.with_columns(decision=finals["decision"]), runs
 
 
-def count_lines(recording: Recording) -> list[str]:
-    """Write the counts that were made while the logs were read, as lines of text.
+def count_lines(recording: Recording) -> Iterator[str]:
+    """Yield the counts that were made while the logs were read, as lines of text.
 
     Each session has one line with the name and the format of its log, followed by one line for each count above 0.
     """
-    lines = []
     for run, session in enumerate(recording.sessions):
         counts = session["told"]
-        lines.append(f"session {run + 1}: {session['log']} ({session['reader']})")
-        lines += [f"  {_counted(name, counts[name])}" for name in COUNTED if counts.get(name)]
-    return lines
+        yield f"session {run + 1}: {session['log']} ({session['reader']})"
+        yield from (f"  {_counted(name, counts[name])}" for name in COUNTED if counts.get(name))
 
 
 def _counted(name: str, found: float) -> str:

@@ -51,8 +51,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
             written.
         RunError: the disk is full or failed.
     """
-    arena = result.scenario.arena
-    if (arena.width_m, arena.height_m) != (1.0, 1.0):
+    if result.scenario.arena.size_m != (1.0, 1.0):
         raise InputError("stores positions relative to the arena, which must be 1 m x 1 m", field="rugbot")
     if result.segments is None:
         raise InputError("needs paths; simulate with segments=True", field="rugbot")
@@ -85,10 +84,11 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         )
     by_loop = {int(k[0]): frame.to_dicts() for k, frame in with_loop.group_by("loop", maintain_order=True)}
     for loop, time_s in enumerate(loops_s.tolist()):
-        for robot, positions in places.items():
-            lines.append(f"{_place(time_s, robot, positions[loop])}{_NOTHING}")
-        for row in by_loop.get(loop, []):
-            lines.append(_place(time_s, row["robot"], places[row["robot"]][loop]) + _sample_cells(row))
+        lines += [f"{_place(time_s, robot, at[loop])}{_NOTHING}" for robot, at in places.items()]
+        lines += [
+            _place(time_s, row["robot"], places[row["robot"]][loop]) + _sample_cells(row)
+            for row in by_loop.get(loop, [])
+        ]
     head = (
         ",Timestamp,ROV Number,Marker ID,X Meter,Y Meter,Energy,Alpha,Beta,Belief,d_f,"
         "Swarm Send,Swarm Recv,Collision Time,Sense Time"

@@ -197,16 +197,6 @@ def named_by_folder(log: Log, given: Path, file: Path) -> Log:
     return log if given == file else replace(log, name=given.resolve().name)
 
 
-def read_camera_log(path: Path) -> Log:
-    """Read the log of a tracked session.
-
-    Raises:
-        InputError: a column is missing, a required cell is empty, text stands in place of a number, or a value is
-            impossible; the error names the column or the row.
-    """
-    return read_mapped(path, own_map("camera"))
-
-
 HEAD: Final = 2**20
 """Number of characters of a file that are examined to recognise its format."""
 
@@ -293,6 +283,6 @@ register(
         "camera",
         "CSV of 'lab track' (positions by an overhead camera, and samples)",
         looks_like_camera,
-        read_camera_log,
+        lambda path: read_mapped(path, own_map("camera")),
     )
 )

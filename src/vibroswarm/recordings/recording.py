@@ -27,6 +27,7 @@ from vibroswarm.core.folders import check_files, kind_of, read_manifest
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, number, words
 from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
 from vibroswarm.result import Result, head_of
 
 ROWS: Final[dict[str, Any]] = {
@@ -109,6 +110,11 @@ class Recording(Result):
         "message" may have nulls: it is what a robot sent, which pages can do without.
         """
         return bool(self.inference.drop("message").null_count().sum_horizontal()[0] == 0)
+
+    @property
+    def floor_by_run(self) -> dict[int, Floor]:
+        """The floor of each session, by its number."""
+        return {run: self.floor(run) for run in self.runs["run"].to_list()}
 
     def is_tracked(self, run: int) -> bool:
         """Return whether a camera saw the robots of a session."""

@@ -185,9 +185,8 @@ def _replayed(
         finals: final states of the robots of each session, draw by draw. answers: answers over time of each draw.
     """
     draws = len(finals) // recording.runs.height
-    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
     states, ends = pl.concat(finals).select(list(FINALS)), pl.concat([recording.ends] * draws)
-    robots, runs = outcome_tables(scenario, floors, states, ends)
+    robots, runs = outcome_tables(scenario, recording.floor_by_run, states, ends)
     # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
     runs = runs.with_columns(stopped_early=False)
     return Replayed(
@@ -250,9 +249,8 @@ def _answers(recording: Recording, scenario: Scenario, samples: pl.DataFrame, dr
     Args:
         samples: run, robot, time_s and decision of all samples, run by run in the order of time.
     """
-    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
     columns = {name: samples[name].to_numpy() for name in samples.columns}
-    table = answers_table(scenario, None, floors, columns, recording.runs["end_s"].to_numpy())
+    table = answers_table(scenario, None, recording.floor_by_run, columns, recording.runs["end_s"].to_numpy())
     return table.select(pl.lit(draw, dtype=pl.UInt32).alias("draw"), *ANSWERS)
 
 
@@ -419,8 +417,7 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     """
     motion = Motion(samples=recording.motion, ends=recording.ends, segments=recording.segments)
     inference, finals = infer(recording.scenario, seed, motion, recording.observations)
-    floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
-    robots, runs = outcome_tables(recording.scenario, floors, finals, recording.ends)
+    robots, runs = outcome_tables(recording.scenario, recording.floor_by_run, finals, recording.ends)
     # As in ``_replayed``: people ended the session.
     return replace(recording, inference=inference, robots=robots, runs=runs.with_columns(stopped_early=False))
 

@@ -336,13 +336,17 @@ def _words(hz: float, higher: Sequence[float], known: _Known) -> str:
                     else f"{multiple} x {stated(motor_hz)} Hz"
                 )
                 said.append(f"motor of kind {kind}: {line}{_folded(multiple * motor_hz, known)}")
-    for other_hz in () if said else higher:
-        for multiple in (2, 3):
-            if abs(alias_hz(multiple * other_hz, known.rate_hz) - hz) < near_hz:
-                said.append(f"{multiple} x {number(other_hz, 1)} Hz{_folded(multiple * other_hz, known)}")
-    for across_hz in known.across_hz:
-        if abs(alias_hz(2.0 * across_hz, known.rate_hz) - hz) < near_hz:
-            said.append(f"twice the horizontal {number(across_hz, 1)} Hz, as a magnitude shows it")
+    said += [
+        f"{multiple} x {number(other_hz, 1)} Hz{_folded(multiple * other_hz, known)}"
+        for other_hz in (() if said else higher)
+        for multiple in (2, 3)
+        if abs(alias_hz(multiple * other_hz, known.rate_hz) - hz) < near_hz
+    ]
+    said += [
+        f"twice the horizontal {number(across_hz, 1)} Hz, as a magnitude shows it"
+        for across_hz in known.across_hz
+        if abs(alias_hz(2.0 * across_hz, known.rate_hz) - hz) < near_hz
+    ]
     return "; ".join(said)
 
 

@@ -419,11 +419,9 @@ def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
 
     Returns: one row per class of ``EDGES_M``: from_m, to_m (exclusive), and the fields of ``Rates``.
     """
-    rows = []
-    for from_m, to_m in pairwise(EDGES_M):
-        errors = rates(data, threshold, (data.edge_m >= from_m) & (data.edge_m < to_m))
-        rows.append({"from_m": from_m, "to_m": to_m, **asdict(errors)})
-    return pl.DataFrame(rows)
+    spans = pl.DataFrame(list(pairwise(EDGES_M)), schema=["from_m", "to_m"], orient="row")
+    inside = [(data.edge_m >= from_m) & (data.edge_m < to_m) for from_m, to_m in spans.iter_rows()]
+    return spans.hstack(pl.DataFrame([asdict(rates(data, threshold, chosen)) for chosen in inside]))
 
 
 @dataclass(frozen=True)

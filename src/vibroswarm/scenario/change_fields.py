@@ -240,20 +240,14 @@ def change_words(change: Change) -> str:
     return f"The floor changes: {', '.join(steps)}." if steps else ""
 
 
-def change_warnings(change: Change, t_end_s: float, is_final: bool) -> list[str]:
-    """Return warnings about valid but probably unintended changes: after the end, or under decisions that are final.
+def change_warnings(change: Change, t_end_s: float, is_final: bool) -> Iterator[str]:
+    """Yield warnings about valid but probably unintended changes: after the end, or under decisions that are final.
 
     Args:
         t_end_s: end of the run. is_final: whether robots keep their decisions.
     """
-    found = []
     late = [stated(time_s) for time_s in change.at_s or () if time_s >= t_end_s]
     if late:
-        found.append(
-            f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s"
-        )
+        yield f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s"
     if change.is_given and is_final:
-        found.append(
-            "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading"
-        )
-    return found
+        yield "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading"

@@ -8,10 +8,10 @@ docs/faults.md describes the model.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Final
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.numbers import number, stated
@@ -23,10 +23,6 @@ OF_TWO_KINDS: Final = (
 OF_ANY_SENSOR: Final = ("misread_shift", "misread_drift_per_h")
 """Fields by which a biased sensor differs from others: of one with a law of two kinds of tile, and of any."""
 
-Affected = float | tuple[int, ...]
-"""A share of the swarm, or robots by their numbers."""
-Since = float | tuple[float, ...]
-"""A time, s, or the two ends of the range in which each robot's own is uniform, s."""
 LATEST_S: Final = 1e9
 """Latest time at which a fault may begin, s."""
 MOST_ROBOTS: Final = 10_000
@@ -52,14 +48,13 @@ SINCE: Final = {
 """The field that says since when a robot has the fault."""
 
 
-def _affected(value: object, field: str) -> Affected:
+def _affected(value: object, info: ValidationInfo) -> float | tuple[int, ...]:
     """Check which robots a fault affects; return a share from 0 to 1, or the listed robot numbers in ascending order.
 
-    Args:
-        field: name of the field, for errors.
     Raises:
         InputError: the value is neither a share nor a list of robots, or a robot is listed twice.
     """
+    field = f"faults.{info.field_name}"
     if isinstance(value, list | tuple):
         for number in value:
             # type() instead of isinstance(), because a bool is an int, too.
@@ -86,14 +81,13 @@ def _affected(value: object, field: str) -> Affected:
     return float(value) + 0.0  # turns -0.0 into 0.0, so that equal scenarios have the same hash
 
 
-def _since(value: object, field: str) -> Since:
+def _since(value: object, info: ValidationInfo) -> float | tuple[float, ...]:
     """Check when a fault begins; return a time in s, or a range to draw the time from: its earlier and its later end.
 
-    Args:
-        field: name of the field, for errors.
     Raises:
         InputError: the value is neither a time nor a range, or a time is out of bounds.
     """
+    field = f"faults.{info.field_name}"
     times: Sequence[object] = value if isinstance(value, list | tuple) else (value,)
     for time_s in times:
         if isinstance(time_s, bool) or not isinstance(time_s, int | float) or not 0 <= time_s <= LATEST_S:
@@ -113,6 +107,12 @@ def _since(value: object, field: str) -> Since:
     return numbers
 
 
+Affected = Annotated[float | tuple[int, ...], BeforeValidator(_affected)]
+"""A share of the swarm, or robots by their numbers."""
+Since = Annotated[float | tuple[float, ...], BeforeValidator(_since)]
+"""A time, s, or the two ends of the range in which each robot's own is uniform, s."""
+
+
 class MotionFaults(FrozenModel):
     """Faults that change motion."""
 
@@ -126,16 +126,6 @@ class MotionFaults(FrozenModel):
     """Robots whose battery runs empty: they stop likewise, and hear, send and decide nothing from then on."""
     battery_life_s: Since = 1200.0
     """When it is empty, s, or a range; at most 20 minutes in the paper."""
-
-    @field_validator("stopped", "battery_empty", mode="before")
-    @classmethod
-    def _check_affected(cls, value: object, info: ValidationInfo) -> Affected:
-        return _affected(value, f"faults.{info.field_name}")
-
-    @field_validator("stopped_from_s", "battery_life_s", mode="before")
-    @classmethod
-    def _check_since(cls, value: object, info: ValidationInfo) -> Since:
-        return _since(value, f"faults.{info.field_name}")
 
     @property
     def any_of_motion(self) -> bool:
@@ -182,17 +172,6 @@ class Faults(MotionFaults):
     """Robots whose radio dies: they send and hear nothing from then on, and go on alone."""
     radio_dead_from_s: Since = 0.0
     """When it dies, s, or a range."""
-
-    # These two validators have names of their own, because a validator replaces the inherited one of the same name.
-    @field_validator(*OTHER_FAULTS, mode="before")
-    @classmethod
-    def _check_affected_too(cls, value: object, info: ValidationInfo) -> Affected:
-        return _affected(value, f"faults.{info.field_name}")
-
-    @field_validator("sensor_from_s", "opposite_from_s", "radio_dead_from_s", mode="before")
-    @classmethod
-    def _check_since_too(cls, value: object, info: ValidationInfo) -> Since:
-        return _since(value, f"faults.{info.field_name}")
 
     @property
     def of_motion(self) -> MotionFaults:
@@ -253,21 +232,19 @@ def check_faults(faults: Faults, robots: int) -> None:
         )
 
 
-def fault_warnings(faults: Faults, robots: int) -> list[str]:
-    """Return warnings about valid but probably unintended faults, empty if there are none.
+def fault_warnings(faults: Faults, robots: int) -> Iterator[str]:
+    """Yield warnings about valid but probably unintended faults.
 
     They are shares that are not a whole number of robots, and biased sensors whose shifts and drifts are all 0.
     """
-    found = []
     for kind in faults.kinds:
         affected = getattr(faults, kind)
         # Differences up to 1e-6 are rounding errors of the product.
         if isinstance(affected, float) and abs(affected * robots - robots_of_share(affected, robots)) > 1e-6:
             rounded = robots_of_share(affected, robots)
-            found.append(
+            yield (
                 f"faults.{kind}: {stated(affected)} of {robots} robots is {number(affected * robots, digits=4)}; "
                 f"{rounded or 'none'} of them {'has' if rounded == 1 else 'have'} the fault"
             )
     if faults.biased and not any(getattr(faults, name) for name in (*OF_TWO_KINDS, *OF_ANY_SENSOR)):
-        found.append("faults.biased has no effect: neither a shift nor a drift of the error rates is set")
-    return found
+        yield "faults.biased has no effect: neither a shift nor a drift of the error rates is set"

@@ -31,7 +31,7 @@ from pydantic import Field, model_validator
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, Floor, as_tiles, words_of_kinds
+from vibroswarm.floors.floor import DIGITS, KINDS_IN_WORDS, TILE_LIMIT, Floor, as_tiles
 from vibroswarm.floors.source import is_redrawn, named_tiles, surface_of
 from vibroswarm.floors.surfaces import (
     PLAIN,
@@ -80,6 +80,11 @@ class Arena(FrozenModel):
     """Inner width, m."""
     height_m: Length = 1.0
     """Inner height, m."""
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height."""
+        return self.width_m, self.height_m
 
 
 ValueRow = Annotated[
@@ -199,7 +204,7 @@ class FloorField(FrozenModel):
                 raise InputError("the rows differ in length; give rows of equal length", field="floor.tiles")
             if set("".join(self.tiles)) - set(DIGITS):
                 raise InputError(
-                    f"a row has other characters than 0 to 9 and a to f; {words_of_kinds()}",
+                    f"a row has other characters than 0 to 9 and a to f; {KINDS_IN_WORDS}",
                     field="floor.tiles",
                 )
             return as_tiles([[int(tile, 16) for tile in row] for row in self.tiles]), self.source

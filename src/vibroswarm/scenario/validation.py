@@ -37,9 +37,8 @@ def _check_ranges(s: Sections) -> None:
         if low > high:
             unit = "_ms" if name == "walk.leg" else ""  # the names of both fields of legs end in _ms
             raise InputError(f"{low} is above {name}_max{unit}, which is {high}", field=f"{name}_min{unit}")
-    misalignments = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
     # The speeds of the wheels are proportional to 1 - misalignment and 1 + misalignment.
-    if max(abs(misalignment) for misalignment in misalignments) + widest_veer_shift(s) >= 1.0:
+    if _largest_misalignment(s) + widest_veer_shift(s) >= 1.0:
         # Misalignments themselves are between -1 and 1, so a variation is set. The largest is the one to reduce.
         name = max(VARIATIONS, key=lambda name: getattr(s.robot, name) or 0.0)
         raise InputError(
@@ -97,7 +96,7 @@ def _check_places(s: Sections) -> None:
     left, right, low, high = start_region(s)
     size = f"{stated(s.arena.width_m)} m x {stated(s.arena.height_m)} m"
     if left > right or low > high:
-        most_m = min(s.arena.width_m, s.arena.height_m) / 2  # greatest radius or margin
+        most_m = min(s.arena.size_m) / 2  # greatest radius or margin
         if s.robot.body_radius_m > most_m:
             raise InputError(
                 f"a robot of radius {stated(s.robot.body_radius_m)} m does not fit into an arena of {size}",
@@ -130,11 +129,14 @@ def widest_veer_shift(s: Sections) -> float:
     return math.sqrt(6.0) * sum(each)
 
 
+def _largest_misalignment(s: Sections) -> float:
+    return max(map(abs, (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))))
+
+
 def longest_step_m(s: Sections) -> float:
     """Return an upper bound on the distance a robot drives between two ticks, m."""
-    misalignments = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
     # Speed of the faster wheel relative to that of a robot without misalignment.
-    wheel = 1 + max(abs(misalignment) for misalignment in misalignments) + widest_veer_shift(s)
+    wheel = 1 + _largest_misalignment(s) + widest_veer_shift(s)
     return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
 
 
@@ -334,10 +336,9 @@ def _check_task(s: Sections, task: Task) -> None:
                 field=field,
             )
     if task.check is not None:
-        size = s.arena.width_m, s.arena.height_m
         floor = s.floor.placed_in(s.arena, 0, 0)
-        boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*size)
-        asked = Asked(*size, fill_ratio=fill, decision_boundary=boundary, kinds=s.sensor.kinds)
+        boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*s.arena.size_m)
+        asked = Asked(*s.arena.size_m, fill_ratio=fill, decision_boundary=boundary, kinds=s.sensor.kinds)
         task.check(floor, asked, s.task.params)
 
 

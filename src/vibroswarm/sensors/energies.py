@@ -64,12 +64,9 @@ def histogram(measured: Sequence[Values]) -> tuple[Values, list[Values]]:
     edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
     ends = np.concatenate([[together.min()], edges, [together.max()]])
     widths = np.maximum(np.diff(ends), 1e-9)  # a bin of equal energies has no width
-    densities = []
-    for values in measured:
-        counts = np.bincount(np.searchsorted(edges, values, side="right"), minlength=edges.size + 1)
-        shares = (counts + 0.5) / (counts + 0.5).sum()  # 0.5: an empty bin must not have the share 0
-        densities.append(shares / widths)
-    return edges, densities
+    bins = [np.searchsorted(edges, values, side="right") for values in measured]
+    counts = [np.bincount(own, minlength=edges.size + 1) + 0.5 for own in bins]  # so that no share is 0
+    return edges, [of_kind / of_kind.sum() / widths for of_kind in counts]
 
 
 def check(p: Any) -> None:

@@ -52,7 +52,7 @@ def require(condition: object, words: str) -> None:
 
 
 def run_checks(
-    checks: Mapping[str, Callable[[str], Iterator[str]]], name: str, warnings: Container[str] = ()
+    checks: Mapping[str, Callable[[str], Iterator[str] | None]], name: str, warnings: Container[str] = ()
 ) -> list[Finding]:
     """Run checks of the strategy, network or task ``name``, and return their findings in order.
 

@@ -33,6 +33,7 @@ from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.camera import outwards, square_errors
+from vibroswarm.tracking.marker_detection import edge_lengths
 from vibroswarm.tracking.picture_quality import SMALL_PX, white_places
 from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
@@ -402,8 +403,7 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
         found[name] = float("nan")
         if len(own):
             corners = tracking.camera.at_height(sharp_corners(tracking, own), tracking.markers.height_m)
-            edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
-            found[name] = float(np.median(edges))
+            found[name] = float(np.median(edge_lengths(corners)))
     return found
 
 
@@ -421,8 +421,7 @@ def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Float
     # Every n-th detection. As n is rounded down, up to twice ``most`` are left; the last ones are then cut off.
     corners_px = corners_px[:: max(len(corners_px) // most, 1)][:most]
     corners = tracking.camera.at_height(corners_px, tracking.markers.height_m)
-    sizes = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
-    errors = square_errors(corners, float(np.median(sizes)))
+    errors = square_errors(corners, float(np.median(edge_lengths(corners))))
     return corners_px.mean(axis=1), 1000 * np.sqrt((errors**2).sum(axis=2).mean(axis=1))
 
 

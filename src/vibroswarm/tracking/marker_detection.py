@@ -79,10 +79,15 @@ class Detections:
 
     def edge_px(self) -> Floats:
         """Return the median length of the edges of each robot's marker, (robots,), px; NaN if it was never seen."""
-        # (frames, robots, 4); NaN in frames in which a marker was not seen
-        edges = np.linalg.norm(np.roll(self.corners_px, -1, axis=2) - self.corners_px, axis=-1)
-        seen = [of_robot[~np.isnan(of_robot)] for of_robot in np.moveaxis(edges, 1, 0)]
+        # (robots, frames, 4); NaN in frames in which a marker was not seen
+        edges = np.moveaxis(edge_lengths(self.corners_px), 1, 0)
+        seen = [of_robot[~np.isnan(of_robot)] for of_robot in edges]
         return np.array([np.median(of_robot) if of_robot.size else np.nan for of_robot in seen])
+
+
+def edge_lengths(corners: Floats) -> Floats:
+    """Return the lengths of markers' edges, (..., 4), in the unit of their corners, (..., 4, 2)."""
+    return np.asarray(np.linalg.norm(np.roll(corners, -1, axis=-2) - corners, axis=-1))
 
 
 def detect(

@@ -28,8 +28,8 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
-from vibroswarm.errors import InputError, check_choice, check_known_keys, shown
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
+from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of, shown
 from vibroswarm.tracking import opencv
 
 DICTIONARIES: Final = {
@@ -179,11 +179,7 @@ def read_markers(path: Path) -> Markers:
         InputError: it is not such a file; the message names the key that is wrong.
     """
     name = str(path)
-    data = read_bytes(path, most=2**20, what="a file of markers")  # 1 MiB is more than any such file needs
-    try:
-        text = data.decode("utf-8-sig")  # some editors write a byte order mark
-    except ValueError as error:
-        raise InputError(f"is not TOML: {error}", field=name) from None
+    text = read_text(path, "a file of markers", most=2**20)  # 1 MiB is more than any such file needs
     values = parsed_toml(text, name)
     check_known_keys(values, name, ("dictionary", "robots", "floor"))
     robots, floor = _table(values, "robots", name), _table(values, "floor", name)
@@ -219,20 +215,13 @@ def _table(values: Mapping[str, Any], key: str, name: str) -> Mapping[str, Any]:
     return table
 
 
-def _number(value: Any, field: str, low: float, high: float) -> float:
-    """Return a value as a float; raise InputError unless it is a number from ``low`` to ``high``."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(f"{shown(value)} must be a number from {low:g} to {high:g}", field=field)
-    return float(value)
-
-
 def _quantity(
     table: Mapping[str, Any], key: str, default: float | None, field: str, low: float = 0.0
 ) -> float:
     """Return a length (mm) or angle (degrees) of a table, from ``low`` to 10,000; without a default it is required."""
     if key not in table and default is None:
         raise InputError(f"does not state {key}, without which positions are wrong", field=field)
-    return _number(table.get(key, default), f"{field}.{key}", low=low, high=1e4)
+    return number_of(table.get(key, default), f"{field}.{key}", low, 1e4)
 
 
 def _marker(text: Any, count: int, field: str) -> int:
@@ -308,7 +297,7 @@ def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, 
     for marker, place in (value if isinstance(value, dict) else {}).items():
         if not isinstance(place, list) or len(place) not in (2, 3):
             raise InputError("must be [x, y] or [x, y, degrees], in mm", field=f"{field}.{marker}")
-        x_mm, y_mm, *angles_deg = (_number(part, f"{field}.{marker}", -1e6, 1e6) for part in place)
+        x_mm, y_mm, *angles_deg = (number_of(part, f"{field}.{marker}", -1e6, 1e6) for part in place)
         angle_deg = angles_deg[0] if angles_deg else 0.0
         number = _marker(marker, count, field)
         if number in places:  # the keys 46 and 046 are two texts, but one marker

@@ -76,15 +76,16 @@ class Tracking:
         Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has
             one gap, the whole video.
         """
-        rows = []
         first_s, last_s = self.span_s
-        for robot in self.markers.robots.values():
-            own = self.positions.filter(pl.col("robot") == robot)["time_s"].to_list()
-            rows += [
-                (robot, start_s, end_s)
-                for start_s, end_s in pairwise([first_s, *own, last_s])
-                if end_s - start_s > GAP_S
-            ]
+        own = {
+            robot: self.positions.filter(pl.col("robot") == robot) for robot in self.markers.robots.values()
+        }
+        rows = [
+            (robot, start_s, end_s)
+            for robot, positions in own.items()
+            for start_s, end_s in pairwise([first_s, *positions["time_s"].to_list(), last_s])
+            if end_s - start_s > GAP_S
+        ]
         schema = {"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}
         return pl.DataFrame(rows, schema=schema, orient="row")
 

@@ -75,13 +75,15 @@ def compute(work: Work) -> Tables:
     The base has rows too, with differences of 0.
     """
     pairs = [(reading, strategy) for reading in (BASE, *READINGS) for strategy in STRATEGIES]
-    rows = []
-    for reading, strategy in pairs:
-        changes = {
-            f"{name}_change": work.difference(name, (reading, strategy), (BASE, strategy))
-            for name in ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share")
-        }
-        rows.append({"reading": reading, "strategy": strategy, **means_of(changes)})
+    names = ("decision_time_s", "belief_in_truth", "wrong_share", "undecided_share")
+    changes = {
+        pair: {f"{name}_change": work.difference(name, pair, (BASE, pair[1])) for name in names}
+        for pair in pairs
+    }
+    rows = [
+        {"reading": reading, "strategy": strategy, **means_of(of_pair)}
+        for (reading, strategy), of_pair in changes.items()
+    ]
     return {
         "cells": work.rows(("reading", "strategy"), pairs),
         "changes": pl.DataFrame(rows, infer_schema_length=None),

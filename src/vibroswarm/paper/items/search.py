@@ -346,11 +346,11 @@ def _measured_repeats(table: pl.DataFrame, iterations: int) -> Iterator[Row]:
 
 def pictures_of_repeats(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield the picture of the costs over the iterations (``LINES``), with intervals over the short searches."""
-    rows = []
-    for name, label in LINES.items():
-        for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True):
-            # ``str``, because polars gives keys the static type "object".
-            rows.append((float(str(iteration)), label, *mean_interval(part[name].to_numpy())[:3]))
+    rows = [  # ``str``, because polars gives keys the static type "object"
+        (float(str(iteration)), label, *mean_interval(part[name].to_numpy())[:3])
+        for name, label in LINES.items()
+        for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True)
+    ]
     points = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high"], orient="row")
     yield picture(
         "search-repeats", "Costs over the iterations of short searches", draw_error_bars, points,
