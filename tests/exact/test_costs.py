@@ -12,6 +12,7 @@ from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import costs
+from vibroswarm.optimize.grid import _above_best
 from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from
 from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of
@@ -82,7 +83,7 @@ def test_scores_of_runs_that_are_nearly_all_alike_have_no_limits(objective: Obje
         values = np.array([0.5] * others + [1.0] * (200 - others))[:, None, None]
         assert math.isfinite(objective.interval(values).high) == has_limits
         assert objective.interval(values).low == 0.0 or has_limits
-    assert math.isfinite(objective.interval(np.array([1.0, 2.0, 3.0])[:, None, None]).high)
+    assert math.isfinite(objective.interval(np.arange(50.0)[:, None, None]).high)
 
 
 def test_an_expected_time_without_a_right_run_has_no_limits() -> None:
@@ -298,6 +299,15 @@ def test_the_bootstrap_of_a_score_holds_the_truth_as_often_as_it_says() -> None:
     assert 86 <= held <= 100
 
 
+@pytest.mark.parametrize("over", ["worst", "mean"])
+def test_limits_of_a_mean_plus_sd_allow_for_skew_costs(over: str) -> None:
+    """Percentiles of resamples were below the truth for 12 of 100 sets of 50 exponential costs, for 28 of 5 costs."""
+    costs_of_runs = -np.log((np.arange(50) + 0.5) / 50)[:, None, None] * np.array([[[1.0], [0.5]]])
+    found = Objective("intended", over=over).interval(costs_of_runs)
+    assert found.high - found.estimate > 1.4 * (found.estimate - found.low)
+    assert math.isinf(Objective("intended", over=over).interval(costs_of_runs[:49]).high)
+
+
 @pytest.mark.parametrize("runs", [2, 3, 10])
 def test_the_bootstrap_of_few_runs_seldom_says_that_equal_scores_differ(runs: int) -> None:
     random, objective = np.random.default_rng(3), Objective("intended")
@@ -346,3 +356,17 @@ def test_only_smooth_scores_are_corrected() -> None:
     wrong = random.binomial(5, 0.05, (20, 1, 1))
     counts = np.concatenate([100.0 * rows, wrong, robots, robots, np.full((20, 1, 1), 1200.0)], axis=2)
     assert limits.estimate(counts)[0] == limits.score(counts) >= float(100.0 * rows.mean())
+
+
+def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() -> None:
+    """One cell of 8 at least was called higher in 9 of 15 grids, by the interval of each pair alone."""
+    random, objective, runs, called = np.random.default_rng(3), Objective("intended"), np.arange(60), 0
+    for _ in range(8):
+        costs_of_runs = random.gamma(2.0, 1.0, (60, 1)) + random.gamma(2.0, 1.0, (60, 9))
+        costs_of_runs[:, 8] += 4.0
+        cells = [scored_of("cell", {}, objective, row[:, None, None], runs) for row in costs_of_runs.T]
+        above = _above_best(objective, cells)
+        assert min(one.estimate for one in above) == 0.0
+        assert above[8].low > 0.0, "the control"
+        called += any(one.low > 0.0 for one in above[:8])
+    assert called <= 1

@@ -30,9 +30,9 @@ that feels across tile edges (``sensor.edge_reach_m``, ``edge_blur_m``), or tile
 (``tile_spread``, ``robot_spread``), are refused.
 
 **What it bounds.** With these bits, their places, the sensor's model and this prior, no observer can be surer. A rule
-that decides only when its posterior error is at most alpha decides no sooner in any run. Two kinds of rule may decide
-sooner: a rule whose error is alpha only on average over runs, and a rule with more knowledge, such as the energies or
-the floor's pattern.
+that decides only when its posterior error is at most alpha decides no sooner in any run, but for the steps of the times
+at which the posterior is computed. Two kinds of rule may decide sooner: a rule whose error is alpha only on average
+over runs, and a rule with more knowledge, such as the energies or the floor's pattern.
 
 **What error to expect.** If floors follow the prior, the expected share of wrong decisions is the mean claimed error.
 That is somewhat below alpha, since the posterior jumps past 1 - alpha, and is computed at certain times only. ``wrong``

@@ -156,7 +156,13 @@ def _cell_table(nodes: Nodes) -> Table:
         "above_best": Column("above the lowest", unit, decimals=decimals, sign=True, wide=True),
         **CELLS,
     }
-    return Table(frame, columns, "With 95 % intervals.", "grid", names=len(varied))
+    return Table(
+        frame,
+        columns,
+        "With 95 % intervals; those above the lowest hold together.",
+        "grid",
+        names=len(varied),
+    )
 
 
 def _figures(nodes: Nodes) -> tuple[Section, ...]:

@@ -3,7 +3,8 @@
 A grid is a study with one cell for each combination of the values. Fields of strategy and decision do not change how
 robots move, so all cells replay one motion and are compared run by run. The cell with the lowest score is the best.
 Every cell that does not differ significantly from the best one is marked as equally good, since it is luck which of
-them is lowest. The best cell is scored again on fresh runs, that is runs that played no part in choosing it.
+them is lowest. The differences hold together (``analysis.best_group``): the lowest of many equal cells is always far
+below some of them. The best cell is scored again on fresh runs, that is runs that played no part in choosing it.
 
 | name | values in the paper |
 |---|---|
@@ -15,23 +16,26 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.best_group import LEVEL, best_group
 from vibroswarm.analysis.intervals import Interval, columns_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.evaluate import derived_seed
-from vibroswarm.optimize.objective import Objective, objectives_from
+from vibroswarm.optimize.objective import Objective, Rows, drawn_scores, objectives_from
 from vibroswarm.optimize.outcomes import Outcomes, from_tables
 from vibroswarm.optimize.spec import KEYS
-from vibroswarm.optimize.validation import Scored, Truth, paired_score, scored_of
+from vibroswarm.optimize.validation import Scored, Truth, scored_of
 from vibroswarm.study.factors import flat
 from vibroswarm.study.run import run as run_study
 from vibroswarm.study.runner import Progress
@@ -131,7 +135,7 @@ class Node(NotebookView):
     cell: Cell
     scored: Scored
     above_best: Interval
-    """Score of this cell minus that of the best cell, paired by run."""
+    """Score of this cell minus that of the best cell, paired by run; limits of all cells hold together."""
     time_s: float
     """Mean decision time over robots and runs, s; an undecided robot counts with T_end."""
     belief_in_truth: float | None
@@ -145,7 +149,7 @@ class Node(NotebookView):
     def as_good(self) -> bool:
         """Whether the score of this cell is not significantly higher than that of the best cell; true of the best.
 
-        It is also true of a cell that has fewer than two runs in common with the best: the interval then has no limits.
+        It is also true if the cells have fewer than ``best_group.FEWEST`` runs: the interval then has no limits.
         """
         return not self.above_best.low > 0
 
@@ -162,13 +166,14 @@ class Nodes(NotebookView):
     @property
     def best(self) -> Node:
         """The cell with the lowest score, the first of equals."""
-        return min(self.nodes, key=lambda node: (node.scored.score.estimate, node.cell.number))
+        return min(self.nodes, key=lambda node: node.above_best.estimate)
 
     @property
     def table(self) -> pl.DataFrame:
         """One row per cell: its values, its score and its distance above the best score (with limits), other figures.
 
-        The limits are those of 95 % intervals; ``runs`` is the number of runs behind the score.
+        The limits of a score are those of a 95 % interval, those above the best hold together with 95 %; ``runs`` is
+        the number of runs behind the score.
         """
         rows = []
         for node in self.nodes:
@@ -205,20 +210,37 @@ def scores_of(grid: Grid, result: StudyResult) -> Nodes:
             float(outcomes.undecided.mean()),
         )
         scored_cells.append((cell, scored, figures))
-    _, best, _ = min(scored_cells, key=lambda cell_and_score: cell_and_score[1].score.estimate)
+    above_best = _above_best(grid.objective, [scored for _, scored, _ in scored_cells])
     nodes = [
         Node(
             cell=cell,
             scored=scored,
-            above_best=paired_score(grid.objective, scored, best),
+            above_best=above,
             time_s=time_s,
             belief_in_truth=mean_belief,
             wrong=wrong,
             undecided=undecided,
         )
-        for cell, scored, (time_s, mean_belief, wrong, undecided) in scored_cells
+        for (cell, scored, (time_s, mean_belief, wrong, undecided)), above in zip(
+            scored_cells, above_best, strict=True
+        )
     ]
     return Nodes(grid, tuple(nodes))
+
+
+def _above_best(objective: Objective, cells: Sequence[Scored]) -> list[Interval]:
+    """Compare the score of each cell with the lowest, over the runs that all have; see ``analysis.best_group``."""
+    common = reduce(np.intersect1d, [cell.runs for cell in cells])
+    rows = np.concatenate([cell.rows[np.isin(cell.runs, common)] for cell in cells], axis=1)
+
+    def scores(some: Rows) -> list[float]:
+        return [objective.score(some[:, k : k + 1]) for k in range(len(cells))]
+
+    group = best_group(np.vstack([scores(rows), drawn_scores(scores, rows)]).T, common.size)
+    return [
+        Interval(above, low, high, LEVEL, common.size, "max-t")
+        for above, low, high in group.difference.tolist()
+    ]
 
 
 def truth_of_grid(

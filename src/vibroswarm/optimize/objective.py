@@ -61,6 +61,10 @@ DRAWS: Final = 1000
 LEAST_DIFFERING: Final = 6
 """With fewer runs that differ, from the usual run or from their pairs, a score or difference has no limits: all of
 these may favour one side by chance (a sign test of 5 has p = .06)."""
+LEAST_SPREAD: Final = 50
+"""With fewer runs a mean + sd has no limits: they do not know what seldom happens, such as a wrong consensus."""
+NOTHING: Final = 1e-300
+"""Least divisor."""
 
 Rows = NDArray[np.float64]
 """Figures of a candidate: (runs, cases, columns)."""
@@ -197,10 +201,11 @@ class Objective(NotebookView):
         """Compute the score with its confidence interval.
 
         With one case and at least two runs, the interval of a mean is Student's, that of a mean of shares
-        ``share_interval``, that of a share of runs Wilson's, and that of a quantile uses order statistics. Every other
-        interval is a bootstrap over runs. A score that cannot be negative has no negative limit. Student's limits and
-        those of a bootstrap are infinite where ``few_differ``, and those of ``expected_time_to_right`` where no run of
-        a case is right.
+        ``share_interval``, that of a share of runs Wilson's, and that of a quantile uses order statistics. That of a
+        mean + sd is a bootstrap-t. Every other interval is a bootstrap over runs. A score that cannot be negative has
+        no negative limit. Student's limits and those of a bootstrap are infinite where ``few_differ``, those of a mean
+        + sd with fewer than ``LEAST_SPREAD`` runs, and those of ``expected_time_to_right`` where no run of a case is
+        right.
 
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
@@ -212,10 +217,39 @@ class Objective(NotebookView):
                 return quantile_interval(rows[:, 0, 0], quantile, level)._replace(estimate=self.score(rows))
             if self.statistic == "mean":
                 return self._mean_interval(rows[:, 0, 0], level)
-        found = bootstrap(self.score, rows, level, seed)
+        if self.statistic == "mean+sd" and self.name not in AIMS:
+            found = self._bootstrap_t(rows, level, seed)
+        else:
+            found = bootstrap(self.score, rows, level, seed)
         if self.name == "expected_time_to_right" and not rows[:, :, 1].any(axis=0).all():
             found = without_limits(found)
         return found if runs < 2 else within(found, self._least, math.inf)
+
+    def _bootstrap_t(self, rows: Rows, level: float, seed: int) -> Interval:
+        """Compute a mean + sd with the limits score - (quantiles of t*) times its standard error.
+
+        t* is the deviation of a resample's score in its own standard errors. Both are large together where costs are
+        skew, which percentiles of the resamples' scores leave out: of 50 exponential costs they are below the true
+        score in 12 of 100 searches, of 5 in 28.
+        """
+        runs, estimate = rows.shape[0], self.score(rows)
+        if runs < LEAST_SPREAD or few_differ(rows[:, :, :1]):
+            return Interval(estimate, -math.inf, math.inf, level, runs, "bootstrap-t")
+        _, error = self._mean_sd(rows)
+        drawn, errors = drawn_scores(self._mean_sd, rows, seed).T
+        with np.errstate(divide="ignore"):  # a resample of equal costs
+            t = (drawn - estimate) / errors
+        low, high = estimate - error * np.quantile(t, [0.5 + level / 2, 0.5 - level / 2])
+        return Interval(estimate, float(low), float(high), level, runs, "bootstrap-t")
+
+    def _mean_sd(self, rows: Rows) -> tuple[float, float]:
+        """Return the score mean + sd, and its standard error by the influence of each run (the delta method)."""
+        costs_of_runs = rows[:, :, 0]
+        sd, apart = costs_of_runs.std(axis=0), costs_of_runs - costs_of_runs.mean(axis=0)
+        influence = apart + (apart**2 - sd**2) / (2.0 * np.maximum(sd, NOTHING))
+        by_case = costs_of_runs.mean(axis=0) + sd
+        of_runs = influence[:, by_case.argmax()] if self.over == "worst" else influence.mean(axis=1)
+        return self.score(rows), float(of_runs.std(ddof=1)) / math.sqrt(len(rows))
 
     @property
     def _least(self) -> float:
@@ -316,6 +350,12 @@ def without_limits(found: Interval) -> Interval:
     return found._replace(low=-math.inf, high=math.inf)
 
 
+def drawn_scores(score: Callable[[Rows], Any], rows: Rows, seed: int = 0, draws: int = DRAWS) -> Array:
+    """Return the score, or several scores, of resamples of the runs with replacement, (draws, ...)."""
+    random, runs = generator(seed, "bootstrap of a score"), rows.shape[0]
+    return np.array([score(rows[random.integers(0, runs, runs)]) for _ in range(draws)])
+
+
 def bootstrap(
     score: Callable[[Rows], float], rows: Rows, level: float = 0.95, seed: int = 0, draws: int = DRAWS
 ) -> Interval:
@@ -335,8 +375,7 @@ def bootstrap(
     runs, estimate = rows.shape[0], score(rows)
     if runs < 2 or few_differ(rows):
         return Interval(estimate, -math.inf, math.inf, level, runs, "bootstrap")
-    random = generator(seed, "bootstrap of a score")
-    drawn = np.array([score(rows[random.integers(0, runs, runs)]) for _ in range(draws)])
+    drawn = drawn_scores(score, rows, seed, draws)
     bias = drawn.mean() - estimate
     low, high = draw_limits(drawn - bias, runs, level)
     return Interval(estimate, low, high, level, runs, "bootstrap")

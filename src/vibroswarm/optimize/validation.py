@@ -116,8 +116,8 @@ class Truth(NotebookView):
 
         "too short": see the field ``too_short``. "not defined": the relative difference is not finite. "lucky" or
         "unlucky": the true score is significantly higher (worse) or lower than the believed score, which then lies
-        outside the interval of the true score. "inconclusive": not significant, but larger than ``TELLING``. "not
-        significant": neither significant nor large.
+        outside the interval of the true score. "inconclusive": not significant, but larger than ``TELLING``, or the
+        true score has no limits. "not significant": neither significant nor large.
         """
         relative, score = self.difference, self.winner.score
         if self.too_short:
@@ -125,7 +125,8 @@ class Truth(NotebookView):
         if not math.isfinite(relative):
             return "not defined"
         if score.low <= self.believed <= score.high:
-            return "inconclusive" if abs(relative) > TELLING else "not significant"
+            is_open = abs(relative) > TELLING or (relative != 0.0 and math.isinf(score.high))
+            return "inconclusive" if is_open else "not significant"
         return "lucky" if relative > 0 else "unlucky"
 
     @property
@@ -139,7 +140,8 @@ class Truth(NotebookView):
             "not defined": "The difference between the believed and the true score is no share of the true one.",
             "inconclusive": (
                 f"The believed score is {percent(abs(share), 0)} too {'low' if share > 0 else 'high'}, but the "
-                "interval of the true score is as wide: too few validation runs; raise --fresh."
+                f"true score has {'no limits' if math.isinf(self.winner.score.high) else 'limits as wide'}: too few "
+                "validation runs; raise --fresh."
             ),
             "not significant": (
                 f"The believed score lies inside the interval of the true score ({percent(share, sign=True)}): "
