@@ -313,12 +313,26 @@ def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.Captu
         ("evaluate --style poster", "--style: there is no 'poster' (choices: column, page, slide)"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
-        ("evaluate --vary network.loss.share=0,0.1", "has no effect: network.name is 'ideal' in every cell"),
+        (
+            "evaluate --vary network.loss.share=0,0.1",
+            "has no effect: network.name is 'ideal'; set it to 'loss'",
+        ),
         (
             "evaluate --strategy none,positive --vary strategy.soft.eta=1,2",
-            "has no effect: strategy.name is 'none' and 'positive' in every cell; set it to 'soft', or vary it",
+            "has no effect: strategy.name is 'none' and 'positive'; set it to 'soft', or leave this out",
         ),
         ("evaluate --runs 5 --until 2%", "--until: use --runs or --until, not both"),
+        (
+            "evaluate --strategy none,positive --set strategy.soft.eta=1",
+            "set it to 'soft', or leave this out",
+        ),
+        (
+            "run --set network.loss.share=0.1",
+            "--set network.loss.share: has no effect: network.name is 'ideal'",
+        ),
+        ("detect --set task.share.kind=0", "--set task.share.kind: has no effect"),
+        ("league --vary none:strategy.soft.eta=1,2", "--vary strategy.soft.eta: has no effect"),
+        ("league --strategy none --set strategy.soft.eta=1", "--set strategy.soft.eta: has no effect"),
         ("evaluate --figure robots_right", "--figure: needs --until"),
     ],
 )

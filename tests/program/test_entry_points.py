@@ -77,3 +77,16 @@ def test_a_study_by_worker_processes_is_read_again_only_with_its_package(
     assert without.returncode == 2
     assert "there is no" in without.stderr
     assert "Traceback" not in without.stderr
+
+
+def test_a_package_that_cannot_be_loaded_does_not_hide_what_others_offer(package: Path) -> None:
+    points = package / "mine-1.0.dist-info" / "entry_points.txt"
+    points.write_text(POINTS.replace("mine.near:near", "mine.nowhere:near"), encoding="utf-8")
+    short = ("run", "--set", "run.t_end_s=20")
+    right = vibroswarm(*short, "--task", "corner", package=package)
+    assert right.returncode == 0, right.stderr
+    misspelt = vibroswarm(*short, "--task", "cornr", package=package)
+    assert "did you mean 'corner'?" in misspelt.stderr
+    broken = vibroswarm(*short, "--network", "near", package=package)
+    assert (broken.returncode, broken.stdout) == (2, "")
+    assert "mine.nowhere:near: cannot be loaded: ModuleNotFoundError" in broken.stderr

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from shutil import rmtree
 
 import polars as pl
 import pytest
@@ -19,7 +20,7 @@ from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.optimize.sensitivity import sobol_indices
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import SEARCH, SearchFolder
+from vibroswarm.optimize.steps import SEARCH, SearchFolder, step_table
 from vibroswarm.result import Result, write_code
 from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.strategies.base import forget
@@ -168,10 +169,13 @@ def test_a_search_that_was_killed_after_it_copied_the_code_begins_again(tmp_path
     copy = tmp_path / "voter.py"
     assert [path.name for path in tmp_path.iterdir()] == [copy.name]
     (tmp_path / ".voter.py.3f.tmp").write_text("half a co", encoding="utf-8")
-    with SearchFolder(tmp_path, search).alone():
+    folder = SearchFolder(tmp_path, search)
+    with folder.alone():
+        folder.add(1, step_table(search, [(0, "start", [("it failed", 1)])]))
         assert {path.name for path in tmp_path.iterdir()} >= {copy.name, MANIFEST, SEARCH}
     for name in (MANIFEST, SEARCH):
         (tmp_path / name).unlink()
+    rmtree(tmp_path / "steps")
     copy.write_text(copy.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     with pytest.raises(InputError, match="is not a search"):
         SearchFolder(tmp_path, search)

@@ -17,13 +17,15 @@ from helpers.forked import FORKED
 from helpers.manifests import resealed
 from helpers.search_functions import steps_of
 from vibroswarm.documents.search import search_document
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.loop import Found, run_search
+from vibroswarm.optimize.methods import Method, Sampler, forget, register
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_files import candidate_table, history_table, write_search
+from vibroswarm.optimize.space import Point
 from vibroswarm.optimize.spec import Search, SearchSettings
 from vibroswarm.optimize.validation import front_of, truth_of
 from vibroswarm.study import executors
@@ -242,7 +244,7 @@ def test_failed_runs_are_counted_and_shown(
     assert same(found, run_search(small(), tmp_path / "s"))
 
 
-def test_values_that_make_no_scenario_are_failures() -> None:
+def test_values_that_make_no_scenario_are_failures(tmp_path: Path) -> None:
     free = "\n".join(line for line in SMALL.splitlines() if not line.startswith("start"))
     text = free.replace("[space]", '[space]\n"walk.leg_min_ms" = { from = 0, to = 60000 }')
     found = run_search(small(text))
@@ -252,7 +254,52 @@ def test_values_that_make_no_scenario_are_failures() -> None:
     bad = free.replace("[space]", "[scenario.walk]\nleg_max_ms = 10.0\nleg_min_ms = 0.0\n[space]")
     bad = bad.replace("[space]", '[space]\n"walk.leg_min_ms" = { from = 50, to = 60 }')
     with pytest.raises(RunError, match="all of the first 12 runs failed"):
-        run_search(small(bad))
+        run_search(small(bad), tmp_path / "s")
+    assert not (tmp_path / "s").exists()
+
+
+def method_of(step: float) -> Method:
+    class Near(Sampler):
+        name = "near"
+        width = step
+
+        def propose(self, count: int) -> list[Point]:
+            return [self.width * self.random().random(self.archive.space.size) for _ in range(count)]
+
+    return Method("near", Near.begin)
+
+
+def test_a_search_by_a_registered_method_that_has_changed_is_not_continued(tmp_path: Path) -> None:
+    try:
+        for step in (1.0, 1.0):  # the same is continued
+            forget("near")
+            register(method_of(step))
+            search = small().with_settings(method="near", budget=60, final=0)
+            run_search(search, tmp_path / "s")
+        forget("near")
+        register(method_of(0.5))
+        with pytest.raises(InputError, match="another method near, whose code has changed since"):
+            run_search(search, tmp_path / "s")
+    finally:
+        forget("near")
+
+
+def test_a_method_that_ranks_what_is_no_candidate_is_refused() -> None:
+    class Odd(Sampler):
+        def propose(self, count: int) -> list[Point]:
+            return [np.full(2, 0.5)] * count
+
+        def finalists(self, count: int) -> list[int]:
+            return [99]
+
+    register(Method("odd", Odd.begin))
+    try:
+        with pytest.raises(
+            CodeError, match=r"odd: finalists are \[99\], .*; return keys of candidates, from 0"
+        ):
+            run_search(small().with_settings(method="odd", budget=90, final=60))
+    finally:
+        forget("odd")
 
 
 def test_a_cost_that_gives_nan_stops_the_search() -> None:

@@ -222,6 +222,19 @@ def test_what_is_wrong_is_said(what: str) -> None:
         Study.from_toml(text)
 
 
+def test_a_varied_field_that_no_cell_uses_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    text = '[grid]\n"strategy.name" = ["none", "positive"]\n"strategy.soft.eta" = [1, 2]\n'
+    file.write_text(text)
+    words = r"strategy.soft.eta: has no effect: strategy.name is 'none' and 'positive'; set it to 'soft'"
+    with pytest.raises(InputError, match=words):
+        Study.read(file)
+    file.write_text(text.replace("positive", "soft"))
+    assert len(Study.read(file).cells) == 4
+    with pytest.raises(InputError, match=r"network.loss.share: has no effect: network.name is 'ideal'"):
+        Study.of(preset("paper"), network__loss__share=[0.1, 0.2])
+
+
 def test_a_study_file_that_is_none(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         Study.read(tmp_path / "nowhere.toml")

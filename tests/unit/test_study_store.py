@@ -24,6 +24,7 @@ from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.motion.source import MotionState, Source, forget, register, source
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.batch_table import ROWS
@@ -433,6 +434,34 @@ def test_runs_of_registered_code_that_has_changed_are_not_continued(tmp_path: Pa
             own.run(tmp_path / "st", progress=False)
     finally:
         tasks.base.forget("halves")
+
+
+def source_of(part: float) -> Source:
+    """A source of motion like the engine, with a setting of its own."""
+
+    class Begin:
+        def __init__(self) -> None:
+            self.part = part
+
+        def __call__(self, *given: Any, **wanted: Any) -> MotionState:
+            return source("event").init(*given, **wanted)
+
+    return Source("same", Begin())
+
+
+def test_runs_of_a_registered_source_of_motion_that_has_changed_are_not_continued(tmp_path: Path) -> None:
+    try:
+        for part in (1.0, 1.0):  # the same is continued
+            forget("same")
+            register(source_of(part))
+            own = Study({"run": {"t_end_s": 20.0}}, {}, 2, motion="same")
+            own.run(tmp_path / "st", progress=False)
+        forget("same")
+        register(source_of(2.0))
+        with pytest.raises(InputError, match="another motion same, whose code has changed since"):
+            own.run(tmp_path / "st", progress=False)
+    finally:
+        forget("same")
 
 
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(

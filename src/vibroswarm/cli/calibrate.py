@@ -129,10 +129,14 @@ def effect(
     example:
       vibroswarm calibrate effect paper calibrated --runs 1000
     """
-    from vibroswarm.calibrate.effect import effects
+    from vibroswarm.calibrate.effect import STRATEGIES, effects
     from vibroswarm.documents.effect import effect_document
+    from vibroswarm.scenario.scenario import parse_settings
+    from vibroswarm.study.scenario_words import refuse_without_effect
 
     scenarios = (scenario_named(first, settings), scenario_named(second, settings))
+    players = [one.with_values({"strategy.name": name}) for one in scenarios for name in STRATEGIES]
+    refuse_without_effect(parse_settings(settings), players, "--set ")
     with progress_bar("runs") as progress:
         results = effects(*scenarios, runs, seed, progress=progress, names=(first, second))
     print_document(effect_document(*results), as_json=json)

@@ -12,7 +12,7 @@ from vibroswarm.cli.deliver import Destination, print_document, print_with_place
 from vibroswarm.cli.option_values import pair_of, toml_path
 from vibroswarm.cli.options import Force, Json, Opened, Paged, ScenarioOptions, TomlFile
 from vibroswarm.cli.output import print_saved_file
-from vibroswarm.cli.scenario_options import scenario_from, scenario_named, words_of
+from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, scenario_named, words_of
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
 from vibroswarm.errors import InputError, named
@@ -65,7 +65,7 @@ def import_logs(
     if reader is not None and columns is not None:
         raise InputError("conflicts with --columns; use one of them", field="--reader")
     output = Paged(out=out, force=force, json=json, open=page.open)
-    made = scenario_from(scenario)
+    made = scenario_from(scenario, is_final=False)  # the logs say which strategy it was
     check_one_floor(made, **words_of(scenario))
     stated = stated_fields(**words_of(scenario))
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
@@ -75,6 +75,7 @@ def import_logs(
     floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
     with named("--floor", of="floor"):
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
+    refuse_settings(scenario, [recording.scenario])
     with whole_folder(out, replace=True) as part:
         recording.write_into(part)
         pages = write_pages(recording, part)
@@ -184,16 +185,18 @@ def replay(
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import replay_strategies, replayed_settings
-    from vibroswarm.study.scenario_words import chosen
+    from vibroswarm.study.scenario_words import chosen, refuse_without_effect
 
-    for name in strategy:
-        chosen("strategy", name)  # refuses an unknown name
+    names = [chosen("strategy", name) for name in strategy]  # refuses an unknown name
     recording = Recording.read(folder)
     scenario, warnings = recording.scenario, tuple[str, ...]()
     if laws is not None:
         recording, warnings = with_law(recording, law_named(laws, draws=0))
         scenario = recording.scenario
-    scenario = scenario.with_values(replayed_settings(settings, gate))
+    changed = replayed_settings(settings, gate)
+    scenario = scenario.with_values(changed)
+    replayed = [scenario.with_values({"strategy.name": name}) for name in names]
+    refuse_without_effect(changed, replayed, "--set ")
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
     print_document(replay_document(replace(replays, warnings=warnings)), as_json=json)
 

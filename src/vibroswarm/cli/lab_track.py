@@ -11,7 +11,7 @@ from vibroswarm.cli.deliver import Destination, print_with_place
 from vibroswarm.cli.option_values import pair_of
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.cli.progress import progress_bar
-from vibroswarm.cli.scenario_options import scenario_from, words_of
+from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, words_of
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.errors import InputError, named
 
@@ -123,7 +123,7 @@ def track(
     from vibroswarm.tracking.track import with_positions, write_tables
 
     opencv()  # raises an error before any work if the package is not installed
-    made = scenario_from(scenario)
+    made = scenario_from(scenario, is_final=False)
     markers = marked.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
     stated = stated_fields(
@@ -147,6 +147,7 @@ def track(
             floor = made.floor_for(0, 0)
             with named("--floor", of="floor"):
                 recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
+            refuse_settings(scenario, [recording.scenario])
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)

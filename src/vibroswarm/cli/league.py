@@ -27,7 +27,7 @@ from vibroswarm.cli.options import (
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.progress import STAGES, progress_bar
-from vibroswarm.cli.scenario_options import warned, words_of
+from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
 from vibroswarm.cli.studies import print_plan
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import remove_folder, whole_file, write_files
@@ -193,6 +193,7 @@ def tune(
     if note:
         say(note)
     warned(base)
+    refuse_settings(scenario, [base.with_values({"strategy.name": name}) for name in names])
     # the search spaces of the package, and those of the user's file in their place
     space_of = shipped_spaces(own_motion) | (read_spaces(spaces) if spaces else {})
     with ExitStack() as stack:

@@ -15,7 +15,7 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
     """
 
-    made = scenario_from(scenario)
+    made = scenario_from(scenario, is_final=False)
     if out is None:
         print(made.to_toml(), end="")
         return

@@ -30,11 +30,26 @@ def words_of(options: ScenarioBase) -> ScenarioWords:
     return cast(ScenarioWords, {name: value for name, value in vars(options).items() if name in known})
 
 
-def scenario_from(options: ScenarioBase) -> Scenario:
-    """Make the scenario that the options describe (``scenario_words.scenario_of``), and print warnings about it."""
+def scenario_from(options: ScenarioBase, *, is_final: bool = True) -> Scenario:
+    """Make the scenario that the options describe (``scenario_words.scenario_of``), and print warnings about it.
+
+    Args:
+        is_final: whether what it selects stays, so that ``--set`` of a field of anything else is refused.
+    """
     from vibroswarm.study.scenario_words import scenario_of
 
-    return warned(scenario_of(**words_of(options)))
+    made = warned(scenario_of(**words_of(options)))
+    if is_final:
+        refuse_settings(options, [made])
+    return made
+
+
+def refuse_settings(options: ScenarioBase, scenarios: Iterable[Scenario]) -> None:
+    """Refuse ``--set`` of a field that has no effect in any of the scenarios (``refuse_without_effect``)."""
+    from vibroswarm.scenario.scenario import parse_settings
+    from vibroswarm.study.scenario_words import refuse_without_effect
+
+    refuse_without_effect(parse_settings(options.settings), scenarios, "--set ")
 
 
 def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:

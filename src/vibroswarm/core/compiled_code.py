@@ -53,7 +53,7 @@ def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
     """Return the values of the globals that a function reads, by name; names that are not defined are left out."""
     names = {
         instruction.argval
-        for code in _codes_in(function.__code__)
+        for code in codes_in(function.__code__)
         for instruction in dis.get_instructions(code)
         if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME")
     }
@@ -77,24 +77,30 @@ def is_known(module: object) -> bool:
     return file is None or str(file).startswith(sysconfig.get_path("stdlib"))
 
 
-def _codes_in(code: CodeType) -> Iterator[CodeType]:
+def codes_in(code: CodeType) -> Iterator[CodeType]:
+    """Yield the code of a function, and of the functions in it."""
     yield code
     for value in code.co_consts:
         if isinstance(value, CodeType):
-            yield from _codes_in(value)
+            yield from codes_in(value)
 
 
 def _of_function(function: Callable[..., Any], seen: set[Any]) -> str:
     """Return ``compiled_text``; what is in ``seen``, which is extended, has been described already."""
     seen.add(function)
-    codes = list(_codes_in(function.__code__))
+    codes = list(codes_in(function.__code__))
     texts = [f"{code.co_code!r} {_constants(code)} {code.co_names}" for code in codes]
-    enclosed = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
     names = {name for code in codes for name in code.co_names}
-    values = {name: _content(cell) for name, cell in enclosed.items()} | globals_of(function)
+    values = enclosed_by(function) | globals_of(function)
     texts += [f"{name}: {_of_value(value, names, seen)}" for name, value in values.items()]
     texts.append(_of_value(function.__defaults__, names, seen))
     return "; ".join(texts)
+
+
+def enclosed_by(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the values that a function reads from the functions around it, by name."""
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    return {name: _content(cell) for name, cell in cells}
 
 
 def _constants(code: CodeType) -> list[str]:

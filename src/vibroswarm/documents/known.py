@@ -41,7 +41,7 @@ def known_document(kind: str) -> Document:
     if kind == "preset":
         named = {name: describe(name) for name in preset_names()}
     else:
-        plugins.load_installed()
+        plugins.load_installed(kind)
         named = {name: one.about for name, one in plugins.KINDS[kind].known().items()}
     title = NOUNS[kind][1]
     frame = pl.DataFrame({kind: list(named), "about": list(named.values())})

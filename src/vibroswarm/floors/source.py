@@ -345,14 +345,12 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
         if surface == PATCHES:
             return np.zeros((rows, columns), dtype=np.uint8)
         return kinds_of(named_values(source, rows, columns, seed, run))
-    if not is_random(source) and family(source) is None and _is_there(source):
-        raise InputError(
-            f"'{source}' is a file, which is read from a scenario's text alone, Scenario.from_toml(..., folder=...); "
-            "or give its rows as floor.tiles",
-            field=_FIELD,
-        )
     if not is_random(source) and family(source) is None:
-        raise InputError(_unknown(source), field=_FIELD)
+        file = (
+            f"'{source}' is a file, which is read from a scenario's text alone, Scenario.from_toml(..., folder=...); "
+            "or give its rows as floor.tiles"
+        )
+        raise InputError(file if _is_there(source) else _unknown(source), field=_FIELD)
     try:
         if is_random(source):
             shares = random_shares(source)

@@ -6,7 +6,7 @@ standings, tables = played(asked)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -33,8 +33,14 @@ from vibroswarm.league.entries import (
 from vibroswarm.league.fault_curves import KINDS
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import check_tests, further_tables, league_tables
-from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of, several
+from vibroswarm.scenario.scenario import Scenario, parse_settings
+from vibroswarm.study.scenario_words import (
+    ScenarioWords,
+    chosen,
+    refuse_without_effect,
+    scenario_of,
+    several,
+)
 
 
 class Players(NamedTuple):
@@ -155,7 +161,23 @@ def league_of(
     basic = League(base, main_entries(entries), floors, robots, runs=runs, seed=seed)
     for text in vary:
         entries = varied_by(entries, text)
+    _refuse_without_effect(parse_settings(players.get("settings", ())), base, entries, "--set ")
+    for text in vary:
+        strategy, _, field = text.partition("=")[0].strip().rpartition(":")
+        players_of_it = [entry for entry in entries if strategy in ("", entry.strategy)]
+        _refuse_without_effect([field], base, players_of_it, "--vary ")
     return Asked(replace(basic, entries=entries), basic, note)
+
+
+def _refuse_without_effect(
+    fields: Iterable[str], base: Scenario, entries: Iterable[Entry], option: str
+) -> None:
+    """Refuse fields that no entry of a league uses (``refuse_without_effect``)."""
+    refuse_without_effect(fields, [_scenario_of(entry, base) for entry in entries], option)
+
+
+def _scenario_of(entry: Entry, base: Scenario) -> Scenario:
+    return base.with_values({**SIZE, "strategy.name": entry.code or entry.strategy, **entry.settings})
 
 
 def _entries_in(path: Path, names: Sequence[str], base: Scenario) -> tuple[Entry, ...]:
@@ -164,7 +186,7 @@ def _entries_in(path: Path, names: Sequence[str], base: Scenario) -> tuple[Entry
     with in_file(path):
         entries = entries_of(names, settings)
         for entry in entries:
-            base.with_values({**SIZE, "strategy.name": entry.code or entry.strategy, **entry.settings})
+            _scenario_of(entry, base)
     return entries
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, number
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import RunError
+from vibroswarm.errors import CodeError, RunError, shown
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, Piece, do_asks
 from vibroswarm.optimize.methods import Ask, Iteration, SearchProgress, Stage, method
@@ -176,14 +176,14 @@ class _Loop:
         last = race or first
         # With several objectives, the finalists are the candidates on the Pareto front. All are requested: the number
         # is larger than that of the candidates.
-        front = tuple(first.finalists(10**9)) if len(search.objectives) > 1 else ()
+        ranked = [] if race else self._ranked(first, 10**9)
         return Found(
             search=search,
             archive=self.archive,
             best=last.best(),
             history=first.history,
             race=race.history if race else [],
-            front=front,
+            front=tuple(ranked) if len(search.objectives) > 1 else (),
         )
 
     def _finalists(self, first: Stage) -> list[int]:
@@ -200,8 +200,24 @@ class _Loop:
         points = optima(self.archive, keys, self.search.seed) if self.search.settings.surface else []
         added = [*((p, "surface") for p in points), *((p, "start") for p in self.search.starts)]
         added = added[: count - 1]  # one place is left for the method's best candidate
-        best = first.finalists(count - len(added))
+        best = self._ranked(first, count - len(added))
         return [*best, *(self.archive.new(point, origin) for point, origin in added)]
+
+    def _ranked(self, stage: Stage, count: int) -> list[int]:
+        """Return the keys of up to ``count`` candidates that a method names as its best, the best first, each once.
+
+        Raises:
+            CodeError: the method failed, or named what is no candidate.
+        """
+        chosen, known = method(self.search.settings.method), range(len(self.archive))
+        with errors_in(chosen.code):
+            keys = list(dict.fromkeys(stage.finalists(count)))
+            if not all(key in known for key in (*keys, stage.best())):
+                raise CodeError(
+                    f"{chosen.name}: finalists are {shown(keys)}, and the best is {shown(stage.best())}; return keys "
+                    f"of candidates, from 0 to {len(known) - 1}"
+                )
+        return keys[:count]
 
     def _run_stage(self, stage: Stage, name: str, wanted: int) -> None:
         """Run a stage, step by step, until it makes no further requests.

@@ -27,7 +27,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -201,23 +201,30 @@ class SearchFolder:
     def alone(self) -> Iterator[None]:
         """Make the folder if it does not exist, and lock it for this process until the end of the block.
 
+        A folder that was made, and in which no step was saved, is removed again.
+
         Raises:
             InputError: another process uses the folder, it holds another search, or something else is in the place of a
                 file of it. RunError: it cannot be written.
         """
+        is_new = not self.folder.exists()
         make_folder(self.folder)
-        with folder_lock(self.folder):
-            remove_leftovers(self.folder)
-            for place in (STEPS, FRESH):
-                check_places(self.folder / place)
-            # ``__init__`` checked this before the folder was locked: another process may have made a search since.
-            if not self._is_there():
-                self._make()
-            yield
+        try:
+            with folder_lock(self.folder):
+                remove_leftovers(self.folder)
+                for place in (STEPS, FRESH):
+                    check_places(self.folder / place)
+                # ``__init__`` checked this before the folder was locked: another process may have made a search since.
+                self._is_there()
+                yield
+        finally:
+            if is_new:
+                with suppress(OSError):  # it is not empty
+                    self.folder.rmdir()
 
     def _make(self) -> None:
         """Write the files of a new search; the manifest last, since a folder with one counts as a search."""
-        made_by = versions() | registered_code(self.search.code_used[0])
+        made_by = versions() | registered_code(*self.search.code_used)
         manifest = manifest_text("search", hash=self.search.hash, versions=made_by)
         write_code(self.folder, *self.search.code_used)
         write_files(self.folder, {SEARCH: self._text, MANIFEST: manifest})
@@ -228,11 +235,13 @@ class SearchFolder:
         return intact_step(path, self.search) if os.path.lexists(path) else None
 
     def add(self, number: int, table: pl.DataFrame) -> None:
-        """Write the table of a finished step.
+        """Write the table of a finished step; before the first of a new search, the files that define it.
 
         Raises:
             RunError: it cannot be written.
         """
+        if not has_manifest(self.folder):
+            self._make()
         name, tables = name_of(number).removesuffix(".json"), {"step": parquet_bytes(table)}
         write_described(self.folder / STEPS, name, "step", tables)
 
@@ -256,7 +265,7 @@ class SearchFolder:
                     f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
                     field=str(self.folder),
                 )
-        check_registered(search.code_used[0], [made_by], self.folder)
+        check_registered([made_by], self.folder, *search.code_used)
         if not mixed:
             check_begun_by(made_by, self.folder)
 

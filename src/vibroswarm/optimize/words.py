@@ -20,9 +20,10 @@ from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.search_files import made_by, write_grid, write_search
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Front, Truth, validated
+from vibroswarm.scenario import plugins
 from vibroswarm.study.run import run as run_study
 from vibroswarm.study.runner import StudyProgress
-from vibroswarm.study.scenario_words import chosen
+from vibroswarm.study.scenario_words import chosen, refuse_without_effect
 from vibroswarm.study.spec import Study
 
 
@@ -62,6 +63,7 @@ def search_of(
     objectives = search.objectives
     if cost is not None:
         objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
+    _refuse_without_effect(search)
     return replace(
         search,
         study=search.study if seed is None else replace(search.study, seed=seed),
@@ -69,6 +71,14 @@ def search_of(
         objectives=objectives,
         settings=replace(search.settings, **changes),
     )
+
+
+def _refuse_without_effect(search: Search) -> None:
+    """Refuse fields, of the space or varied by the cases, of entries that neither the cases nor the space select."""
+    varied = {*search.study.varied, *search.space.names}
+    selected = {kind for kind in plugins.KINDS if plugins.field_of(kind) in search.space.names}
+    fields = sorted(field for field in varied if field.partition(".")[0] not in selected)
+    refuse_without_effect(fields, (cell.scenario for cell in search.cases))
 
 
 def check_budgeted(search: Search) -> None:
@@ -105,6 +115,7 @@ def grid_of(
         if value is not None and name != "method":
             raise InputError("does not apply to a grid", field=f"--{name}")
     grid = Grid.paper() if file is None else Grid.read(file)
+    grid.study.check_effects()
     study = grid.study if runs is None else grid.study.with_runs(runs)
     study = study if seed is None else replace(study, seed=seed)
     fresh = FRESH if fresh is None else fresh

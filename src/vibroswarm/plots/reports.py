@@ -24,6 +24,8 @@ ACROSS: Final = 2
 """Panels side by side."""
 MOST_LINES: Final = 20
 """Most robots with a line of their own; of more, the quartiles are drawn."""
+LARGEST: Final = 1e300
+"""Values below this are drawn; the axes of larger ones would overflow."""
 POINTS: Final = 121
 """Times at which quartiles are drawn."""
 
@@ -35,7 +37,7 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
         InputError: they reported nothing, or nothing but arrays at the end.
     """
     told = reports_over_time(result, run)
-    told = told.with_columns(pl.when(pl.col("value").is_finite()).then("value"))  # others cannot be drawn
+    told = told.with_columns(pl.when(pl.col("value").abs() < LARGEST).then("value"))  # others cannot be drawn
     headings = report_headings(result, told["name"].unique().to_list())
     truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
     return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)

@@ -316,7 +316,7 @@ def known_for(kind: str, name: object) -> Mapping[str, Any]:
     """
     known = KINDS[kind].known
     if isinstance(name, str) and name not in known():
-        load_installed()
+        load_installed(kind)
     return known()
 
 
@@ -345,27 +345,27 @@ def not_loaded(code: str, field: str) -> InputError:
     )
 
 
-def load_installed() -> None:
-    """Register the objects that installed packages offer as entry points (groups ``vibroswarm.strategies``, ...).
+def load_installed(kind: str) -> None:
+    """Register the objects of a kind that installed packages offer as entry points (``vibroswarm.strategies``, ...).
 
-    An object whose name is taken already is left out.
+    An object whose name is taken already is left out. Packages of other kinds are not loaded, as one may be broken.
 
     Raises:
         InputError: an entry point cannot be loaded, or is not of its group's kind.
     """
-    for kind, (declared, register, known, group, _) in KINDS.items():
-        for point in entry_points(group=group):
-            try:
-                loaded: Any = point.load()
-            except Exception as error:
-                raise InputError(
-                    f"cannot be loaded: {type(error).__name__}: {error}", field=point.value
-                ) from None
-            if not isinstance(loaded, declared):
-                raise InputError(f"is not a {kind}", field=point.value)
-            # Objects of every kind have a name; ``vars``, because a type checker takes ``loaded`` for a plain object.
-            if vars(loaded)["name"] not in known():
-                register(loaded)
+    declared, register, known, group, _ = KINDS[kind]
+    for point in entry_points(group=group):
+        try:
+            loaded: Any = point.load()
+        except Exception as error:
+            raise InputError(
+                f"cannot be loaded: {type(error).__name__}: {error}", field=point.value
+            ) from None
+        if not isinstance(loaded, declared):
+            raise InputError(f"is not a {kind}", field=point.value)
+        # Objects of every kind have a name; ``vars``, because a type checker takes ``loaded`` for a plain object.
+        if vars(loaded)["name"] not in known():
+            register(loaded)
 
 
 def _module(name: str, text: str, file: str) -> ModuleType:

@@ -241,7 +241,7 @@ class SensorModel(Plugin):
         """Return what one of the likelihoods says of values on a kind, or at a contrast; raises as ``densities``."""
         wrong = f"sensor '{self.name}', {part}: returned %s; return one number of at least 0 for each value"
         with errors_in(self.code):
-            found = np.asarray(getattr(self, part)(of, value, p), dtype=np.float64)
+            found = np.asarray(getattr(self, part)(of, read_only(value), p), dtype=np.float64)
         if found.shape != (value.shape if self.sense is None else value.shape[:1]):
             raise CodeError(wrong % shown(found))
         if np.isnan(found).any() and np.isnan(value).any():
@@ -269,7 +269,7 @@ class SensorModel(Plugin):
         if self.measure is None:
             return np.quantile(self.reference_values(p)[kind][:, 0], u)
         with errors_in(self.code):
-            values = np.asarray(self.measure(kind, u, p), dtype=np.float64)
+            values = np.asarray(self.measure(kind, read_only(u), p), dtype=np.float64)
         if values.shape != u.shape or not np.isfinite(values).all():
             raise CodeError(
                 f"sensor '{self.name}', measure: returned {shown(values)}; return one finite number for each of u"
@@ -352,7 +352,7 @@ class SensorModel(Plugin):
         if self.class_of is not None:
             return [self.class_of(row, p) for row in value.tolist()]
         assert self.reading is not None
-        return self.reading(value, p)
+        return self.reading(read_only(value), p)
 
     def shares_up_to(self, kind: int, factors: Values, p: BaseModel) -> Values:
         """Return the share of samples whose reading is at most j, for each class j but the last.

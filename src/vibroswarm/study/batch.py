@@ -456,7 +456,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
             tables[name] = pl.concat(further[name]).sort(order, maintain_order=True)
     metadata = {"vibroswarm_study": work.study}
     files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
-    made_by = versions() | registered_code(scenario_of(text) for text, _ in pairs)
+    made_by = versions() | registered_code((scenario_of(text) for text, _ in pairs), work.motion)
     return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=made_by)
 
 

@@ -7,11 +7,12 @@ Each function takes the options of a command as keywords, so that Python makes t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.core.numbers import listed
+from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.grid_text import parse_tiles, printable
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
@@ -75,6 +76,26 @@ def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = 
             field=field,
         )
     return base.with_values(parse_settings(settings))
+
+
+def refuse_without_effect(fields: Iterable[str], scenarios: Iterable[Scenario], option: str = "") -> None:
+    """Refuse fields of a strategy, network or other entry that none of the scenarios selects.
+
+    Args:
+        fields: dotted names. option: what a message has before the name, such as "--set ".
+    Raises:
+        InputError: there is such a field.
+    """
+    choices = [choice for scenario in scenarios for choice in scenario.choices]
+    for field in fields:
+        kind, *path = field.split(".")
+        names = {choice.selected for choice in choices if choice.kind == kind}
+        if len(path) > 1 and names and path[0] not in names:
+            raise InputError(
+                f"has no effect: {plugins.field_of(kind)} is {listed(map(shown, sorted(names)))}; set it to "
+                f"{shown(path[0])}, or leave this out",
+                field=option + field,
+            )
 
 
 def stated_fields(**words: Unpack[ScenarioWords]) -> list[str]:

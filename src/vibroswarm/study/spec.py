@@ -64,6 +64,7 @@ from vibroswarm.study.factors import (
     words_of_points,
 )
 from vibroswarm.study.precision import Precision
+from vibroswarm.study.scenario_words import refuse_without_effect
 from vibroswarm.study.study_text import (
     Rows,
     _checked_floors,
@@ -240,13 +241,23 @@ class Study(NotebookView):
             grid: the values of each varied field; the dot of the field's name is written as two underscores:
                 ``strategy__name=["none", "soft"]``.
         Raises:
-            InputError: an unknown field, or a value that is wrong.
+            InputError: an unknown field, one that changes nothing in any cell, or a value that is wrong.
         """
         for name, values in grid.items():
             if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
                 raise InputError(f"{shown(values)} is not a list of values", field=name.replace("__", "."))
         vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
-        return cls(base=scenario, vary={"grid": vary} if vary else {}, runs=runs, seed=seed)
+        study = cls(base=scenario, vary={"grid": vary} if vary else {}, runs=runs, seed=seed)
+        study.check_effects()
+        return study
+
+    def check_effects(self) -> None:
+        """Refuse varied fields of a strategy, network or other entry that no cell selects: its cells would be equal.
+
+        Raises:
+            InputError: there is such a field.
+        """
+        refuse_without_effect(self.varied, (cell.scenario for cell in self.cells))
 
     @classmethod
     def of_scenarios(
@@ -379,7 +390,9 @@ class Study(NotebookView):
         """
         path = path_of(path)
         with in_file(path):
-            return cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
+            study = cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
+            study.check_effects()
+            return study
 
     def to_toml(self) -> str:
         """Write the study as TOML; ``from_toml`` reads one with the same cells, runs and seed.

@@ -38,7 +38,7 @@ from vibroswarm.core.folders import (
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import scan_frame
 from vibroswarm.core.untrusted_files import entry, read_text, texts
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError, RunError, in_file
 from vibroswarm.result import write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, check_shard
@@ -118,7 +118,7 @@ class Store:
                 store = cls.open(folder, shards=shards)
                 if store.study.hash != study.hash:
                     raise InputError(_differences(store.study, study), field=str(folder))
-                check_registered((cell.scenario for cell in study.cells), store.made_by, folder)
+                check_registered(store.made_by, folder, (cell.scenario for cell in study.cells), study.motion)
                 store.study = study
                 return store
             # A folder without a manifest may have files of another writer of this study, which was killed or is just
@@ -168,7 +168,9 @@ class Store:
         manifest = read_manifest(folder, "study")
         saved_hash = entry(manifest, "hash", str, path)
         made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
-        text, study = read_text(folder / MARKER, "a study"), Study.read(folder / MARKER)
+        text = read_text(folder / MARKER, "a study")
+        with in_file(folder / MARKER):
+            study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
         if not _is_as_written(text):
             raise InputError(
                 f"{DAMAGED}; restore it (--runs changes the number of runs)", field=str(folder / MARKER)

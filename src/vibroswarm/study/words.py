@@ -9,14 +9,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
-from vibroswarm.core.numbers import listed
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import InputError
 from vibroswarm.floors.source import source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_settings, parse_values, preset
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.scenario_words import ScenarioWords, chosen, scenario_of, several, values_of
+from vibroswarm.study.scenario_words import (
+    ScenarioWords,
+    chosen,
+    refuse_without_effect,
+    scenario_of,
+    several,
+    values_of,
+)
 from vibroswarm.study.spec import Study
 
 RUNS = 100
@@ -82,22 +88,10 @@ def study_of(
         keep=("samples",) if keep_samples else (),
         folder=Path(),  # floor files that options name are relative to the current folder
     )
-    for field in varied:
-        _refuse_without_effect(study, field)
+    scenarios = [cell.scenario for cell in study.cells]
+    refuse_without_effect(varied, scenarios, "--vary ")
+    refuse_without_effect(parse_settings(scenario.get("settings", ())), scenarios, "--set ")
     return study
-
-
-def _refuse_without_effect(study: Study, field: str) -> None:
-    """Refuse a varied field of a strategy, network or other entry that no cell selects: its cells would be equal."""
-    kind, *path = field.split(".")
-    choices = [choice for cell in study.cells for choice in cell.scenario.choices if choice.kind == kind]
-    names = {str(getattr(choice, choice.selector)) for choice in choices}
-    if len(path) > 1 and names and path[0] not in names:
-        raise InputError(
-            f"has no effect: {kind}.{choices[0].selector} is {listed(map(shown, sorted(names)))} in every cell; "
-            f"set it to {shown(path[0])}, or vary it",
-            field=f"--vary {field}",
-        )
 
 
 def _refuse_beside_file(words: dict[str, Any]) -> None:
@@ -194,6 +188,7 @@ def detection_scenario(
         # Of the floor only the number of tiles is used: any number of tiles has this share.
         scenario["floor"] = source_of("random", 0.0)
     base = scenario_of(**scenario)
+    refuse_without_effect(given, [base], "--set ")
     by_default = base.task.name == "fill_ratio"  # ``detection_study`` refuses other tasks
     if boundary_of is not None or (
         by_default and not ("decision.boundary_of" in given or _file_says_boundary(scenario))

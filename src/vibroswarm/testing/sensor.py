@@ -79,15 +79,26 @@ def _readings(name: str) -> Iterator[str]:
 
 
 def _same_again(name: str) -> Iterator[str]:
-    """Check that equal numbers give equal values, alone as in an array, and are left as they are."""
+    """Check that equal numbers give equal values, readings and likelihoods, whatever else is measured beside them.
+
+    Some of them are tried again in another order. That they are left as they are need not be checked: they are
+    read-only.
+    """
     for model, p, kind in _kinds(name):
-        numbers = U.copy()
-        values = model.values(kind, numbers, p)
-        if not np.array_equal(numbers, U):
-            yield f"on kind {kind} it changes the numbers that it is given"
-        some = slice(0, U.size, 1999)
-        if not np.array_equal(model.values(kind, U[some], p), values[some]):
+        values = _values(model, kind, p)
+        if model.sense is None and not np.array_equal(model.values(kind, _some(U), p), _some(values)):
             yield f"on kind {kind} values depend on what else is measured"
+        if not np.array_equal(model.classes(_some(values), p), _some(model.classes(values, p))):
+            yield f"on kind {kind} readings depend on what else is measured"
+        if model.likelihood is None:
+            continue
+        whole = model.densities(kind, values, p)
+        if not np.allclose(model.densities(kind, _some(values), p), _some(whole), rtol=1e-9, atol=0.0):
+            yield f"on kind {kind} likelihoods depend on what else is measured"
+
+
+def _some(values: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(values[::-1999])
 
 
 def _shares(name: str) -> Iterator[str]:
