@@ -28,6 +28,7 @@ from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
+from vibroswarm.study.scenario_warnings import warnings_of
 from vibroswarm.study.spec import Study
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences, in_pieces
@@ -374,3 +375,21 @@ def test_the_comparison_sees_a_fault_that_one_way_forgets() -> None:
         forgets = scenario.with_values({f"faults.{kind}": 0.0})
         plain = plain_run(forgets, 8, result.motion, result.ends, result.observations)
         assert list(differences(result, plain)) != []
+
+
+@pytest.mark.parametrize(
+    ("faults", "more", "said"),
+    [
+        ({"battery_empty": 0.4, "battery_life_s": 70.0}, {}, "battery_empty has no effect: the run ends at 70 s"),
+        ({"opposite": [1], "opposite_from_s": [80.0, 90.0]}, {}, "the fault begins at 80 s (faults.opposite_from_s)"),
+        ({"radio_dead": [1]}, {"network__name": "tree"}, "robots with faults.radio_dead go on relaying"),
+    ],
+)  # fmt: skip
+def test_a_fault_without_effect_and_one_that_the_network_does_not_know_are_warned_of(
+    faults: dict[str, Any], more: dict[str, Any], said: str
+) -> None:
+    (warning,) = warnings_of(faulty(faults, **more))
+    assert said in warning
+    assert not warnings_of(
+        faulty({"battery_empty": [1], "battery_life_s": [50.0, 90.0]}, network__name="range")
+    )

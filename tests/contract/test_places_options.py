@@ -16,6 +16,7 @@ from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay
 from vibroswarm.strategies import strategy
+from vibroswarm.study.scenario_warnings import warnings_of
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
 
@@ -161,3 +162,12 @@ def test_energies_tell_more_than_bits_and_maps_survive_losses() -> None:
     for sooner, later in (("energies", "bits"), ("lossy maps", "lossy")):
         less = results[later] - results[sooner]
         assert less.mean() > 2.0 * less.std() / np.sqrt(less.size), (sooner, later)
+
+
+@pytest.mark.parametrize("name", ["places", "fading", "field", "none"])
+def test_tiles_outside_the_arena_are_warned_of_where_robots_map_them(name: str) -> None:
+    cut = preset("paper").with_values({"strategy.name": name, "floor.tile_width_m": 0.25})
+    assert not warnings_of(cut.with_values({"arena.width_m": 1.25}))
+    assert ["beyond the arena" in text for text in warnings_of(cut)] == [True] * (
+        name in ("places", "fading")
+    )

@@ -84,6 +84,22 @@ CASES: dict[str, tuple[Scenario, list[tuple[float, float]]]] = {
         on("10", **{"floor.tile_width_m": 1.0, "change.at_s": [10, 20], "change.to": ["11", "01"]}),
         [(0, 1), (20, 0)],
     ),
+    "4/5 changed inside the arena, which is not more than 0.8, 1/1": (
+        on(
+            *["00000"] * 5,
+            **{
+                "floor.tile_width_m": 0.2,
+                "floor.left_m": -0.2,
+                "strategy.name": "reset",
+                "strategy.reset.tells_change": True,
+                "task.name": "changed",
+                "task.changed.more_than": 0.8,
+                "change.at_s": [10, 20],
+                "change.to": ["00000/11111/11111/11111/11111", "/".join(["11111"] * 5)],
+            },
+        ),
+        [(0, 0), (20, 1)],
+    ),
     "kinds: 3 of 0, 3 of 2, then one each": (
         on(
             "0001",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,15 @@ def test_fill_ratios_are_those_of_random_points(source: str, size: tuple[float, 
     for level in np.unique(np.round(levels, 6))[:5]:
         found = shares[np.isclose(levels, level)].sum()
         assert found == pytest.approx(np.isclose(contrast, level).mean(), abs=4 * 0.5 / math.sqrt(count))
+
+
+def test_a_floor_of_which_all_vibrates_has_a_fill_ratio_of_1_where_the_arena_cuts_it(tmp_path: Path) -> None:
+    """Rounded sums gave 1 + 2e-16, and the result could not be read back."""
+    place = {"tile_width_m": 0.17, "tile_height_m": 0.3, "left_m": -0.05, "bottom_m": -0.2}
+    floor = {f"floor.{name}": value for name, value in place.items()} | {"floor.tiles": ["11"] * 3}
+    result = simulate(preset("paper").with_values(floor | {"run.t_end_s": 10.0}), seed=1)
+    result.write(tmp_path / "run")
+    assert Result.read(tmp_path / "run").runs["fill_ratio"].to_list() == [1.0]
 
 
 def test_distances_are_those_to_the_nearest_point_of_the_edge() -> None:

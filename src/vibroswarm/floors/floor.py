@@ -189,11 +189,9 @@ class Floor(NotebookView):
     @property
     def fill_ratio(self) -> float:
         """Share of tiles that vibrate, f (Eq. 3), at time 0: kind 1; of values and patches the mean contrast."""
-        if self.surface is not PLAIN:
-            patches, (rows, columns, width_m, height_m, _, _) = self.surface.patches, self.geometry
-            patched_m2 = sum(patch.contrast * patch.area_m2 for patch in patches)
-            return float(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))
-        return self._mean_value
+        rows, columns, width_m, height_m, _, _ = self.geometry
+        patched_m2 = sum(patch.contrast * patch.area_m2 for patch in self.surface.patches)
+        return _share_of(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
         """Return the fill ratio inside an arena of ``width_m`` by ``height_m``: ``share_within`` of kind 1."""
@@ -219,10 +217,10 @@ class Floor(NotebookView):
             if sides is None and not self.surface.patches and kind < 2:  # exactly, as of kinds
                 return self._mean_value if kind == 1 else 1.0 - self._mean_value
             contrast, share = self.contrast_shares(width_m, height_m)
-            return float((share * (contrast if kind == 1 else 1.0 - contrast)).sum()) if kind < 2 else 0.0
+            return _share_of((share * (contrast if kind == 1 else 1.0 - contrast)).sum()) if kind < 2 else 0.0
         assert sides is not None
         across, up = sides  # the width of each column and the height of each row inside the arena, m
-        return float((up[:, None] * (self.tiles == kind) * across).sum() / (up.sum() * across.sum()))
+        return _share_of((up[:, None] * (self.tiles == kind) * across).sum() / (up.sum() * across.sum()))
 
     def contrast_shares(
         self, width_m: float, height_m: float
@@ -292,7 +290,8 @@ class Floor(NotebookView):
         """Return the index of the tile under each point; -1 if no tile is there.
 
         A point on the edge between two tiles belongs to the tile on the right, or to the lower one. So a point on the
-        floor's right or lower edge is on no tile.
+        floor's right or lower edge is on no tile. Numbers are as they are rounded: 0.6 / 0.2 is below 3, so a point at
+        0.6 m is to the left of that edge.
 
         Args:
             x_m, y_m: coordinates of the points in the arena, m, in two arrays of the same shape.
@@ -306,6 +305,11 @@ class Floor(NotebookView):
         # Compared before the conversion to integers, so that a point at nan or infinity is on no tile.
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.where(inside, row * columns + column, -1).astype(np.int32)
+
+
+def _share_of(value: float) -> float:
+    """Return a share that was summed up: rounding must not move it beyond 0 or 1."""
+    return min(max(float(value), 0.0), 1.0)
 
 
 def refuse_changes(floor: Floor) -> None:

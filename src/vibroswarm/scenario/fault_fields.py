@@ -232,10 +232,11 @@ def check_faults(faults: Faults, robots: int) -> None:
         )
 
 
-def fault_warnings(faults: Faults, robots: int) -> Iterator[str]:
+def fault_warnings(faults: Faults, robots: int, t_end_s: float) -> Iterator[str]:
     """Yield warnings about valid but probably unintended faults.
 
-    They are shares that are not a whole number of robots, and biased sensors whose shifts and drifts are all 0.
+    They are shares that are not a whole number of robots, faults that begin after the run, which ends at ``t_end_s``,
+    and biased sensors whose shifts and drifts are all 0.
     """
     for kind in faults.kinds:
         affected = getattr(faults, kind)
@@ -245,6 +246,13 @@ def fault_warnings(faults: Faults, robots: int) -> Iterator[str]:
             yield (
                 f"faults.{kind}: {stated(affected)} of {robots} robots is {number(affected * robots, digits=4)}; "
                 f"{rounded or 'none'} of them {'has' if rounded == 1 else 'have'} the fault"
+            )
+        since = getattr(faults, SINCE[kind])
+        from_s = since if isinstance(since, float) else since[0]
+        if from_s >= t_end_s:
+            yield (
+                f"faults.{kind} has no effect: the run ends at {stated(t_end_s)} s, and the fault begins at "
+                f"{stated(from_s)} s (faults.{SINCE[kind]})"
             )
     if faults.biased and not any(getattr(faults, name) for name in (*OF_TWO_KINDS, *OF_ANY_SENSOR)):
         yield "faults.biased has no effect: neither a shift nor a drift of the error rates is set"

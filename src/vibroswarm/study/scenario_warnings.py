@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from vibroswarm import strategies
 from vibroswarm.analysis.claimed_rates import claims_warnings
+from vibroswarm.analysis.floor_maps import WITH_MAP
+from vibroswarm.floors.floor import sides_inside
 from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.energy_model import sensor_warnings
@@ -16,11 +18,36 @@ def warnings_of(scenario: Scenario) -> list[str]:
     """Return the warnings about a scenario, without a full stop."""
     return [
         *scenario_warnings(scenario),
-        *fault_warnings(scenario.faults, scenario.swarm.robots),
+        *fault_warnings(scenario.faults, scenario.swarm.robots, scenario.run.t_end_s),
+        *_relay_warnings(scenario),
+        *_map_warnings(scenario),
         *edge_warnings(scenario),
         *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
         *sensor_warnings(scenario.sensor),
         *claims_warnings(scenario),
+    ]
+
+
+def _relay_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if robots fail that relay messages, which the network does not know."""
+    failing = [kind for kind in ("radio_dead", "battery_empty") if kind in scenario.faults.kinds]
+    if scenario.network.name != "tree" or not failing:
+        return []
+    return [
+        f"network tree: robots with faults.{' and faults.'.join(failing)} go on relaying others' messages"
+    ]
+
+
+def _map_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if robots map a grid of which a part lies outside the arena, where no robot samples."""
+    if scenario.strategy.name not in WITH_MAP:
+        return []
+    floor = scenario.floor_for(0, 0)  # whose size is that of all runs
+    if sides_inside(floor.geometry, scenario.arena.width_m, scenario.arena.height_m) is None:
+        return []
+    return [
+        f"the floor extends beyond the arena: '{scenario.strategy.name}' counts all tiles of the grid alike, but the "
+        "right answer is that of the part inside"
     ]
 
 

@@ -21,6 +21,7 @@ from pydantic import Field
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.tasks.base import Asked, Task, register
+from vibroswarm.tasks.fill_ratio import ON_THE_BOUNDARY
 
 
 class Params:
@@ -42,7 +43,7 @@ def truth(floor: Floor, asked: Asked, p: Any) -> int:
     """Return 1 if more than ``p.more_than`` of the floor is of another kind than at ``asked.start``, else 0."""
     start = floor if asked.start is None else asked.start
     differs = replace(floor, tiles=(floor.tiles != start.tiles).astype(np.uint8))
-    return int(differs.share_within(1, asked.width_m, asked.height_m) > p.more_than)
+    return int(differs.share_within(1, asked.width_m, asked.height_m) - p.more_than > ON_THE_BOUNDARY)
 
 
 changed = register(
