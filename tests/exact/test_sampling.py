@@ -256,7 +256,7 @@ def test_near_samples_are_alike_and_far_ones_are_not() -> None:
     assert abs(lag_one(shuffled).estimate) < 0.05
     with pytest.raises(InputError, match="increase"):
         correlogram(result, [0.1, 0.1])
-    with pytest.raises(InputError, match="bits or tiles"):
+    with pytest.raises(InputError, match="choices: bits, tiles"):
         correlogram(result, of="energies")  # type: ignore[arg-type]
 
 

@@ -179,4 +179,4 @@ def test_the_command_prints_saves_and_refuses(tmp_path: Path, capsys: pytest.Cap
     assert main(["lab", "spectrum", str(path), "--axis", "z", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)
     assert main(["lab", "spectrum", str(path), "--by", "colour"]) == 2
-    assert "'colour' is not one of robot" in capsys.readouterr().err
+    assert "there is no 'colour' (choices: robot, " in capsys.readouterr().err

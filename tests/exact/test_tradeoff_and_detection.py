@@ -202,7 +202,7 @@ def test_wrong_wishes_of_detection() -> None:
             call()
     with pytest.raises(InputError, match="error"):
         needed([one], 100.0, 5.0)
-    with pytest.raises(InputError, match="swarm or robots"):
+    with pytest.raises(InputError, match="choices: swarm, robots"):
         needed([one], 100.0, 0.5, of="floor")  # type: ignore[arg-type]
     robots, runs = cell([1.0, 2.0])
     with pytest.raises(InputError, match="the same number of robots"):

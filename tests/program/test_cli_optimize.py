@@ -258,7 +258,7 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     ("options", "words"),
     [
         (["sensitivity", "--budget", "10"], "10 runs are too few for 5 fields; give at least 560"),
-        (["--method", "grid", "--fresh", "1"], "--fresh: 1 is too few"),
+        (["--method", "grid", "--fresh", "1"], "--fresh: 1 is wrong; give a whole number from 2"),
     ],
 )
 def test_force_removes_nothing_before_all_is_checked(
@@ -321,7 +321,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["compare", "paper", "--budget", "10"], "--budget: unknown option"),
         (["sensitivity", "--mixed"], "--mixed: unknown option"),
         (["--mixed"], "--mixed: has no effect without --out DIR"),
-        (["compare", "paper", "--runs", "1"], "at least 2"),
+        (["compare", "paper", "--runs", "1"], "give a whole number from 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["sensitivity", "--budget", "10"], "too few"),
         (["sensitivity", "--runs", "10"], "--runs: unknown option"),

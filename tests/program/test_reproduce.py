@@ -258,8 +258,8 @@ def test_items_that_need_other_presets_are_skipped_in_words(
     ("options", "says"),
     [
         (["--only", "fill"], "--only: there is no 'fill'"),
-        (["--columns", "papers"], "unknown column 'papers', did you mean 'paper'"),
-        (["--control", "label"], "unknown control 'label'"),
+        (["--columns", "papers"], "--columns: there is no 'papers', did you mean 'paper'"),
+        (["--control", "label"], "--control: there is no 'label'"),
         (["--runs", "1"], "is not from 2 to"),
     ],
 )

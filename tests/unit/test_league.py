@@ -30,7 +30,6 @@ from vibroswarm.league.entries import (
     entries_of,
     floors_of,
     frozen_settings,
-    least_entries,
     main_entries,
     read_settings,
     varied_by,
@@ -278,7 +277,7 @@ def test_a_strategy_stands_for_itself_with_the_setting_of_the_middle_aim() -> No
     assert [entry.label for entry in main_entries(entries)] == [
         "none 14.0 %", "mcp 30.0 %", "soft", "totals 1", "totals 2",
     ]  # fmt: skip
-    assert [entry.label for entry in least_entries(entries)][:2] == ["none 13.1 %", "mcp 30.0 %"]
+    assert [entry.label for entry in main_entries(entries, error=0.0)][:2] == ["none 13.1 %", "mcp 30.0 %"]
     assert all("forced_error" not in entry.settings for entry in entries)
     with pytest.raises(InputError, match="forced_error"):
         entries_of(["none"], {"none": [{"forced_error": 0.7}]})
@@ -383,7 +382,7 @@ def test_a_league_of_one_entry_is_compared_with_nothing(
         ("--fills 0.3", "error: fills: 'stripe:0.3'"),
         ("--fills 0.5", "between 0 and 0.5"),
         ("--fills nan", "nan"),
-        ("--reference sofd", "--reference"),
+        ("--reference sofd", "--reference: there is no 'sofd', did you mean 'soft'?"),
         ("--vary sofd:decision.credible_threshold=0.8", "soft"),
         ("--vary decision.credible=0.8", "decision.credible"),
         ("--vary none", "--vary"),

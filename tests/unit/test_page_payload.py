@@ -91,5 +91,5 @@ def test_a_missing_column_is_named(record: RunRecord) -> None:
 
 
 def test_an_outcome_that_is_not_known_is_refused(record: RunRecord) -> None:
-    with pytest.raises(InputError, match="consensus: 'perhaps'"):
+    with pytest.raises(InputError, match="consensus: there is no 'perhaps'"):
         replace(record, consensus="perhaps")

@@ -207,7 +207,7 @@ BAD = {
     "preset of a cell": (HEAD + '[grid]\npreset = ["papr"]', "in the cell with preset = papr"),
     "value of a cell": (HEAD + "[grid]\n'swarm.robots' = [5, 0]", "in the cell with swarm.robots = 0"),
     "date": (HEAD + "[grid]\n'swarm.robots' = [1979-05-27]", "swarm.robots"),
-    "floors": (HEAD + "floors = 3", "must be a table of floors"),
+    "floors": (HEAD + "floors = 3", "3 is not a table of floors"),
     "floor rows": (HEAD + "[floors]\na = '01'", "list of rows"),
     "floor tiles": (HEAD + "[floors]\na = ['02']\n[scenario.floor]\nsource = 'a'", "floor"),
     "floor nowhere": (HEAD + "[grid]\n'floor.source' = ['nowhere.txt']", "nowhere.txt"),

@@ -35,7 +35,7 @@ from vibroswarm.analysis.figures import BY_NAME, run_figures
 from vibroswarm.analysis.intervals import ForJson, Interval, check_level, share_interval, wilson
 from vibroswarm.analysis.paired import difference
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice, number_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result
 
@@ -107,12 +107,8 @@ def pooled_counting(
             truth, or a run, with or without a truth, that stopped early.
     """
     check_level(level)
-    if rule not in RULES:
-        raise InputError(f"'{rule}' is not a rule of pooled counting; count or belief", field="rule")
-    if not 0.0 <= undecided_counts <= 1.0:
-        raise InputError(
-            f"{undecided_counts!r} is not a share; give a number from 0 to 1", field="undecided_counts"
-        )
+    check_choice(rule, "rule", RULES)
+    number_of(undecided_counts, "undecided_counts", 0.0, 1.0)
     t_end_s = result.scenario.run.t_end_s
     table = run_figures(result.robots, result.runs, t_end_s).filter(pl.col("truth").is_not_null())
     if table.height < 4:
@@ -241,9 +237,8 @@ def _tune(
     """Find the smallest threshold whose error is at most ``aim``, else the threshold with the smallest error.
 
     Args:
-        passages: of all runs. truth: right decision of each run, (runs,). tuning: whether the run is in the half that
-            tunes the threshold, (runs,).
-        aim: the strategy's error. undecided_counts: u, how much an undecided run counts as an error.
+        truth: right decision of each run; tuning: whether the run tunes the threshold, (runs,) each.
+        undecided_counts: u, how much an undecided run counts as an error.
     Returns: index of the threshold, and its error over the runs that tune it.
     """
     decision = passages.decision[tuning]

@@ -46,7 +46,7 @@ from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import ForJson, check_level, wilson_limits
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.numbers import number, percent, stated
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of
 from vibroswarm.floors.surfaces import PLAIN
@@ -246,8 +246,7 @@ def decidability_of_share(
     Raises:
         InputError: a share or level outside its range; or an error outside its range, and the verdict is "decidable".
     """
-    if not 0.0 <= share <= 1.0:
-        raise InputError(f"{share!r} is not a share; give a number from 0 to 1", field="share")
+    number_of(share, "share", 0.0, 1.0)
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
     # The boundary of the question is not an argument; the tested boundary is reported in its place too.

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence, time_grid
 from vibroswarm.analysis.intervals import check_level, plain
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import numbers
 
 Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
@@ -118,11 +118,7 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
 
 
 def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:
-    """Return the share of misses, which is 1 - the share ``right``, and its limits as three columns.
-
-    They are called ``name``, ``name_low`` and ``name_high``. The upper limit of ``right`` gives the lower limit of the
-    misses, and vice versa.
-    """
+    """Return the share of misses, which is 1 - the share ``right``, and its limits as three columns."""
     return [
         (1.0 - frame["right"]).alias(name),
         (1.0 - frame["right_high"]).alias(f"{name}_low"),
@@ -131,7 +127,6 @@ def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:
 
 
 def _wrong(frame: pl.DataFrame, name: str) -> list[pl.Series]:
-    """Return the column ``wrong`` as ``name``, with its limits."""
     return [frame[f"wrong{end}"].alias(f"{name}{end}") for end in ("", "_low", "_high")]
 
 
@@ -168,8 +163,7 @@ def needed(
     for name, value in (("error", error), ("false_alarms", alarm_rate)):
         if not 0.0 < value < 1.0:
             raise InputError(f"{value!r} is not a rate between 0 and 1; give one such as 0.05", field=name)
-    if of not in ("swarm", "robots"):
-        raise InputError(f"'{of}' is not known; give swarm or robots", field="of")
+    check_choice(of, "of", ("swarm", "robots"))
     rows = []
     for robots, runs in cells:
         row = _about(robots, runs, t_end_s)
@@ -235,13 +229,7 @@ def _over_time(
 
 
 def _needed(shares: pl.DataFrame, error: float) -> dict[str, float | None]:
-    """Find the first time at which the upper limit of the misses is below ``error``.
-
-    The share of misses is 1 - the share of right decisions, so its upper limit is 1 - the lower limit of that share.
-
-    Returns: needed_s, the time (None if there is none), and missed and missed_high, the share of misses and its upper
-        limit at the end.
-    """
+    """Find the first time at which the upper limit of the misses is below ``error``, and the misses at the end."""
     missed, missed_high = (1.0 - numbers(shares[name]) for name in ("right", "right_low"))
     return {
         "needed_s": _first_time(shares, missed_high < error),
@@ -266,5 +254,4 @@ def _clear(shares: pl.DataFrame, wanted: float) -> dict[str, float | None]:
 
 
 def _first_time(shares: pl.DataFrame, holds: NDArray[np.bool_]) -> float | None:
-    """Return the first time at which something holds; None if it never does."""
     return float(shares["time_s"][int(holds.argmax())]) if holds.any() else None

@@ -33,7 +33,7 @@ from scipy.special import gammaincinv, ndtr, ndtri, stdtrit
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 
 DRAWS: Final = 1999
 """Bootstrap and sign-flip draws; one less than 2000, so that limits at 95 % are whole ranks of ``sign_flip``."""
@@ -157,8 +157,10 @@ def check_level(level: float) -> None:
     Raises:
         InputError: it is not.
     """
-    if not 0.0 < level < 1.0:
-        raise InputError(f"{level!r} is not a level of confidence; give a share such as 0.95", field="level")
+    if not (isinstance(level, float | np.floating) and 0.0 < level < 1.0):
+        raise InputError(
+            f"{shown(level)} is not a level of confidence; give a share such as 0.95", field="level"
+        )
 
 
 def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:
@@ -535,10 +537,7 @@ def allowing_for_rare(found: Interval, of_runs: ArrayLike, most: float) -> Inter
 
 
 def _rare_mean(amounts: Values, n: int, unseen: float, level: float) -> tuple[float, float, float]:
-    """Return the mean over n runs of amounts above 0 in a few of them, with the limits of how often they occur.
-
-    ``unseen`` is the amount if there is none.
-    """
+    """Return the mean over n runs of a few amounts above 0 (``unseen`` without any), and limits by their number."""
     amount = float(amounts.mean()) if amounts.size else unseen
     low, high = wilson_limits(amounts.size, n, level)
     return amount * amounts.size / n, amount * float(low), amount * float(high)
@@ -587,11 +586,10 @@ def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int
 
 
 def _sign_flip_of_many(d: Values, mean: float, level: float) -> Tested:
-    """Compute the interval and p-value of ``sign_flip`` from the normal limit.
+    """Compute the interval and p-value of ``sign_flip`` from the normal limit, of many distinct differences.
 
-    The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d. It is
-    above 0, because this function is called only if many differences are distinct. The p-value uses it too, unlike
-    ``_normal_p_value``, so that p and the interval agree.
+    The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d. The
+    p-value uses it too, unlike ``_normal_p_value``, so that p and the interval agree.
     """
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error

@@ -55,7 +55,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, within
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import mean_by_run
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.result import Result
@@ -329,8 +329,7 @@ def correlogram(
     Raises:
         InputError: fewer than two edges, edges that do not increase, another ``of``, or a level outside (0, 1).
     """
-    if of not in ("bits", "tiles"):
-        raise InputError(f"'{of}' has no correlogram; give bits or tiles", field="of")
+    check_choice(of, "of", ("bits", "tiles"))
     arena = result.scenario.arena
     side_m = min(arena.width_m, arena.height_m)
     edges = np.linspace(0.0, side_m, 11) if edges_m is None else np.asarray(edges_m, dtype=np.float64)

@@ -116,10 +116,7 @@ def _leave_at_once(code: int) -> NoReturn:
 
 
 def _resume_hint() -> str:
-    """Return the message after Ctrl-C: what is saved and how to resume.
-
-    The message is only "interrupted" if Ctrl-C is pressed again meanwhile, or if the folder cannot be read.
-    """
+    """Say what is saved and how to resume; only "interrupted" after another Ctrl-C, or if that cannot be read."""
     try:
         return interruption.resume_hint()
     except (KeyboardInterrupt, OSError, InputError):

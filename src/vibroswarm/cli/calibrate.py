@@ -8,13 +8,13 @@ from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force, Json, TomlFile
 from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import scenario_named
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_text
-from vibroswarm.errors import InputError
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
 
@@ -71,8 +71,7 @@ def compare(
         check_suffix(picture, SUFFIXES)  # before the comparison, which takes seconds
     if len(simulated) > 1:
         for option, given in (("--picture", picture), ("--pictures", pictures), ("--intervals", intervals)):
-            if given:
-                raise InputError("is for one simulation; give one SIM", field=option)
+            refuse(given, option, "is for one simulation; give one SIM")
         results = {str(folder): read_result(folder) for folder in simulated}
         several = compare_several(read_result(real), results, camera=camera, name=str(real))
         print_document(comparisons_document(several), as_json=json)
@@ -82,15 +81,13 @@ def compare(
     if picture is not None:
         write_comparison_picture(recorded, simulation, comparison, picture)
     if pictures is not None:
-        if pictures.is_file():
-            raise InputError("is a file; give the name of a folder", field=str(pictures))
+        refuse(pictures.is_file(), str(pictures), "is a file; give the name of a folder")
         write_comparison_pictures(recorded, simulation, comparison, pictures)
     print_document(comparison_document(comparison, intervals=intervals), as_json=json)
 
 
 def _refuse_twice(folders: Sequence[Path], field: str) -> None:
-    if len({str(folder) for folder in folders}) < len(folders):
-        raise InputError("names a folder twice", field=field)
+    refuse(len({str(folder) for folder in folders}) < len(folders), field, "names a folder twice")
 
 
 def figures(
@@ -201,10 +198,8 @@ def fit(
     from vibroswarm.documents.fit import fit_document
     from vibroswarm.recordings.recording import read_result
 
-    if out is None and force:
-        raise InputError("has no effect without --out FILE", field="--force")
-    if against is not None and not folds:
-        raise InputError("has no effect without --folds", field="--against")
+    refuse(out is None and force, "--force", "has no effect without --out FILE")
+    refuse(against is not None and not folds, "--against", "has no effect without --folds")
     if out is not None and not force:
         check_free(out)  # now, since the fit takes long
     scenario = scenario_named(base, settings)

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Compared, Comparisons, Drawn, Execution, Parts, Unsaved
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import words_of
 from vibroswarm.cli.studies import confirm_and_print, do_study, warn_of_equal_error
-from vibroswarm.errors import InputError
 
 
 def evaluate(
@@ -58,8 +58,9 @@ def evaluate(
     """
     from vibroswarm.study.words import study_of
 
-    if keep_samples and output.out is None:
-        raise InputError("needs --out DIR, where the samples are saved", field="--keep-samples")
+    refuse(
+        keep_samples and output.out is None, "--keep-samples", "needs --out DIR, where the samples are saved"
+    )
     made = study_of(
         study,
         vary=vary,

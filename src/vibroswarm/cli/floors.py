@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 from vibroswarm.cli import terminal
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
 from vibroswarm.cli.output import print_saved_file
-from vibroswarm.errors import InputError, named, shown
+from vibroswarm.errors import named, shown
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
@@ -126,8 +127,11 @@ def _seed(seed: int | None, floors: Iterable[str]) -> int:
     """Return the seed of random floors; refuse one that is given where no floor is random."""
     from vibroswarm.floors.source import is_redrawn
 
-    if seed is not None and not any(map(is_redrawn, floors)):
-        raise InputError(f"applies to random floors, not to {', '.join(map(shown, floors))}", field="--seed")
+    refuse(
+        seed is not None and not any(map(is_redrawn, floors)),
+        "--seed",
+        f"applies to random floors, not to {', '.join(map(shown, floors))}",
+    )
     return seed or 0
 
 
@@ -138,8 +142,11 @@ def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: i
     from vibroswarm.floors.io import THRESHOLD, is_picture
     from vibroswarm.floors.source import resolve, surface_of
 
-    if image_threshold is not None and not is_picture(floor):
-        raise InputError(f"applies to a picture, not to {shown(floor)}", field="--image-threshold")
+    refuse(
+        image_threshold is not None and not is_picture(floor),
+        "--image-threshold",
+        f"applies to a picture, not to {shown(floor)}",
+    )
     size = None if tiles is None else parse_tiles(tiles)
     threshold = THRESHOLD if image_threshold is None else image_threshold
     with named("FLOOR", of="floor.source"):

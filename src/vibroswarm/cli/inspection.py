@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination
-from vibroswarm.cli.option_values import number, pair_of, share
+from vibroswarm.cli.option_values import number, pair_of, refuse, share
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from, words_of
 from vibroswarm.core.atomic_io import make_folder
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import check_choice
 
 if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
@@ -193,7 +193,7 @@ def inspect(
     from vibroswarm.documents.certificate import CERTIFICATE, write_certificate
     from vibroswarm.documents.inspection import inspection_document
 
-    _refuse(
+    refuse(
         planned.plan is not None and source is not None,
         "--plan",
         "plans with a scenario; leave out the result or file",
@@ -219,7 +219,7 @@ def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evid
     is_plan = planned.plan is not None
     for name in ("robots", "floor"):
         is_given = is_plan and getattr(scenario, name) is not None
-        _refuse(
+        refuse(
             is_given, f"--{name}", "--plan gives the numbers of robots, and draws its surfaces; leave it out"
         )
     words = (
@@ -230,7 +230,7 @@ def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evid
     for options in inspected if is_plan else (planned,):
         for name, value in vars(options).items():
             is_given = name != "level" and value != getattr(type(options), name)
-            _refuse(is_given, f"--{name.replace('_', '-')}", words)
+            refuse(is_given, f"--{name.replace('_', '-')}", words)
 
 
 def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, seed: int) -> Document:
@@ -266,16 +266,16 @@ def _inspected(
         "spreads": (evidence.tile_spread, evidence.robot_spread),
     }  # fmt: skip
     is_csv = source is not None and source.suffix.lower() == ".csv"
-    _refuse(evidence.size is not None and not is_csv, "--size", "describes a CSV; give one")
+    refuse(evidence.size is not None and not is_csv, "--size", "describes a CSV; give one")
     if source is None:
         made = scenario_from(_with_default(scenario))
         say_compiling(scenario=made)
         return _with_progress(made, **known)
     of_file = ("floor", "tiles", "image_threshold")  # what a CSV may be told
     given = [value for name, value in words_of(scenario).items() if name not in of_file]
-    _refuse(any(given), str(source), "is inspected as it is; leave the options of a simulation out")
+    refuse(any(given), str(source), "is inspected as it is; leave the options of a simulation out")
     if not is_csv:
-        _refuse(
+        refuse(
             bool(scenario.floor or scenario.tiles),
             str(source),
             "has its own floor; leave --floor and --tiles out",
@@ -316,11 +316,6 @@ def _asked(damage: Damage) -> dict[str, Any]:
         "looks": damage.looks,
         "shapes": damage.shapes,
     }
-
-
-def _refuse(wrong: bool, field: str, words: str) -> None:
-    if wrong:
-        raise InputError(words, field=field)
 
 
 def _floor_of(

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination, print_document, print_with_place
-from vibroswarm.cli.option_values import pair_of, toml_path
+from vibroswarm.cli.option_values import pair_of, refuse, toml_path
 from vibroswarm.cli.options import Force, Json, Opened, Paged, ScenarioOptions, TomlFile
 from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, scenario_named, words_of
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
-from vibroswarm.errors import InputError, named
+from vibroswarm.errors import named
 
 if TYPE_CHECKING:
     from vibroswarm.recordings.log import Log
@@ -62,8 +62,9 @@ def import_logs(
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.study.scenario_words import check_one_floor, stated_fields
 
-    if reader is not None and columns is not None:
-        raise InputError("conflicts with --columns; use one of them", field="--reader")
+    refuse(
+        reader is not None and columns is not None, "--reader", "conflicts with --columns; use one of them"
+    )
     output = Paged(out=out, force=force, json=json, open=page.open)
     made = scenario_from(scenario, is_final=False)  # the logs say which strategy it was
     check_one_floor(made, **words_of(scenario))
@@ -132,12 +133,11 @@ def export(
     from vibroswarm.result import Result
 
     result = Result.read(folder)
-    if format != "csv" and session > result.runs.height:
-        raise InputError(
-            f"there is no session {session}; there are 1 to {result.runs.height}", field="--session"
-        )
-    if format == "csv" and session != 1:
-        raise InputError("has no effect with --format csv, which writes all runs", field="--session")
+    if format == "csv":
+        refuse(session != 1, "--session", "has no effect with --format csv, which writes all runs")
+    else:
+        sessions = result.runs.height
+        refuse(session > sessions, "--session", f"there is no session {session}; there are 1 to {sessions}")
     # Runs are numbered from 0; the writer of CSV ignores the number and writes all runs.
     WRITERS[format](result, out, session - 1, replace=force)
     print_saved_file(out)
@@ -262,15 +262,9 @@ def threshold(
 
 
 def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, *, force: bool) -> None:
-    """Check the files that ``threshold`` writes, before the fit, which takes long.
+    """Check the files that ``threshold`` writes, before the fit, which takes long."""
 
-    Raises:
-        InputError: ``--base`` without a file, both files are the same, or one exists already.
-    """
-
-    if base is not None and out is None and law is None:
-        raise InputError("has no effect without --out FILE or --law FILE", field="--base")
-    if law is not None and law == out:
-        raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
+    refuse(base and not out and not law, "--base", "has no effect without --out FILE or --law FILE")
+    refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
     for path in filter(None, () if force else (out, law)):
         check_free(path)

@@ -9,7 +9,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.inspection import size
 from vibroswarm.cli.options import Drawn
-from vibroswarm.errors import InputError
+from vibroswarm.errors import check_choice
 
 
 def spectrum(
@@ -48,8 +48,7 @@ def spectrum(
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:
-        if group not in get_args(Group):
-            raise InputError(f"'{group}' is not one of {', '.join(get_args(Group))}", field="--by")
+        check_choice(group, "--by", get_args(Group))
     destination = Destination(
         output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors
     )

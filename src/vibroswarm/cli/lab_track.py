@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination, print_with_place
-from vibroswarm.cli.option_values import pair_of
+from vibroswarm.cli.option_values import pair_of, refuse
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, words_of
 from vibroswarm.core.atomic_io import whole_folder
-from vibroswarm.errors import InputError, named
+from vibroswarm.errors import named
 
 if TYPE_CHECKING:
     import polars as pl
@@ -65,12 +65,10 @@ class MarkerOptions:
         measured = {"--marker-size": size_mm, "--marker-height": height_mm}
         if not all(part.isdecimal() for part in self.markers.split(",")):
             for name, value in measured.items():
-                if value is not None:
-                    raise InputError("is for ids; the file of --markers states it", field=name)
+                refuse(value is not None, name, "is for ids; the file of --markers states it")
             return read_markers(Path(self.markers))
         for name, value in measured.items():
-            if value is None:
-                raise InputError(f"is required with ids ({self.markers}): measure it, in mm", field=name)
+            refuse(value is None, name, f"is required with ids ({self.markers}): measure it, in mm")
         ids = [int(part) for part in self.markers.split(",")]
         return usual_markers(ids, *arena_m, size_mm=size_mm or 0.0, height_mm=height_mm or 0.0)
 
@@ -181,8 +179,11 @@ def _tracking(video: Path, markers: Markers, camera: CameraOptions, *, partial: 
 
     # Without a chessboard, `track` fits the lens to the markers in the video itself.
     lens, lens_size_px = None, None
-    if camera.lens is None and camera.board is not None:
-        raise InputError("is for the video of a chessboard; give it with --lens", field="--board")
+    refuse(
+        camera.lens is None and camera.board is not None,
+        "--board",
+        "is for the video of a chessboard; give it with --lens",
+    )
     if camera.lens is not None:
         across, down = camera.board or BOARD
         lens, lens_size_px = lens_from_chessboard(camera.lens, (across, down))

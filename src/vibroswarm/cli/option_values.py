@@ -82,6 +82,12 @@ def pair_of(
     return read
 
 
+def refuse(wrong: object, field: str, words: str) -> None:
+    """Raise an ``InputError`` with these words about a field, if what is wrong is true."""
+    if wrong:
+        raise InputError(words, field=field)
+
+
 def toml_path(text: str) -> Path:
     """Convert a text to the path of a TOML file.
 

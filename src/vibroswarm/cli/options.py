@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.option_values import share, toml_path
+from vibroswarm.cli.option_values import refuse, share, toml_path
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
@@ -227,8 +227,7 @@ class Paged(Opened, Saved, Printed):
 
     def __post_init__(self) -> None:
         """Refuse to open a page that is not saved."""
-        if self.open and self.out is None:
-            raise InputError("needs --out DIR, where the page is saved", field="--open")
+        refuse(self.open and self.out is None, "--open", "needs --out DIR, where the page is saved")
 
 
 @dataclass(kw_only=True)
@@ -240,8 +239,11 @@ class Drawn(Pictures, Paged):
         Pictures.__post_init__(self)
         Paged.__post_init__(self)
         for option in ("pictures", "style"):
-            if getattr(self, option) and self.out is None:
-                raise InputError("needs --out DIR, where the pictures are saved", field=f"--{option}")
+            refuse(
+                getattr(self, option) and self.out is None,
+                f"--{option}",
+                "needs --out DIR, where the pictures are saved",
+            )
 
 
 @dataclass(kw_only=True)

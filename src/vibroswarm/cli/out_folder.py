@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from vibroswarm.cli.interruption import saves_in
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.core.atomic_io import OURS, remove_folder
 from vibroswarm.errors import InputError
 
@@ -44,8 +45,7 @@ def claim(
     saves_in(out, resumes=at_once)
     if out is None:
         for option, is_given in (("--force", arguments.force), ("--mixed", mixed)):
-            if is_given:
-                raise InputError("has no effect without --out DIR", field=option)
+            refuse(is_given, option, "has no effect without --out DIR")
         return
     # A missing or empty folder is accepted. A link is checked even if it leads to such a folder or to nothing.
     try:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Workers
 from vibroswarm.cli.progress import labelled_progress_bar
 from vibroswarm.core.atomic_io import folder_lock, make_folder
 from vibroswarm.core.numbers import count
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
     from vibroswarm.paper.item import Settings
@@ -107,12 +108,11 @@ def settings_of(
 
     wanted = columns or COLUMNS
     for column in wanted:
-        if column not in COLUMNS:
-            raise InputError(f"unknown column '{column}'{nearest(column, COLUMNS)}", field="--columns")
-    if control is not None and control not in CHANGES:
-        raise InputError(f"unknown control '{control}' (known: {', '.join(CHANGES)})", field="--control")
-    if not 2 <= runs <= MOST_RUNS:  # a confidence interval over runs needs two
-        raise InputError(f"{runs} is not from 2 to {MOST_RUNS}", field="--runs")
+        check_choice(column, "--columns", COLUMNS)
+    if control is not None:
+        check_choice(control, "--control", CHANGES)
+    # A confidence interval over runs needs two.
+    refuse(not 2 <= runs <= MOST_RUNS, "--runs", f"{runs} is not from 2 to {MOST_RUNS}")
     if recordings is None and os.environ.get(RECORDINGS):
         recordings = Path(os.environ[RECORDINGS])
     return Settings(

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_with_place
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Paged, Simulated
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.output import print_paragraph
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from
-from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.result import Result
@@ -41,8 +41,7 @@ def run(
     from vibroswarm.study.scenario_words import chosen
 
     made, out = scenario_from(scenario), output.out
-    if pictures and out is None:
-        raise InputError("needs --out DIR, where the pictures are saved", field="--pictures")
+    refuse(pictures and out is None, "--pictures", "needs --out DIR, where the pictures are saved")
     motion = chosen("motion", scenario.motion)
     # The older folder stays until the new one is complete and replaces it.
     claim(output, lambda folder: refuse_other_run(folder, made, scenario.seed, motion), at_once=False)
@@ -57,12 +56,6 @@ def run(
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:
-    """Simulate one run with a progress bar.
-
-    Args:
-        motion: name of the motion source (engine).
-        segments: whether to also record the positions between samples.
-    """
     from vibroswarm.simulation import simulate
 
     say_compiling(scenario=scenario)

@@ -8,11 +8,11 @@ from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Json, run_plain
 from vibroswarm.cli.output import open_page, print_json, print_line
 from vibroswarm.cli.terminal import printing
 from vibroswarm.core.folders import kind_of
-from vibroswarm.errors import InputError
 
 PAGES = ("report.html", "run.html", "run-1.html")
 """Pages that commands write, in the order in which ``--open`` looks for them."""
@@ -47,8 +47,7 @@ def show(
         print_document(file_document(path, in_terminal), as_json=json)
     if open:
         pages = [path / name for name in PAGES if (path / name).is_file()]
-        if not pages:
-            raise InputError("has no page to open", field=str(path))
+        refuse(not pages, str(path), "has no page to open")
         open_page(pages[0])
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibroswarm.cli.deliver import print_document, save_requested_pictures, wants_pictures
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.output import print_line, print_saved
@@ -14,7 +15,6 @@ from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.cli.terminal import printing, report, say
 from vibroswarm.core.folders import REPORT
-from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Job
@@ -130,10 +130,8 @@ def run_parts(
     job = check_part(study, execution.shard, execution.batch, out)
     if part := "--shard" if job else "--batch" if execution.batch else None:
         for option in ("json", "open", "pictures"):
-            if getattr(output, option, False):
-                raise InputError(
-                    f"is of the whole study, of which {part} runs a part; omit it", field=f"--{option}"
-                )
+            words = f"is of the whole study, of which {part} runs a part; omit it"
+            refuse(getattr(output, option, False), f"--{option}", words)
     claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=execution.mixed)
     warn_of(cell.scenario for cell in study.cells)
     if execution.batch is not None and out is not None:

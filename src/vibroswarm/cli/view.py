@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force
 from vibroswarm.cli.output import open_page, print_saved_file
 from vibroswarm.cli.terminal import report
@@ -37,29 +38,24 @@ def view(
       vibroswarm view first --picture first.png --at 300
     """
     from vibroswarm.core import numbers
-    from vibroswarm.errors import InputError
     from vibroswarm.recordings.recording import read_result
     from vibroswarm.view.server import Server, viser, write_html
 
     file_option = "--picture" if picture is not None else "--html" if html is not None else None
     not_of_file = {"port": port is not None, "open": open, "speed": speed is not None and picture is not None}
     for option, is_given in not_of_file.items():
-        if is_given and file_option is not None:
-            raise InputError(f"does not apply to {file_option}", field=f"--{option}")
+        refuse(is_given and file_option, f"--{option}", f"does not apply to {file_option}")
     speed = 20.0 if speed is None else speed
-    if not 1.0 <= speed <= 200.0:  # the range of the slider on the page; --html has the same limits
-        raise InputError(f"{speed:g} is not from 1 to 200", field="--speed")
-    if html is not None and picture is not None:
-        raise InputError("conflicts with --html; use one of them", field="--picture")
-    if at is not None and picture is None:
-        raise InputError("needs --picture", field="--at")
+    # The range of the slider on the page; --html has the same limits.
+    refuse(not 1.0 <= speed <= 200.0, "--speed", f"{speed:g} is not from 1 to 200")
+    refuse(html and picture, "--picture", "conflicts with --html; use one of them")
+    refuse(at is not None and picture is None, "--at", "needs --picture")
     for option, file, suffix in (("html", html, ".html"), ("picture", picture, ".png")):
         if file is None:
             continue
-        if file.suffix != suffix:
-            raise InputError(f"'{file}' does not end in {suffix}", field=f"--{option}")
-        if file.is_dir() or (file.exists() and not force):
-            raise InputError("exists; add --force to replace it", field=str(file))
+        refuse(file.suffix != suffix, f"--{option}", f"'{file}' does not end in {suffix}")
+        is_there = file.is_dir() or (file.exists() and not force)
+        refuse(is_there, str(file), "exists; add --force to replace it")
     if picture is None:
         viser()  # raises an error before any work if this package is missing; only pictures do not need it
     report(f"reading {folder} and preparing its scene ...")

@@ -25,7 +25,6 @@ from vibroswarm.documents.damage import (
     weakest_parts,
 )
 from vibroswarm.inspection.inspection import Inspection
-from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import Scan
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.simulation import versions
@@ -43,11 +42,12 @@ def certificate_document(found: Inspection) -> Document:
         f"{stated(min(question.contrasts))}? Tolerated risk {percent(question.risk)}, prior {percent(question.prior)}"
         f"{', at every place' if question.strict else ', on average over places'}."
     )
+    resampled = f"drawn, {count(len(samples.law.draws), 'law')} of resampled references"
     covered = (
         f"Visited: {percent(assessment.visited, 0)} of the cells of 10 cm. Not covered: damage smaller than "
         f"{in_cm(question.least_m)} cm or weaker than contrast {stated(min(question.contrasts))}; places not visited; "
         f"shapes without a row above; damage that does not follow the reference. Places: {samples.places}; errors of "
-        f"places taken as independent. Error of the law: {_error_of(samples.law)}."
+        f"places taken as independent. Error of the law: {resampled if samples.law.draws else 'not known'}."
     )
     return Document(
         title=f"Inspection of {samples.source}",
@@ -106,10 +106,6 @@ def _patches(scan: Scan) -> tuple[Table, ...]:
 def _short(table: Table) -> Table:
     """Return a table without what a certificate has no room for."""
     return replace(table, frame=table.frame.drop("top", "surfaces", "area_m2", strict=False))
-
-
-def _error_of(law: Law) -> str:
-    return f"drawn, {count(len(law.draws), 'law')} of resampled references" if law.draws else "not known"
 
 
 def _what(found: Inspection) -> str:

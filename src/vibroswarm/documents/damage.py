@@ -85,6 +85,8 @@ def damage_sections(found: Inspection) -> list[Section]:
     """Return what an inspection says about damage, as sections of a report."""
     assessment = found.assessment
     assert assessment is not None
+    told = {"time_s": assessment.stopping.times_s, "risk": assessment.stopping.told}
+    every_fourth = pl.DataFrame(told)[3::4]  # the last look included
     return [
         Section(
             "Is there damage, and where?",
@@ -98,9 +100,7 @@ def damage_sections(found: Inspection) -> list[Section]:
         Section(
             "What would have been missed?", (pod_table(assessment), *weakest_parts(assessment), Text(_POD))
         ),
-        Section(
-            "When may one stop?", (*stopping_parts(assessment), Table(_risk(assessment), _RISK, name="risk"))
-        ),
+        Section("When may one stop?", (*stopping_parts(assessment), Table(every_fourth, _RISK, name="risk"))),
         Section("Does the law of the sensor hold?", (checks_table(assessment), Text(UNTESTED))),
     ]
 
@@ -222,11 +222,6 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
 
 def _when(time_s: float | None) -> str:
     return "at no look" if time_s is None else f"from {number(time_s, 0)} s on"
-
-
-def _risk(found: Assessment) -> pl.DataFrame:
-    """Return the told risk at every fourth look, the last one included."""
-    return pl.DataFrame({"time_s": found.stopping.times_s, "risk": found.stopping.told})[3::4]
 
 
 def pod_table(found: Assessment) -> Table:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vibroswarm.plots import labels
+from vibroswarm.plots.labels import label_of
 from vibroswarm.study.factors import PLAIN
 from vibroswarm.study.spec import SOURCE, Cell
 
@@ -51,33 +51,22 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
     cells_at = Counter((x[number], words) for number, words in series.items())
     equal_cells = {number for number, words in series.items() if cells_at[x[number], words] > 1}
     series |= {number: f"{series[number]} (cell {number})" for number in equal_cells}
-    return Layout(field=field, label=label_of(field), x=x, series=series)
+    return Layout(field=field, label=label_of(field).text, x=x, series=series)
 
 
-def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
-    """Return the names of the two numeric fields with at least three values each, for the axes of a map.
+def plane_of(cells: Sequence[Cell]) -> dict[str, dict[int, float]] | None:
+    """Return the two numeric fields with at least three values each, for the axes of a map.
 
     A field with fewer values is no axis: each of its values has a map of its own (``study_figures``).
 
-    Returns: None unless there are exactly two such fields.
+    Returns: by name, the value in each cell by its number; None unless there are exactly two such fields.
     """
-    axes = [
-        name
+    axes = {
+        name: values
         for name in _varied(cells)
         if (values := _numbers(cells, name)) is not None and len(set(values.values())) > 2
-    ]
-    return (axes[0], axes[1]) if len(axes) == 2 else None
-
-
-def number_of(cell: Cell, field: str) -> float:
-    """Return the value of a field that ``plane_of`` returned; for a floor, its fill ratio: 0.48 of ``random:0.48``."""
-    value = cell.point[field]
-    return float(value.rpartition(":")[2]) if field == SOURCE else float(value)
-
-
-def label_of(field: str) -> str:
-    """Write a field with symbol and unit: ``walk.avoidance_threshold_mm`` is "avoidance threshold θ_c (mm)"."""
-    return labels.label_of(field).text
+    }
+    return axes if len(axes) == 2 else None
 
 
 def name_of(cell: Cell) -> str:
@@ -97,7 +86,7 @@ def _words(cell: Cell, fields: Sequence[str]) -> str:
     return ", ".join(
         cell.words[field]
         if field in PLAIN
-        else f"{labels.label_of(field).short} {cell.words[field]} {labels.label_of(field).unit}".strip()
+        else f"{label_of(field).short} {cell.words[field]} {label_of(field).unit}".strip()
         for field in fields
         if field in cell.words
     )

@@ -182,9 +182,7 @@ def _differences(
 ) -> tuple[Section, ...]:
     """Return a section of differences from the reference; none for a single entry.
 
-    Args:
-        name: of the table. title: {} becomes the reference. words: below the table.
-        index: columns of which each row has other values.
+    In ``title`` {} becomes the reference; ``index``: columns of which each row has other values.
     """
     if differences.is_empty():
         return ()

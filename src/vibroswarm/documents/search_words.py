@@ -151,22 +151,14 @@ def standing(truth: Truth, place: int) -> str:
     return "better" if paired.high < 0 else "worse" if paired.low > 0 else "not significant"
 
 
-def failed_runs(failed: int, *, dropped: bool = False) -> str:
-    """Write how many runs of a search failed, and what that means for the candidates of these runs.
-
-    Args:
-        dropped: whether failed runs are left out of the scores, as in the paper's program.
-    """
-    if not failed:
-        return "none failed"
-    if dropped:
-        return f"{count(failed, 'run')} FAILED and dropped: scores are of the other runs, as in the paper's program"
-    return f"{count(failed, 'run')} FAILED; a candidate with a failed run cannot win"
-
-
 def failures_in(archive: Archive) -> str:
     """Write how many runs of the candidates in ``archive`` failed, and what that means for them."""
-    return failed_runs(archive.failed, dropped=archive.drops_failed)
+    if not archive.failed:
+        return "none failed"
+    failed = f"{count(archive.failed, 'run')} FAILED"
+    if archive.drops_failed:
+        return f"{failed} and dropped: scores are of the other runs, as in the paper's program"
+    return f"{failed}; a candidate with a failed run cannot win"
 
 
 def best_sentence(values: Mapping[str, Any], truth: Truth, unit: str) -> str:

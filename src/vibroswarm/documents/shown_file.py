@@ -151,14 +151,10 @@ def _frame(path: Path) -> pl.DataFrame:
     try:
         return pl.read_csv(io.BytesIO(data))
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(f"cannot be read: {_first_line(error)}", field=str(path)) from None
+        first_line = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(f"cannot be read: {first_line}", field=str(path)) from None
     except pl.exceptions.PanicException as error:  # a BaseException, so it is not caught above
         raise InputError(f"cannot be read: {str(error)[:80]}", field=str(path)) from None
-
-
-def _first_line(error: Exception) -> str:
-    """Return the first line of an error's message; the name of its type if the message is empty."""
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 class Shown(NamedTuple):

@@ -17,7 +17,7 @@ from scipy.special import betainc
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, stated
-from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
+from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
 from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
@@ -25,6 +25,7 @@ from vibroswarm.plots.distributions import draw_boxes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
+from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Figure, limits_of
 from vibroswarm.study.cell_comparison import Compared, comparison_table
@@ -148,7 +149,7 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
             ("swarm_right", "swarms right", "high"),
         ):
             name = f"heat-{figure.replace('_', '-')}" + (f"-{number + 1}" if len(panels) > 1 else "")
-            title = f"{label} over {label_of(plane[0])} and {label_of(plane[1])}" + (
+            title = f"{label} over {' and '.join(label_of(field).text for field in plane)}" + (
                 f": {rest}" if rest else ""
             )
             yield _figure(name, title, _heat, part, table, plane, figure, label, best)
@@ -157,7 +158,7 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
 def _heat(
     cells: Sequence[CellOutcome],
     table: pl.DataFrame,
-    plane: tuple[str, str],
+    plane: dict[str, dict[int, float]],
     figure: str,
     label: str,
     best: str,
@@ -166,14 +167,15 @@ def _heat(
     """Draw a figure of the cells as a map over the two fields of ``plane``.
 
     Args:
+        plane: as of ``plane_of``.
         figure: column of ``table``. label: of its colours. best: whether ``low`` or ``high`` values are better.
     """
-    x, y = ({one.cell.number: number_of(one.cell, field) for one in cells} for field in plane)
+    (x_field, x), (y_field, y) = plane.items()
     number = pl.col("cell")
-    frame = table.filter(number.is_in(list(x))).select(
+    frame = table.filter(number.is_in([one.cell.number for one in cells])).select(
         x=number.replace_strict(x), y=number.replace_strict(y), value=figure, runs="runs"
     )
-    x_label, y_label = label_of(plane[0]), label_of(plane[1])
+    x_label, y_label = label_of(x_field).text, label_of(y_field).text
     return draw_heat(frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style)
 
 

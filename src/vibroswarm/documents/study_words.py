@@ -186,10 +186,7 @@ def at_equal_error(answer: Answer, found: MatchedError) -> str:
 def _conclusion(answer: Answer, first_is_faster_at_equal_error: bool | None) -> str:
     """Write whether a strategy that is faster and wrong more often, as run, is faster at equal error too.
 
-    Args:
-        first_is_faster_at_equal_error: None if the difference at equal error is not significant.
-    Returns: a sentence after a space. It is empty unless one of the two is significantly faster and also wrong
-        significantly more often.
+    Returns: a sentence after a space; empty unless one of the two is both, significantly.
     """
     faster = answer.faster_and_more_wrong
     if faster is None:

@@ -15,7 +15,7 @@ import polars as pl
 from vibroswarm.analysis.best_group import best_group
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.inference.outcomes import costs_of
-from vibroswarm.league.entries import least_entries
+from vibroswarm.league.entries import main_entries
 from vibroswarm.league.fronts import drawn_means
 from vibroswarm.league.standings import Standings
 from vibroswarm.scenario.scenario import Scenario
@@ -60,7 +60,7 @@ def best_table(standings: Standings) -> pl.DataFrame:
         the smallest; limits of a figure hold together with 95 %.
     """
     entries = standings.league.entries
-    places, least = range(len(entries)), least_entries(entries)
+    places, least = range(len(entries)), main_entries(entries, error=0.0)
     known = [k for k in places if not np.isnan(standings.interval(k, "forced_error").estimate)]
     has_fronts = any(entry.aim is not None for entry in entries)
     compared = {

@@ -172,17 +172,7 @@ def _label(name: str, aim: float | None, number: int | None) -> str:
     return f"{name} {percent(aim)}"
 
 
-def main_entries(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return the entries without an aim, and of each strategy with aims the one nearest to ``MAIN_AIM``."""
-    return _nearest_entries(entries, MAIN_AIM)
-
-
-def least_entries(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return the entries without an aim, and of each strategy with aims the one with the least."""
-    return _nearest_entries(entries, 0.0)
-
-
-def _nearest_entries(entries: Sequence[Entry], error: float) -> tuple[Entry, ...]:
+def main_entries(entries: Sequence[Entry], error: float = MAIN_AIM) -> tuple[Entry, ...]:
     """Return the entries without an aim, and of each strategy with aims those whose aim is nearest to an error."""
     nearest: dict[str, float] = {}
     for entry in entries:
@@ -190,6 +180,24 @@ def _nearest_entries(entries: Sequence[Entry], error: float) -> tuple[Entry, ...
             found = nearest.get(entry.strategy, entry.aim)
             nearest[entry.strategy] = min(found, entry.aim, key=lambda aim: abs(aim - error))
     return tuple(entry for entry in entries if entry.aim is None or entry.aim == nearest[entry.strategy])
+
+
+def reference_in(entries: Sequence[Entry], reference: str | None, field: str = "reference") -> str:
+    """Return the label of the entry that others are compared with.
+
+    Args:
+        reference: its label, or the name of its strategy, of which the first entry is taken; None: the first of all.
+        field: for the error.
+    Raises:
+        InputError: no entry is so named.
+    """
+    labels = {entry.label: entry.label for entry in entries}
+    for entry in entries:
+        labels.setdefault(entry.strategy, entry.label)
+    if reference is None:
+        return entries[0].label
+    check_choice(reference, field, labels)
+    return labels[reference]
 
 
 def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
@@ -282,11 +290,6 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
 
 
 def _tiles_of(source: str) -> NDArray[np.uint8]:
-    """Return the tiles of a floor (of a random one, those of some run).
-
-    Raises:
-        InputError: it has no such fill ratio.
-    """
     with named("fills"):
         return resolve(source, (ROWS, COLUMNS) if is_random(source) else None)[0]
 

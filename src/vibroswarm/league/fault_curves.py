@@ -136,11 +136,8 @@ def _cases(entry: Entry, kinds: Sequence[str], most: int, sensor: Sensor) -> lis
 def _rows_of(errors: dict[Case, Errors], kinds: Sequence[str]) -> list[Case]:
     """Return the cases of the table, in the order of its rows: each kind begins with a row of no faulty robot.
 
-    An entry has no rows of a kind that was not simulated for it. The row of no faulty robot has the results of the case
-    "none", which was simulated once for all kinds.
-
-    Args:
-        errors: results of all cases that were simulated. kinds: of faults, in the order of the rows.
+    That row has the results of the case "none", which was simulated once for all kinds. An entry has no rows of a kind
+    that was not simulated for it.
     """
     names = dict.fromkeys(name for name, _, _ in errors)  # each once, in order
     return [

@@ -47,10 +47,10 @@ from vibroswarm.analysis.map_figures import MAPPED
 from vibroswarm.analysis.paired import Paired, Test, compare, holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
-from vibroswarm.errors import InputError, check_choice, shown
+from vibroswarm.errors import InputError, shown
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import Array, numbers
-from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
+from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries, reference_in
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
@@ -249,13 +249,13 @@ class Standings(NotebookView):
         """Compare each entry with a reference on parts of the floors, unit by unit; see ``paired.compare``.
 
         Args:
-            reference: see ``reference_named``. parts: indices of the floors of each part; None: all floors. test: of
+            reference: see ``reference_in``. parts: indices of the floors of each part; None: all floors. test: of
                 the differences.
         Yields: figure by figure, entry by entry and part by part: what names the row of a table; the part's place;
             the comparison, whose ``p_holm`` is corrected over entries and parts, for each figure by itself.
         """
         names = [entry.label for entry in self.league.entries]
-        against = self.reference_named(reference)
+        against = reference_in(self.league.entries, reference)
         of_reference = [self._by_unit(names.index(against), part) for part in parts]
         places = [(k, j) for k, name in enumerate(names) if name != against for j in range(len(parts))]
         compared = [
@@ -373,29 +373,11 @@ class Standings(NotebookView):
                 rows.append(row)
         return pl.DataFrame(rows)
 
-    def reference_named(self, reference: str | None) -> str:
-        """Return the label of the entry that others are compared with.
-
-        Args:
-            reference: its label, or the name of its strategy, of which the first entry is taken; None: the first of
-                all.
-        Raises:
-            InputError: no entry is so named.
-        """
-        entries = self.league.entries
-        labels = [entry.label for entry in entries]
-        by_name = {entry.strategy: entry.label for entry in reversed(entries)}
-        named = labels[0] if reference is None else reference
-        if named not in labels:
-            check_choice(named, "reference", [*dict.fromkeys([*labels, *by_name])])
-            named = by_name[named]
-        return named
-
     def differences(self, reference: str | None = None) -> pl.DataFrame:
         """Compare each entry with a reference, unit by unit.
 
         Args:
-            reference: see ``reference_named``.
+            reference: see ``reference_in``.
         Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
             with its 95 % limits, p_value of the sign-flip test, p_holm (corrected over the entries, for each figure by
             itself). Empty for a single entry.
@@ -418,7 +400,7 @@ class Standings(NotebookView):
         """Compare each entry with a reference on each floor, unit by unit.
 
         Args:
-            reference: see ``reference_named``.
+            reference: see ``reference_in``.
         Returns: one row per figure of ``COMPARED``, entry and floor: name, reference, pattern, fill_ratio, figure,
             difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors,
             for each figure by itself). Empty for a single entry.

@@ -12,7 +12,7 @@ import polars as pl
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
 from vibroswarm.league.best import best_table
-from vibroswarm.league.entries import main_entries
+from vibroswarm.league.entries import main_entries, reference_in
 from vibroswarm.league.fault_curves import FOLDER, KINDS, fault_curves
 from vibroswarm.league.fronts import front_table
 from vibroswarm.league.standings import League, Standings
@@ -80,11 +80,7 @@ def check_tests(
     Args:
         kinds: of faults that were asked for; None: the usual ones, of which a swarm of one robot has none.
     """
-    main = main_entries(league.entries)
-    known = [*dict.fromkeys(name for one in main for name in (one.label, one.strategy))]
-    if reference is not None and reference not in known:
-        listed = ", ".join(f"'{name}'" for name in known)
-        raise InputError(f"'{reference}' is not an entry (entries: {listed})", field="--reference")
+    reference_in(main_entries(league.entries), reference, "--reference")
     for kind in kinds or ():
         check_choice(kind, "--faults", FAULTS)
     if kinds and not fault_runs:

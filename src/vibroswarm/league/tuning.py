@@ -285,12 +285,8 @@ def _candidates(entry: Entry, space: Mapping[str, Any], points: int, seed: int) 
     """Draw the settings of a strategy for the first round.
 
     Args:
-        entry: entry of the strategy, without settings.
-        space: search space. For a field that is tuned, its value is a mapping with the bounds; for any other field, it
-            is the value that all settings have.
-        points: number of settings to draw for each tuned field. seed: of the Sobol sequence that they are drawn from.
-    Returns: one entry per drawn setting, its floats rounded to ``DIGITS`` significant digits, or a single entry if no
-        field is tuned; and an entry with only the fixed fields, so that the tuned fields have their default values.
+        entry: without settings. space: bounds of each tuned field, and the value of any other. points: per tuned field.
+    Returns: one entry per drawn setting, or a single one if no field is tuned; and one with only the fixed fields.
     """
     ranges = _ranges(space)
     fixed = replace(entry, settings={field: given for field, given in space.items() if field not in ranges})
@@ -389,13 +385,9 @@ def _table(found: Standings, chosen: Sequence[int]) -> pl.DataFrame:
 
 
 def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Round the floats among the values of a setting to ``DIGITS`` significant digits; other values stay as they are.
+    """Round the floats of a setting to ``DIGITS`` significant digits, within the bounds of their fields.
 
-    Settings are read and copied by people, and further digits make no difference to the results. A value that rounding
-    moves out of the bounds of its field becomes the bound.
-
-    Args:
-        point: values by field. ranges: for each of these fields, a mapping with its bounds.
+    Settings are read and copied by people, and further digits make no difference to the results.
     """
     settings: dict[str, Any] = {}
     for field, value in point.items():

@@ -204,11 +204,9 @@ def _error(outcomes: Outcomes, cost: str) -> Array:
 def _paper(outcomes: Outcomes, of_estimate: Array, undecided: float) -> Array:
     """Compute a cost of the paper (Eq. 23c), (runs, 1): the sum over robots of estimate factor times decision factor.
 
-    The decision factor e_d is t/T_end of a robot that decided right, and ``WRONG`` of one that decided wrong.
-
     Args:
-        outcomes: of some runs. of_estimate: the factor for the error of the estimate, (runs, robots).
-        undecided: the decision factor of an undecided robot.
+        of_estimate: the factor for the error of the estimate, (runs, robots). undecided: the decision factor of an
+            undecided robot.
     """
     check_truth(outcomes)
     of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)  # Eq. 23b

@@ -234,10 +234,7 @@ def do_pieces(
 
 
 def _joined(results: Sequence[Rows | str]) -> Rows | str:
-    """Join the figures of a piece's parts along the runs; if any part failed, return the first reason instead.
-
-    A piece succeeds or fails as a whole: if one part failed, the figures of the other parts are dropped.
-    """
+    """Join the figures of a piece's parts along the runs; if any part failed, return the first reason instead."""
     rows = [result for result in results if not isinstance(result, str)]
     if len(rows) == len(results):
         return np.concatenate(rows)

@@ -30,7 +30,7 @@ from vibroswarm.analysis.best_group import LEVEL, best_group
 from vibroswarm.analysis.intervals import Interval, columns_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.objective import Objective, Rows, drawn_scores, objectives_from
 from vibroswarm.optimize.outcomes import Outcomes, from_tables
@@ -262,8 +262,7 @@ def truth_of_grid(
     Raises:
         InputError: fewer than 2 runs.
     """
-    if runs < 2:
-        raise InputError(f"{runs} is too few; at least 2", field="fresh")
+    whole_number_of(runs, "fresh", 2, 10**9)
     study, best = nodes.grid.study, nodes.best
     fresh_seed = derived_seed(study.seed, "fresh runs")  # runs that differ from those of the grid
     # The motion source is the only setting outside the scenario, apart from the seed, on which the runs depend.

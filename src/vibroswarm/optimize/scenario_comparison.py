@@ -20,7 +20,7 @@ from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, confirms, side
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import whole_number_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import LEAST_DIFFERING, Objective
@@ -102,8 +102,7 @@ def compare_scenarios(
             of the first block succeeded in both scenarios. RunError: all runs of a scenario failed in a block.
     """
     objective = objective or Objective()
-    if runs < 2:
-        raise InputError(f"{runs} is too few; at least 2", field="runs")
+    whole_number_of(runs, "runs", 2, 10**9)
     named_cases = [
         (name, [scenario.with_values(dict(case)) for case in cases])
         for name, scenario in zip(names, (first, second), strict=True)

@@ -31,11 +31,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
+from types import NoneType
 from typing import Any, Final
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, in_file, nearest, shown, whole_number_of
+from vibroswarm.errors import InputError, check_choice, check_kind, in_file, nearest, whole_number_of
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.optimize import methods, optuna_samplers  # noqa: F401  (the second registers methods)
 from vibroswarm.optimize.evaluate import NUMBERS
@@ -45,6 +46,7 @@ from vibroswarm.optimize.space import PAPER, Point, Space
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.study.factors import check_names
 from vibroswarm.study.spec import Cell, Study
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
@@ -232,13 +234,9 @@ class Search(NotebookView):
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
         study = Study.from_values(values, name=name, folder=folder)
         block = search_values.get("space")
-        if block is not None and not isinstance(block, Mapping):
-            raise InputError(f"{shown(block)} is wrong; give a table of fields with bounds", field="space")
+        check_kind(block, (Mapping, NoneType), "space", "a table of fields with bounds")
         start = search_values.get("start")
-        if start is not None and not isinstance(start, list):
-            raise InputError(
-                f"{shown(start)} is wrong; give a list of presets or of tables of values", field="start"
-            )
+        check_kind(start, (list, NoneType), "start", "a list of presets or of tables of values")
         objectives = objectives_from(search_values.get("objective", {}))
         settings = search_values.get("search", {})
         if isinstance(settings, Mapping):  # anything else is refused by ``_settings`` below
@@ -353,10 +351,7 @@ class Search(NotebookView):
         points = []
         for entry in self._start:
             if isinstance(entry, str):
-                if entry not in preset_names():
-                    raise InputError(
-                        f"there is no preset '{entry}'{nearest(entry, preset_names())}", field="start"
-                    )
+                check_choice(entry, "start", preset_names())
                 entry = self.space.values_of(preset(entry))
             elif not isinstance(entry, Mapping):
                 raise InputError(f"{entry!r} is neither a preset nor a table of values", field="start")
@@ -475,19 +470,9 @@ def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
 
 
 def _settings(kind: Any, block: Any, name: str) -> Any:
-    """Make settings of the dataclass ``kind`` from the table ``block``.
-
-    ``name`` is the name of the table in the file, for messages.
-
-    Raises:
-        InputError: ``block`` is not a table, has an unknown setting, or a setting is invalid.
-    """
-    if not isinstance(block, Mapping):
-        raise InputError(f"{shown(block)} is wrong; give a table of settings", field=name)
-    known = [f.name for f in fields(kind)]
-    for key in block:
-        if key not in known:
-            raise InputError(f"there is no such setting{nearest(key, known)}", field=f"{name}.{key}")
+    """Make settings of the dataclass ``kind`` from the table ``block``, which the file calls ``name``."""
+    check_kind(block, Mapping, name, "a table of settings")
+    check_names(block, [f.name for f in fields(kind)], "setting", of=f"{name}.")
     return kind(**block)
 
 

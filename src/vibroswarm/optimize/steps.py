@@ -166,11 +166,7 @@ class SearchFolder:
             )
 
     def _is_there(self) -> bool:
-        """Return whether the folder holds this search; false if it holds no search.
-
-        Raises:
-            InputError: it holds another search, or one that cannot be continued.
-        """
+        """Return whether the folder holds this search; refuse another one, or one that cannot be continued."""
         if not has_manifest(self.folder):
             check_not_older(self.folder)
             return False

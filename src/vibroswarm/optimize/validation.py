@@ -27,7 +27,7 @@ from vibroswarm.analysis.intervals import Interval, cluster_share, plain, time_i
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_percent, with_limits
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.objective import LEAST_DIFFERING, Objective, Rows, bootstrap, without_limits
@@ -228,8 +228,7 @@ def score_fresh(
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set failed.
     """
-    if runs < 2:
-        raise InputError(f"{runs} is too few; at least 2", field="runs")
+    whole_number_of(runs, "runs", 2, 10**9)
     sets, first = [dict(values) for _, values in named], search.objectives[:1]
     fresh = _fresh_figures(search, sets, first, runs, purpose, folder, executor, workers, progress)
     return [
@@ -324,7 +323,6 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
 
 
 def _median_of_known(values: list[float]) -> float:
-    """Return the median of the values that are not nan; nan if all are."""
     known = [value for value in values if not math.isnan(value)]
     return float(np.median(known)) if known else math.nan
 

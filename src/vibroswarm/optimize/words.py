@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vibroswarm.core.stages import SILENT, Stages
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.grid import FRESH, Grid, Nodes, scores_of, truth_of_grid
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.methods import SearchProgress
@@ -51,25 +51,16 @@ def search_of(
     if runs is not None:
         raise InputError("needs --method grid; a search has a --budget", field="--runs")
     method = None if method is None else chosen("method", method)
-    # `Search.read` gets these words, since it checks how they fit the other entries of the file.
-    search = (
-        Search() if file is None else Search.read(file, method=method, cost=cost, budget=budget, noise=noise)
-    )
-    # The words change the default search too.
-    given: dict[str, Any] = {"budget": budget, "fresh": fresh, "method": method}
-    changes = {name: value for name, value in given.items() if value is not None}
+    # Reading checks how these words fit the other entries of the file; no entries are the default search.
+    words: dict[str, Any] = {"method": method, "cost": cost, "budget": budget, "noise": noise}
+    search = Search.from_toml("", **words) if file is None else Search.read(file, **words)
     if noise is not None and (method or search.settings.method) != "pso":
         raise InputError("applies to the method pso only", field="--noise")
-    objectives = search.objectives
-    if cost is not None:
-        objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
     _refuse_without_effect(search)
     return replace(
         search,
         study=search.study if seed is None else replace(search.study, seed=seed),
-        pso=search.pso if noise is None else replace(search.pso, noise=noise),
-        objectives=objectives,
-        settings=replace(search.settings, **changes),
+        settings=search.settings if fresh is None else replace(search.settings, fresh=fresh),
     )
 
 
@@ -119,8 +110,7 @@ def grid_of(
     study = grid.study if runs is None else grid.study.with_runs(runs)
     study = study if seed is None else replace(study, seed=seed)
     fresh = FRESH if fresh is None else fresh
-    if fresh < 2:
-        raise InputError(f"{fresh} is too few; at least 2", field="--fresh")
+    whole_number_of(fresh, "--fresh", 2, 10**9)
     return Grid(study, grid.objective if cost is None else Objective(cost)), fresh
 
 

@@ -118,12 +118,7 @@ def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
 
 
 def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
-    """Write the share of runs or robots that are undecided at the end of each series: "soft 12 %; none 40 %".
-
-    Args:
-        series: names of the series; a single series may have an empty name, which is not written.
-        parts: rows of each series, sorted by time.
-    """
+    """Write the share of runs or robots that are undecided at the end of each series: "soft 12 %; none 40 %"."""
     undecided = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
     return "; ".join(
         (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)  # rounding may make the rest negative
@@ -132,13 +127,7 @@ def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
 
 
 def _checked(part: pl.DataFrame) -> pl.DataFrame:
-    """Check that ``part``, the rows of one series sorted by time, has cumulative shares, and return it unchanged.
-
-    For rounding errors, shares may fall by 1e-9 from one time to the next, and add up to 1 + 1e-9.
-
-    Raises:
-        InputError: a share falls with time, or right and wrong are below 0 or add up to more than 1.
-    """
+    """Refuse shares of a series that fall with time, or do not add up; but for rounding, up to 1e-9."""
     for name in ("right", "wrong"):
         if (part[name].diff().drop_nulls() < -1e-9).any():
             raise InputError("falls with time, which a cumulative share cannot", field=name)
@@ -338,13 +327,7 @@ def _percent(name: str) -> str:
 
 
 def _check_order(frame: pl.DataFrame, pairs: Sequence[tuple[str, str]]) -> None:
-    """Check that in each row every quantile lies on its side of the median.
-
-    Quantiles on the same side, such as q05 and q25, are not compared with each other. Missing values are not checked.
-
-    Raises:
-        InputError: a quantile lies on the wrong side.
-    """
+    """Refuse a quantile on the wrong side of the median; those on the same side are not compared."""
     for low, high in pairs:
         if frame.select(((pl.col(low) > pl.col("q50")) | (pl.col("q50") > pl.col(high))).any()).item():
             raise InputError(f"quantiles are out of order: {low}, q50, {high}", field=low)

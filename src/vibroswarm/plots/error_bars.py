@@ -283,12 +283,7 @@ def draw_along(
 
 
 def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int, list[int]]:
-    """Group the constant series that have equal values: map the first index of each group to all indices of the group.
-
-    Args:
-        parts: rows of all series, sorted by x. constant: indices of the constant series. Series are compared by the row
-            with which each is drawn, see ``_level``.
-    """
+    """Group the constant series that have equal values: the first index of each group, and all its indices."""
     sets: dict[tuple[float, ...], list[int]] = {}
     for k in constant:
         sets.setdefault(_level(parts[k]).select("estimate", "low", "high").row(0), []).append(k)
@@ -296,14 +291,7 @@ def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int,
 
 
 def _name_of(name: str, merged: Sequence[str]) -> str:
-    """Return the name under which a series is drawn.
-
-    Args:
-        name: of the series. merged: names of all series that are drawn as one line with it; empty for a curve.
-    Returns:
-        ``name`` unless several series are merged. Then it is their strategy if all names contain the same strategy,
-        else all names joined by "=".
-    """
+    """Return the name of a series or, of several that are drawn as one line, their common strategy or all names."""
     if len(merged) < 2:
         return name
     strategies = {strategy_in(one) for one in merged}

@@ -94,11 +94,7 @@ def draw_heat(
 
 
 def _order(column: pl.Series) -> list[Any]:
-    """Return the distinct values of a column in their order along the axis: numbers sorted, texts as they appear.
-
-    Raises:
-        InputError: a number is missing.
-    """
+    """Return the distinct values of a column in their order along the axis: numbers sorted, texts as they appear."""
     if column.dtype.is_numeric():
         if column.has_nulls() or column.cast(pl.Float64).is_nan().any():
             raise InputError("has a missing number", field=column.name)

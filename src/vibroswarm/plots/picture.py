@@ -20,7 +20,7 @@ import polars as pl
 from vibroswarm.core.atomic_io import whole_file, write_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import check_choice, shown
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
@@ -130,11 +130,8 @@ def write_picture(
         InputError: an unknown format, or the folder cannot be written.
         RunError: the disk is full or failed.
     """
-    unknown = [kind for kind in formats if kind not in FORMATS]
-    if unknown:
-        raise InputError(
-            f"'{unknown[0]}' is not a format of a picture; {', '.join(FORMATS)}", field="formats"
-        )
+    for kind in formats:
+        check_choice(kind, "formats", FORMATS)
     base = Path(path_without_suffix)
     paths = {suffix: base.with_name(f"{base.name}.{suffix}") for suffix in (*formats, "csv")}
     for kind in formats:
@@ -227,10 +224,9 @@ _NAME_OF: Final = {colour: name for name, colour in NAMES.items()}
 
 
 def _themed(tag: str) -> str:
-    """Replace the named colours in the style of an SVG ``tag`` by CSS variables.
+    """Replace the named colours in the style of an SVG ``tag`` by CSS variables, which are allowed only in a style.
 
-    Variables are allowed only in a style. The background of a hatch has its colour in the attribute ``fill``, which is
-    therefore converted to a style first; matplotlib writes its tag without a style.
+    The background of a hatch has its colour in the attribute ``fill``, which therefore becomes a style first.
     """
     tag = _HATCHED.sub(r' style="fill: \1"', tag)
     return _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag)

@@ -316,7 +316,6 @@ def _words_of_kinds(result: Result, vibrating: str, still: str, other: str) -> d
 
 
 def _marker(kind: int) -> str:
-    """Return the shape that marks a reading of a kind, or a decision for it."""
     return "oDs^v<>P"[kind % 8]
 
 

@@ -397,10 +397,9 @@ def row_looks(names: Sequence[str]) -> dict[str, Look]:
 
 
 def _colour_and_marker(strategy: str) -> tuple[int, int]:
-    """Return the indices of a strategy's colour in ``SERIES`` and of its marker in ``MARKERS``.
+    """Return the indices of a strategy's colour and marker; a user's gets a pair that no built-in strategy has.
 
-    A strategy of a user gets a pair that no built-in strategy has. A hash of its name chooses the pair, so that it is
-    the same in all pictures.
+    A hash of its name chooses the pair, so that it is the same in all pictures.
     """
     if strategy in BUILT_IN:
         return BUILT_IN[strategy]

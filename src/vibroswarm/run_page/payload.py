@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from vibroswarm.analysis.message_log import MessageLog
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
 from vibroswarm.scenario.fault_draws import fault_words
@@ -221,10 +221,7 @@ class RunRecord:
             missing = [name for name in columns if name not in frame.columns]
             if missing:
                 raise InputError(f"the table has no column {', '.join(missing)}", field=table)
-        if self.consensus not in OUTCOMES:
-            raise InputError(
-                f"'{self.consensus}' is not an outcome; give one of {', '.join(OUTCOMES)}", field="consensus"
-            )
+        check_choice(self.consensus, "consensus", OUTCOMES)
 
     @property
     def true_decision(self) -> int | None:
@@ -322,6 +319,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
     1/255. Trajectories are rounded, thinned and packed (``packed_track``). The prior's belief is computed (``_rule``).
     Everything else has the record's values.
     """
+    samples = _joined(record)
     return {
         "format": FORMAT,
         "title": record.title,
@@ -343,8 +341,8 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
         "estimates": None if record.estimates is None else record.estimates._asdict(),
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
-        "samples": {name: packed_column(column) for name, column in _samples(record).items()},
-        "places": None if record.places is None else _places(record, record.places),
+        "samples": {name: packed_column(column) for name, column in _samples(samples).items()},
+        "places": None if record.places is None else _places(samples, record.places),
         "maps": None if record.maps is None else _maps(record.maps),
         **({"reports": _reports(record)} if record.reports else {}),
         "poses": _poses(record),
@@ -439,20 +437,23 @@ def _rule(record: RunRecord) -> dict[str, Any]:
     }
 
 
-def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns ``SAMPLE_TYPES`` of the samples that have a row in motion, observations and inference.
-
-    The samples are sorted by robot and sample number. A missing message is ``UNKNOWN``, any other missing value nan:
-    ``to_numpy`` converts a column with nulls, such as alpha of a strategy without a posterior, to floats with nan.
-    """
+def _joined(record: RunRecord) -> pl.DataFrame:
+    """Return the samples that have a row in motion, observations and inference, sorted by robot and sample number."""
     table = record.motion
     for other in (record.observations, record.inference):
         new = [name for name in other.columns if name not in table.columns]
         table = table.join(other.select("robot", "sample", *new), on=["robot", "sample"], how="inner")
-    table = (
-        table.sort("robot", "sample")
-        .cast({"energy": pl.Float32})
-        .with_columns(pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN))
+    return table.sort("robot", "sample")
+
+
+def _samples(samples: pl.DataFrame) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the columns ``SAMPLE_TYPES`` of the samples.
+
+    A missing message is ``UNKNOWN``, any other missing value nan: ``to_numpy`` converts a column with nulls, such as
+    alpha of a strategy without a posterior, to floats with nan.
+    """
+    table = samples.cast({"energy": pl.Float32}).with_columns(
+        pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN)
     )
     return {name: table[name].cast(kind).to_numpy() for name, kind in SAMPLE_TYPES.items()}
 
@@ -463,18 +464,11 @@ LAGGED_COLUMNS = ("lagged_sample", "lagged_x_m", "lagged_y_m", "lagged_spread_x_
 """The smoothed place of an earlier sample; optional."""
 
 
-def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
-    """Return the estimated places as packed columns, one entry for each sample of the page; nan without an estimate.
-
-    The samples are those of ``_samples``, in the same order: those with a row in motion, observations and inference, by
-    robot and sample.
-    """
+def _places(samples: pl.DataFrame, places: pl.DataFrame) -> dict[str, Any]:
+    """Return the estimated places as packed columns, one entry for each of the samples; nan without an estimate."""
     names = (*PLACE_COLUMNS, *(name for name in LAGGED_COLUMNS if name in places.columns))
     known = places.select("robot", "sample", *names)
-    of_samples = record.motion.select("robot", "sample")
-    for table in (record.observations, record.inference):
-        of_samples = of_samples.join(table.select("robot", "sample"), on=["robot", "sample"], how="semi")
-    of_samples = of_samples.sort("robot", "sample")
+    of_samples = samples.select("robot", "sample")
     estimates = of_samples.join(known, on=["robot", "sample"], how="left", maintain_order="left")
     return {
         name: packed_column(estimates[name].cast(pl.Float32).fill_null(np.nan).to_numpy()) for name in names

@@ -153,10 +153,7 @@ def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, 
 def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
     """Return whether the next segment begins more than 0.1 mm or half a degree from where this one ends, (segments,).
 
-    The value for each robot's last segment has no meaning: the next segment is another robot's, or the first of all.
-
-    Args:
-        starts, ends: x, y, heading of each segment's start and end, (3, segments).
+    The value for each robot's last segment has no meaning. Both arguments: x, y and heading, (3, segments).
     """
     x, y, heading = np.abs(np.roll(starts, -1, axis=1) - ends)
     return np.asarray((np.hypot(x, y) > 1e-4) | (heading > np.radians(0.5)))
@@ -165,11 +162,7 @@ def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
 def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats:
     """Return the headings at the starts of segments, changed by whole turns to follow the end of the segment before.
 
-    A robot's first heading stays as it is.
-
-    Args:
-        heading: heading at the start of each segment, rad. end: heading at its end, rad. first: whether the segment is
-            the first of its robot; (segments,) each.
+    Headings are in rad; ``first``: whether the segment is the first of its robot; (segments,) each.
     """
     # Whole turns between the end of a segment and the start of the next, and their sum since the first segment of all.
     jumps = np.append(0.0, np.round((heading[1:] - end[:-1]) / (2 * np.pi)))

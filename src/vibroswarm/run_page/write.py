@@ -25,7 +25,7 @@ from vibroswarm.analysis.verdict import (
     strategy_name,
     verdict,
 )
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, check_kind, path_of
 from vibroswarm.floors.floor import Floor
@@ -124,9 +124,7 @@ def _font_faces() -> str:
 def _script_hash(document: str, script: str) -> str:
     """Return the hash of the page's script element; the page's content security policy allows no other script.
 
-    Args:
-        document: the template, with a single ``<script>`` without attributes, which contains "{{script}}". The element
-            with the data has a type that is not run, and needs no hash. script: text that replaces "{{script}}".
+    It is the single ``<script>`` without attributes; that with the data is not run, and needs no hash.
     """
     (code,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
     digest = hashlib.sha256(code.replace("{{script}}", script).encode()).digest()
@@ -140,9 +138,7 @@ def write_page(record: RunRecord, path: Path) -> None:
         InputError: ``path`` is a folder, or its folder cannot be written to.
         RunError: the disk is full or failed.
     """
-    text = page_html(record)
-    with whole_file(Path(path)) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+    write_file(path, page_html(record))
 
 
 def script_json(value: Any) -> str:

@@ -170,7 +170,6 @@ def _environment() -> Environment:
 
 
 def _markup(html: str) -> Markup:
-    """Mark text that is put into a page as it is."""
     from markupsafe import Markup
 
     return Markup(html)
@@ -200,10 +199,7 @@ def _classes(head: Heading, cell: Cell | None = None) -> str:
 
 
 def _breakable(text: object) -> Markup:
-    """Escape text, and allow line breaks after underscores in words of 13 characters or more.
-
-    Names of fields would widen a column otherwise.
-    """
+    """Escape text, and allow line breaks in long words, since names of fields would widen a column otherwise."""
     return _markup(re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text)))
 
 
@@ -213,11 +209,7 @@ def _on_strip(value: float, scale: float) -> str:
 
 
 def _drawing(figure: Figure, key: str) -> dict[str, Any]:
-    """Return a figure's SVG, with ids that begin with ``key``, and its width on the page.
-
-    It fills the page's width within limits: at most 1.5 times its own width, and at least 0.8 times, so that its text
-    stays legible. In a narrower frame it scrolls.
-    """
+    """Return a figure's SVG, with ids that begin with ``key``, and a width that keeps its text legible."""
     svg, width = inline_svg(figure.drawn.svg(), f"{key}-", figure.drawn.caption)
     return {"svg": _markup(svg), "size": f"clamp({0.8 * width:.0f}px, 100%, {1.5 * width:.0f}px)"}
 

@@ -137,7 +137,6 @@ def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -
 
 
 def _check(cancelled: Callable[[], bool]) -> None:
-    """Raise Cancelled if the study was stopped."""
     if cancelled():
         raise Cancelled
 
@@ -517,14 +516,7 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
 
 
 def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
-    """Check that exactly the robots that decided have a decision time, and that no count exceeds the number of robots.
-
-    Args:
-        frame: the table ``robots`` of a shard, with at least one row and no nulls in the columns ``NEVER_NULL``, as
-            ``check_shard`` has checked. robots: number of robots in a run. name: of the file, for messages.
-    Raises:
-        InputError: a column is wrong; it names the file and the column.
-    """
+    """Check that just the robots that decided have a decision time, and that no count exceeds ``robots``."""
     if ((frame["decision"] >= 0) != frame["decision_time_s"].is_not_null()).any():
         raise InputError(
             "column 'decision_time_s' must be given for robots that decided, and for no others", field=name

@@ -280,12 +280,9 @@ def comparisons(
 
 
 def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
-    """Compare two cells in all figures.
+    """Compare two cells in all figures; ``figures``: of the study's own runs, or of a second block, if there is one.
 
-    Args:
-        figures: of the study's own runs or of the second block; None if there is no second block.
-    Returns: a comparison per figure; None if ``figures`` is None, if one of the cells is not selected in its result, or
-        if the cells have no run in common.
+    Returns: a comparison per figure; None without figures, if a cell is not selected, or without common runs.
     """
     if figures is None or not {cell.number, reference.number} <= figures.selected:
         return None

@@ -274,7 +274,6 @@ def _end_with_parent() -> None:
 
 
 def _is_cancelled() -> bool:
-    """Return, in a worker process, whether the flag that the process got at its start is set."""
     return bool(_cancel.is_set())
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from typing import Any, Final, TypeGuard
 
@@ -31,7 +31,7 @@ import numpy as np
 
 from vibroswarm.core.numbers import number, rounded
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.errors import InputError, nearest, number_of, whole_number_of
+from vibroswarm.errors import InputError, check_kind, nearest, number_of, whole_number_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.plugins import is_code, name_in
 from vibroswarm.scenario.scenario import field_names, kind_of
@@ -65,8 +65,7 @@ def points_of(blocks: Mapping[str, Any]) -> list[Point]:
     points_of_blocks: list[list[Point]] = []
     seen: set[str] = set()
     for name, block in blocks.items():
-        if name not in BLOCKS:
-            raise InputError(f"there is no such block{nearest(name, BLOCKS)}", field=name)
+        check_names([name], BLOCKS, "block")
         points = _READERS[name](block, name)
         fields = {field for point in points for field in point}
         if both := sorted(fields & seen):
@@ -136,8 +135,7 @@ def _between_bounds(block: Any, name: str) -> list[Point]:
         block: ``points`` (how many), ``seed`` (0 if missing), and the range or list of choices of each field.
         name: of the block, "random" or "sobol".
     """
-    if not isinstance(block, Mapping):
-        raise InputError("must be a table of fields with their bounds", field=name)
+    check_kind(block, Mapping, name, "a table of fields with their bounds")
     count = whole_number_of(block.get("points"), f"{name}.points", 1, LARGEST)
     seed = whole_number_of(block.get("seed", 0), f"{name}.seed", 0, SEED_LIMIT - 1)
     fields = fields_in({k: v for k, v in block.items() if k not in _NOT_FIELDS}, name)
@@ -185,8 +183,7 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
     Raises:
         InputError: the block is not a table, or a field does not exist.
     """
-    if not isinstance(block, Mapping):
-        raise InputError("must be a table of fields and their values", field=name)
+    check_kind(block, Mapping, name, "a table of fields and their values")
     known, fields = {*field_names(), PRESET, *may_have}, {}
     for key, value in block.items():
         if key in known or _is_of_code(key):
@@ -291,6 +288,17 @@ def value_between(low: float, high: float, scale: str, whole: bool, u: float) ->
     return round(value) if whole else rounded(value, 15)
 
 
+def check_names(names: Iterable[str], known: Collection[str], what: str, of: str = "") -> None:
+    """Refuse a name that is not known; ``what`` says what it names, and with ``of`` before it, it is the error's field.
+
+    Raises:
+        InputError: the message suggests the known name with the most similar spelling.
+    """
+    for name in names:
+        if name not in known:
+            raise InputError(f"there is no such {what}{nearest(name, known)}", field=f"{of}{name}")
+
+
 def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
     """Return the ends of a range, its scale (``linear`` or ``log``), and whether its numbers are whole.
 
@@ -302,11 +310,8 @@ def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
     Raises:
         InputError: it is not a range, or a part of it is wrong.
     """
-    if not isinstance(given, Mapping):
-        raise InputError(f"{given!r} is not a range; write {{from = 1, to = 2}}", field=name)
-    for key in given:
-        if key not in _RANGE:
-            raise InputError(f"there is no such part of a range{nearest(key, _RANGE)}", field=f"{name}.{key}")
+    check_kind(given, Mapping, name, "a range; write {from = 1, to = 2}")
+    check_names(given, _RANGE, "part of a range", of=f"{name}.")
     low, high = (
         number_of(given.get(end), f"{name}.{end}", -LARGEST_NUMBER, LARGEST_NUMBER) for end in ("from", "to")
     )
@@ -329,7 +334,6 @@ def _is_whole(value: Any) -> TypeGuard[int]:
 
 
 def _is_whole_field(name: str) -> bool:
-    """Return whether the field at the end of ``name`` (``grid.swarm.robots``) holds whole numbers."""
     # What precedes the field's dotted name (the block's name, or nothing) is not known, so every ending is tried.
     parts = name.split(".")
     return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))

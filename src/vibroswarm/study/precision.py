@@ -16,8 +16,9 @@ from decimal import Decimal
 from typing import Any, Final
 
 from vibroswarm.analysis import figures
+from vibroswarm.analysis.intervals import check_level
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice, share_from, shown, whole_number_of
+from vibroswarm.errors import InputError, check_choice, share_from, whole_number_of
 
 FIRST_LOOK: Final = 100
 """Number of runs at the first look; it doubles from look to look."""
@@ -69,11 +70,7 @@ class Precision(NotebookView):
         check_choice(self.figure, "figure", FIGURES)
         most = whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
         object.__setattr__(self, "max_runs", most)
-        if not (isinstance(self.level, float) and 0 < self.level < 1):
-            raise InputError(
-                f"{shown(self.level)} is not a level of confidence; give a share such as {LEVEL}",
-                field="level",
-            )
+        check_level(self.level)
         # A float of NumPy becomes one of Python, since ``as_values`` cannot parse the ``repr`` of the former.
         for name in ("half_width", "level"):
             object.__setattr__(self, name, float(getattr(self, name)))

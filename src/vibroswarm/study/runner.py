@@ -143,10 +143,7 @@ def _until_settled(runner: _Runner, plan: Plan, precision: Precision) -> None:
 
 
 def _compile_first(study: Study, plan: Plan) -> None:
-    """Compile the kernels in this process by simulating one run, so that not every worker process compiles them.
-
-    The kernels go to the cache on disk, from which the processes load them. If they are there, nothing is done.
-    """
+    """Compile the kernels in this process unless they are on disk, so that not every worker compiles them."""
     if not is_cached():
         # User code that fails in this run fails again in its batch, which reports it.
         with suppress(CodeError):

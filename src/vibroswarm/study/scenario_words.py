@@ -181,11 +181,7 @@ def several(value: Any) -> tuple[Any, ...]:
 
 
 def _the_one(value: Any, option: str) -> Any:
-    """Return the value of an option that may hold several, but only one here; None if it holds none.
-
-    Raises:
-        InputError: it holds several.
-    """
+    """Return the value of an option that may hold several, but only one here; None if it holds none."""
     values = several(value)
     if len(values) > 1:
         raise InputError(f"{','.join(map(str, values))}: give one value here", field=option)

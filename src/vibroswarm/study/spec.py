@@ -34,7 +34,6 @@ from vibroswarm.errors import (
     check_format,
     check_kind,
     in_file,
-    nearest,
     path_of,
     shown,
     whole_number_of,
@@ -56,6 +55,7 @@ from vibroswarm.study.factors import (
     LABEL,
     PRESET,
     Point,
+    check_names,
     fields_in_words,
     names_of,
     points_of,
@@ -182,8 +182,7 @@ class Study(NotebookView):
         """
         if isinstance(self.base, Scenario):
             object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
-        if not isinstance(self.base, Mapping):
-            raise InputError("must be a scenario, or its sections by name", field="base")
+        check_kind(self.base, Mapping, "base", "a scenario, or its sections by name")
         check_kind(self.vary, Mapping, "vary", "a table of blocks, such as {'grid': {field: values}}")
         check_kind(self.name, str, "name", "a text")
         check_kind(self.motion, str, "motion", "the name of a source of motion")
@@ -343,9 +342,7 @@ class Study(NotebookView):
         """Build a study from the values of its TOML, with the arguments of ``from_values``."""
         plugins.remember_code_names(values)  # so that parameters of code that is not loaded are accepted
         blocks = {key: plugins.resolve_codes(values[key]) for key in values if key in BLOCKS}
-        for key in values:
-            if key not in KEYS:
-                raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
+        check_names(values, KEYS, "key")
         check_format(values.get("format", FORMAT), FORMAT, name)
         base = values.get("scenario", {})
         if isinstance(base, str):

@@ -58,7 +58,6 @@ def run_with_bar(
 
 
 def _failed(now: StudyProgress) -> str:
-    """Write how many batches failed; empty if none did."""
     return f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
 
 

@@ -154,11 +154,6 @@ class StudyResult(NotebookView):
         return self.study.cells[number]
 
     def _check_cells(self, *numbers: int) -> None:
-        """Refuse what is not the number of a cell of the study.
-
-        Raises:
-            InputError: there is no cell with such a number.
-        """
         for number in numbers:
             if not isinstance(number, int | np.integer) or number not in self._group_of:
                 raise InputError(f"there is no cell {shown(number)} here", field="cell")

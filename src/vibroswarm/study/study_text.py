@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.source import family, is_generated
 from vibroswarm.study.factors import BLOCKS, flat
 
@@ -68,18 +68,8 @@ Rows = tuple[str, ...] | tuple[tuple[float, ...], ...]
 
 
 def _checked_floors(values: Any) -> dict[str, Rows]:
-    """Return the floors that a study defines, by name, with their rows as tuples.
-
-    A row may be any text or list: that it consists of kinds, or of values, is checked only when a cell uses the floor.
-
-    Args:
-        values: ``floors`` of a study, as TOML or the caller gives it.
-    Raises:
-        InputError: it is not a table, a name is that of a pattern or a random floor, or a floor is not a list of texts
-            or of lists.
-    """
-    if not isinstance(values, Mapping):
-        raise InputError("must be a table of floors by name", field="floors")
+    """Return the floors of a study by name. That rows consist of kinds or values is checked when a cell uses them."""
+    check_kind(values, Mapping, "floors", "a table of floors by name")
     return {name: _checked_rows(name, rows) for name, rows in values.items()}
 
 

@@ -30,7 +30,7 @@ from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import cluster_share, columns_of, share_interval
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, number_of
 from vibroswarm.inference.outcomes import Array, costs_of, forced_errors, numbers
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import refuse_steering
@@ -91,10 +91,7 @@ def time_error_curve(
     settings = list(dict.fromkeys(product(credible_thresholds, min_observations)))
     if not settings:
         raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
-    if not 0.0 <= undecided_counts <= 1.0:
-        raise InputError(
-            f"{undecided_counts!r} is not a share; give a number from 0 to 1", field="undecided_counts"
-        )
+    number_of(undecided_counts, "undecided_counts", 0.0, 1.0)
     refuse_steering(scenario)
     base = scenario.with_values({"run.stop": "t_end"})
     points = {

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vibroswarm.core import child_python
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.view.scene import (
@@ -66,8 +66,7 @@ def write_picture(result: Result, run: int, path: Path, time_s: float | None = N
     pixels, way = _drawn(scene_xml(playback, at_s), floor_picture(playback, at_s))
     encoded = io.BytesIO()
     Image.fromarray(pixels).save(encoded, "png")
-    with whole_file(path) as part:
-        part.write_bytes(encoded.getvalue())
+    write_file(path, encoded.getvalue())
     return way
 
 
@@ -223,5 +222,4 @@ def _geom(
 
 
 def _numbers(values: NDArray[np.float64] | tuple[float, ...]) -> str:
-    """Write numbers for MJCF, separated by spaces."""
     return " ".join(f"{float(value):.6g}" for value in values)

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.errors import InputError, RunError, whole_number_of
 from vibroswarm.result import Result
 from vibroswarm.view.scene import Playback, Scene
@@ -162,8 +162,7 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
         text = serializer.as_html()
     finally:
         _stop(server)
-    with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_file(path, text)
     return times.size + 1  # with the frame at time 0
 
 
@@ -228,7 +227,6 @@ def is_own_request(hosts: Sequence[str], origins: Sequence[str]) -> bool:
 
 
 def _stop(server: Any) -> None:
-    """Stop a viser server without its printed messages."""
     with redirect_stdout(io.StringIO()):
         server.stop()
 
