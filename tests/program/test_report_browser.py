@@ -102,7 +102,7 @@ def search_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     begin = 'start = [{ "sample.sample_interval_ms" = 6000.0, "decision.min_observations" = 60 }]\n'
     search = Search.from_toml(f"name = {json.dumps(NASTY)}\n{begin}{small}[search]\nbudget = 60\n")
     found = run_search(search)
-    truth = truth_of(found, runs=40)
+    truth = truth_of(found, runs=60)
     at_start = replace(truth.others[0], values=truth.winner.values)
     file = tmp_path_factory.mktemp("search") / "report.html"
     write_page(file, search_document(found, replace(truth, believed=0.1, others=(at_start,))))

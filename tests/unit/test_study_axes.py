@@ -43,9 +43,10 @@ def test_words_alone_have_no_x() -> None:
 
 def test_two_numbers_with_three_values_each_make_a_plane() -> None:
     grid = {"strategy__soft__eta": [0.0, 1.0, 2.0], "strategy__soft__kappa": [1.0, 2.0, 3.0]}
-    fields = list(plane_of(Study.of(PAPER, 1, **grid).cells) or {})
+    soft = PAPER.with_values({"strategy.name": "soft"})
+    fields = list(plane_of(Study.of(soft, 1, **grid).cells) or {})
     assert fields == ["strategy.soft.eta", "strategy.soft.kappa"]
-    assert plane_of(Study.of(PAPER, 1, **grid, swarm__robots=[1, 2, 3]).cells) is None
+    assert plane_of(Study.of(soft, 1, **grid, swarm__robots=[1, 2, 3]).cells) is None
     assert plane_of(Study.of(PAPER, 1, swarm__robots=[1, 2, 3]).cells) is None
 
 

@@ -48,7 +48,8 @@ def test_strategies_are_compared_in_all_pairs_on_the_same_floor_or_with_one_that
 
 def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
     assert names(Study.of(SHORT, 1, swarm__robots=[5, 6])) == ["robots 6 | robots 5 | swarm.robots"]
-    assert names(Study.of(SHORT, 1, swarm__robots=[5, 6], strategy__soft__eta=[0.0, 1.0])) == []
+    soft = SHORT.with_values({"strategy.name": "soft"})
+    assert names(Study.of(soft, 1, swarm__robots=[5, 6], strategy__soft__eta=[0.0, 1.0])) == []
     assert names(Study.of(SHORT, 1, swarm__robots=list(range(1, 11)))) == []
 
 

@@ -47,7 +47,7 @@ def view(
         refuse(is_given and file_option, f"--{option}", f"does not apply to {file_option}")
     speed = 20.0 if speed is None else speed
     # The range of the slider on the page; --html has the same limits.
-    refuse(not 1.0 <= speed <= 200.0, "--speed", f"{speed:g} is not from 1 to 200")
+    refuse(not 1.0 <= speed <= 200.0, "--speed", f"{numbers.stated(speed)} is not from 1 to 200")
     refuse(html and picture, "--picture", "conflicts with --html; use one of them")
     refuse(at is not None and picture is None, "--at", "needs --picture")
     for option, file, suffix in (("html", html, ".html"), ("picture", picture, ".png")):

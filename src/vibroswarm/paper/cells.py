@@ -15,7 +15,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import polars as pl
@@ -33,6 +33,9 @@ from vibroswarm.study.run import run
 from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 FIRST_RUNS: Final = 10
 """Runs of each cell whose robots an archive lists one by one."""
@@ -182,6 +185,12 @@ def run_cells(
             progress(before / sum(weights))
         results = {key: cell_result for future in summaries for key, cell_result in future.result().items()}
     return CellResults(seed, runs, results)
+
+
+def on_threads(function: Callable[[T], R], items: Iterable[T], workers: int | None) -> list[R]:
+    """Return what a function gives for each item, computed on threads; ``workers``: None is one for each processor."""
+    with ThreadPoolExecutor(workers or processors()) as pool:
+        return list(pool.map(function, items))
 
 
 def _summaries(

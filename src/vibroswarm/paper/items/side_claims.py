@@ -8,7 +8,6 @@ row from the difference of two cells (first - second), paired by run.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.paper.cell_tables import two_forms
+from vibroswarm.paper.cells import on_threads
 from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
 from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills, published
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
@@ -25,7 +25,6 @@ from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
-from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""
@@ -66,8 +65,7 @@ def compute(work: Work) -> Tables:
     # Each different scenario once: the timer "as it ran", that of the preset, may be one of the other two timers.
     distinct = list(dict.fromkeys(scenarios.values()))
     placed_of = partial(_placed, work.settings.seed, runs)
-    with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
-        results = dict(zip(distinct, pool.map(placed_of, distinct), strict=True))
+    results = dict(zip(distinct, on_threads(placed_of, distinct, work.settings.workers), strict=True))
     # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
     corners = {key: _corners(x, y, run, runs) for key, (run, x, y) in placed.items()}
