@@ -73,17 +73,17 @@ def _margins(difference: Array, drawn: Array, units: int) -> Array:
     Args:
         difference: d_ij. drawn: m_i*, (contestants, draws). units: n.
     """
-    first, second = np.triu_indices(len(drawn), k=1)
-    drawn_difference = drawn[first] - drawn[second]  # (pairs, draws)
-    error = np.nanstd(drawn_difference, axis=1, ddof=1)
-    varies = error > 0.0  # contestants that are alike in every run do not
-    margin = np.zeros(difference.shape)
-    if varies.any():
-        away = np.abs(drawn_difference - difference[first, second][:, None])[varies] / error[varies][:, None]
-        largest = np.fmax.reduce(
-            away, axis=0
-        )  # over pairs; a pair that is nan in a draw does not count in it
-        tail = ndtr(-np.nanquantile(largest, LEVEL))  # that of the normal law beyond c
-        critical = -stdtrit(units - 1, tail) * math.sqrt(units / (units - 1))
-        margin[first, second] = margin[second, first] = critical * error
-    return margin
+    error, largest = np.zeros(difference.shape), np.full(drawn.shape[1], np.nan)
+    for one in range(len(drawn) - 1):  # not all pairs at once, which may be many
+        apart, own = drawn[one] - drawn[one + 1 :], difference[one, one + 1 :]
+        spread = np.nanstd(apart, axis=1, ddof=1)
+        error[one, one + 1 :] = error[one + 1 :, one] = spread
+        varies = spread > 0.0  # contestants that are alike in every run do not
+        away = np.abs(apart - own[:, None])[varies] / spread[varies][:, None]
+        # over pairs; a pair that is nan in a draw does not count in it
+        largest = np.fmax(largest, np.fmax.reduce(away, axis=0, initial=np.nan))
+    if np.isnan(largest).all():  # all are alike
+        return np.zeros(difference.shape)
+    tail = ndtr(-np.nanquantile(largest, LEVEL))  # that of the normal law beyond c
+    critical = -stdtrit(units - 1, tail) * math.sqrt(units / (units - 1))
+    return np.asarray(critical * error)

@@ -34,7 +34,7 @@ from vibroswarm.localisation.locate import draws_read, estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies.place_map import PAIRS
+from vibroswarm.strategies.place_map import PAIRS, WITH_MAP
 
 MAPS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -48,9 +48,6 @@ MAPS: Final[dict[str, Any]] = {
 """One row per run, robot (null: pooled) and tile. ``row``, ``column``: of the tile, rows from the top. ``vibrating``:
 belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile vibrates at the end of
 the run, else 0."""
-
-WITH_MAP: Final = ("places", "explore", "fading")
-"""Strategies whose robots keep a map."""
 
 
 def keeps_floor_map(scenario: Scenario) -> bool:

@@ -27,7 +27,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm import strategies
-from vibroswarm.analysis.floor_maps import WITH_MAP, beliefs_of, floor_maps
+from vibroswarm.analysis.floor_maps import beliefs_of, floor_maps
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import Swarm
@@ -35,6 +35,7 @@ from vibroswarm.inference.outcomes import fills_and_truth
 from vibroswarm.localisation.locate import draws_read
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies.place_map import WITH_MAP
 
 SCORES: Final = {"map_brier": "brier", "map_auc": "auc", "map_location_error_m": "location_error_m"}
 """Figures of a run by name, and the score of which each is the mean over robots."""

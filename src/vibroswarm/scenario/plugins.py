@@ -357,7 +357,7 @@ def load_installed(kind: str) -> None:
     for point in entry_points(group=group):
         try:
             loaded: Any = point.load()
-        except Exception as error:
+        except Exception as error:  # whatever the package's code raises
             raise InputError(
                 f"cannot be loaded: {type(error).__name__}: {error}", field=point.value
             ) from None

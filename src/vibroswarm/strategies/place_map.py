@@ -39,6 +39,8 @@ from vibroswarm.core.jit import inlined_uncached
 from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.world import World
 
+WITH_MAP: Final = ("places", "explore", "fading")
+"""Strategies whose robots keep such a map."""
 PAIRS: Final = 9
 """Number of pairs of error rates: three values of each of the two rates."""
 FAR: Final = 4.0

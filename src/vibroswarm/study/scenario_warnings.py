@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from vibroswarm import strategies
 from vibroswarm.analysis.claimed_rates import claims_warnings
-from vibroswarm.analysis.floor_maps import WITH_MAP
 from vibroswarm.floors.floor import sides_inside
 from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.edge_response import edge_warnings
@@ -12,6 +11,7 @@ from vibroswarm.observation.energy_model import sensor_warnings
 from vibroswarm.scenario.change_fields import change_warnings
 from vibroswarm.scenario.fault_fields import fault_warnings
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies.place_map import WITH_MAP
 
 
 def warnings_of(scenario: Scenario) -> list[str]:
@@ -43,7 +43,7 @@ def _map_warnings(scenario: Scenario) -> list[str]:
     if scenario.strategy.name not in WITH_MAP:
         return []
     floor = scenario.floor_for(0, 0)  # whose size is that of all runs
-    if sides_inside(floor.geometry, scenario.arena.width_m, scenario.arena.height_m) is None:
+    if sides_inside(floor.geometry, *scenario.arena.size_m) is None:
         return []
     return [
         f"the floor extends beyond the arena: '{scenario.strategy.name}' counts all tiles of the grid alike, but the "
