@@ -244,12 +244,17 @@ class Objective(NotebookView):
 
     def _mean_sd(self, rows: Rows) -> tuple[float, float]:
         """Return the score mean + sd, and its standard error by the influence of each run (the delta method)."""
-        costs_of_runs = rows[:, :, 0]
-        sd, apart = costs_of_runs.std(axis=0), costs_of_runs - costs_of_runs.mean(axis=0)
-        influence = apart + (apart**2 - sd**2) / (2.0 * np.maximum(sd, NOTHING))
-        by_case = costs_of_runs.mean(axis=0) + sd
-        of_runs = influence[:, by_case.argmax()] if self.over == "worst" else influence.mean(axis=1)
-        return self.score(rows), float(of_runs.std(ddof=1)) / math.sqrt(len(rows))
+        of_cases = np.ascontiguousarray(rows[:, :, 0].T)
+        means = of_cases.mean(axis=1, keepdims=True)
+        apart = of_cases - means
+        squares = apart**2
+        sd = np.sqrt(squares.mean(axis=1, keepdims=True))
+        influence = apart + (squares - sd**2) / (2.0 * np.maximum(sd, NOTHING))
+        by_case = (means + sd)[:, 0]
+        is_worst = self.over == "worst"
+        of_runs = influence[by_case.argmax()] if is_worst else influence.mean(axis=0)
+        score = by_case.max() if is_worst else by_case.mean()
+        return float(score), float(of_runs.std(ddof=1)) / math.sqrt(len(rows))
 
     @property
     def _least(self) -> float:
