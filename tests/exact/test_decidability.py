@@ -53,7 +53,7 @@ def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:
     d = at(sensor__rms_threshold=1.55, floor__source="random:0.52")
     assert d.verdict == "wrong side"
     assert d.share < 0.5
-    assert "more samples make the wrong answer surer" in d.says
+    assert "more samples make the wrong answer more certain" in d.says
     assert "A threshold between" in d.says
     mended = at(sensor__rms_threshold=(d.mending_low + d.mending_high) / 2, floor__source="random:0.52")
     assert mended.verdict == "decidable"
@@ -66,7 +66,7 @@ def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:
 def test_no_threshold_mends_labels_that_are_swapped() -> None:
     d = decidability(preset("text"))
     assert (d.mending_low, d.mending_high) == (None, None)
-    assert "No threshold mends it" in d.says
+    assert "No threshold helps" in d.says
 
 
 def test_on_the_boundary_neither_is_right() -> None:

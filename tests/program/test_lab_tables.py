@@ -99,6 +99,6 @@ def test_a_fit_and_its_validation_too(columns: int) -> None:
     words = " ".join(printed.getvalue().split())
     assert "[1211.1, 1255.5]" in words
     assert 'network.name = "bursts"' in words
-    assert "Outside of what 95 % of sessions simulated with the fit have: share of samples" in words
+    assert "Outside the range of 95 % of the sessions simulated with the fit: share of samples" in words
     assert "tells 55.0 % of the stretches of 20 samples" in words
     assert words.count("-1.0") == 3

@@ -340,7 +340,7 @@ def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
     high = replace(truth, believed=truth.winner.score.estimate * 2.0)
     assert "unlucky" in high.words
     equal = replace(truth, believed=truth.winner.score.estimate)
-    assert "no sign of a lucky choice" in equal.words
+    assert "no sign of selection bias" in equal.words
     few = truth_of(whole, runs=8)
     assert few.winner.score.low < 0.7 * few.winner.score.estimate
     assert "too few validation runs" in replace(few, believed=0.8 * few.winner.score.estimate).words

@@ -222,7 +222,7 @@ def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float, 
         needed = samples_needed_of_kinds(shares, truth, error)
         says = f"{most}: it can be decided."
         return asked(verdict="decidable", says=says, margin=margin, samples_needed=needed)
-    says = f"{most}, but kind {truth} is the most common: more samples make the wrong answer surer."
+    says = f"{most}, but kind {truth} is the most common: more samples make the wrong answer more certain."
     return asked(verdict="wrong side", says=says, margin=margin)
 
 
@@ -503,7 +503,7 @@ def _words(verdict: Word, share: float, boundary: float, tested: float, truth: i
             problem = f"on the wrong side of {tested_boundary}"
         else:
             problem = f"but {'more' if truth == 1 else 'less'} than {percent(boundary)} vibrates"
-        return f"{share_of_ones}, {problem}: more samples make the wrong answer surer, and feedback makes it faster."
+        return f"{share_of_ones}, {problem}: more samples make the wrong answer more certain, feedback makes it faster."
     # The remaining verdict: the share of ones equals the tested boundary.
     return f"{share_of_ones}, just {tested_boundary}: however many samples are taken, it is decided by chance alone."
 
@@ -520,14 +520,12 @@ def _mend(verdict: Word, threshold: float, low: float | None, high: float | None
     if verdict == "decidable" and low is not None and high is not None and low < threshold < high:
         return ""
     if low is None or high is None:
-        return " No threshold mends it: vibrating tiles do not read higher than still ones."
+        return " No threshold helps: vibrating tiles do not read higher than still ones."
     if high - low < ON:
         return f" The sensor's errors balance at a threshold of {number(low, 3)} (it is {stated(threshold)})."
     if verdict == "decidable":
         return (
-            f" But the mirror image of this floor across the boundary could not be: at a threshold of "
+            f" But the mirror image of this floor across the boundary could not be decided: at a threshold of "
             f"{stated(threshold)} all floors lean this way; between {number(low, 3)} and {number(high, 3)} both can."
         )
-    return (
-        f" A threshold between {number(low, 3)} and {number(high, 3)} mends it (it is {stated(threshold)})."
-    )
+    return f" A threshold between {number(low, 3)} and {number(high, 3)} makes it decidable (now {stated(threshold)})."

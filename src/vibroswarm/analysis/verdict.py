@@ -315,7 +315,7 @@ def headline(found: Verdict) -> str:
     if found.consensus == "truth_undefined":
         reason = "the fill ratio equals the boundary, neither is" if found.of_shares else "no answer is"
         if found.asked_anew:
-            reason = "each is asked anew after its answers, some of which may be"
+            reason = "each robot is asked again after each answer, and some answers may be"
         return f"CONSENSUS: {together} '{answer}'{at}; {reason} right."
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":

@@ -36,7 +36,7 @@ LACKS: Final = (
     "Small turns that overshoot: a turn takes the time that its angle takes.",
     "Tiles that read surer in their middle than near their rim.",
     "Samples between two kinds of tile that read neither: near an edge a sample is of one kind or the other.",
-    "Packets lost in bursts: each is lost by itself.",
+    "Packets lost in bursts: losses are independent.",
 )
 """Known differences between real robots and every fitted scenario, as sentences."""
 

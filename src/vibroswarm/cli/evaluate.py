@@ -15,7 +15,7 @@ from vibroswarm.cli.studies import confirm_and_print, do_study, warn_of_equal_er
 
 
 def evaluate(
-    study: Annotated[Path | None, Option("a study file, in the place of a scenario", "STUDY.toml")] = None,
+    study: Annotated[Path | None, Option("study file, in place of a scenario", "STUDY.toml")] = None,
     /,
     *,
     runs: Annotated[int | None, Option("runs per cell (default 100, or those of the file)")] = None,

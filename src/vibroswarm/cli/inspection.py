@@ -42,7 +42,7 @@ class Evidence:
             "FROM",
         ),
     ] = None
-    bits: Annotated[bool, Option("use readings of 0 and 1 in the place of energies")] = False
+    bits: Annotated[bool, Option("use readings of 0 and 1 instead of energies")] = False
     size: Annotated[
         tuple[float, float] | None, Option("of a CSV: width and height of the surface, m", "WxH", read=size)
     ] = None
@@ -89,7 +89,7 @@ class Damage:
     """What damage must be found, and how surely."""
 
     damage: Annotated[
-        bool, Option("ask for damage that is not bound to the grid (always asked without one)")
+        bool, Option("look for damage that need not follow the grid (always, without a grid)")
     ] = False
     sizes: Annotated[
         tuple[Any, ...] | None,
@@ -101,12 +101,13 @@ class Damage:
         ),
     ] = None
     shapes: Annotated[
-        tuple[str, ...], Option("shapes whose probability of detection is told: square, disc, crack", "A,...")
+        tuple[str, ...],
+        Option("shapes whose probability of detection is reported: square, disc, crack", "A,..."),
     ] = ("square",)
     looks: Annotated[
         int,
         Option(
-            "how often the scan is looked at, evenly spaced; false calls are of all looks", low=1, high=100
+            "number of looks at the scan, evenly spaced; false calls count over all looks", low=1, high=100
         ),
     ] = 1
     least_cm: Annotated[float, Option("side of the smallest damage that must be found", "CM", low=0.1)] = 10.0
@@ -146,7 +147,7 @@ class Planned:
     plan: Annotated[
         tuple[int, ...] | None,
         Option(
-            "do not inspect, but say what so many robots would find (a simulated scenario)", "N,...", low=1
+            "do not inspect; report what this many robots would find (simulated scenario)", "N,...", low=1
         ),
     ] = None
     minutes: Annotated[

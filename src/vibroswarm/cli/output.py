@@ -47,7 +47,7 @@ def print_saved(output: Any, page: str | None = None) -> None:
     out: Path | None = output.out
     if not getattr(output, "json", False):
         if out is None:
-            print_paragraph("Not saved; add --out DIR to save tables, what they are made of, and a page")
+            print_paragraph("Not saved; add --out DIR to save tables, the data behind them, and a page")
         else:
             print_line(f"Saved in {out}: {', '.join(_names_in(out))}")
             if page is not None:

@@ -85,7 +85,7 @@ def answers_table(judged: pl.DataFrame, names: int = 0, more: str = "") -> list[
     known = judged.select(column for column in judged if column.count())
     if known.width <= names:
         return []
-    caption = f"Answers over time: what was right when it was given, and how soon after a change{more}."
+    caption = f"Answers over time: shares right when given, and delays after a change{more}."
     return [Table(known, figure_columns(), caption, name="answers", names=max(names, 1))]
 
 

@@ -213,7 +213,7 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
         ),
         Text(
             f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
-            f"{in_cm(question.least_m)} cm with contrast {stated(min(question.contrasts))} are cleared all the same in "
+            f"{in_cm(question.least_m)} cm with contrast {stated(min(question.contrasts))} would still be cleared in "
             f"{missed}{robots}; by all samples at the end in {with_limits(told.missed_at_end, '%')}. Drawn at the "
             "places of this inspection, with 95 % limits."
         ),

@@ -87,8 +87,8 @@ def _agreement(found: Fit) -> str:
     """Say whether the recorded avoidances are as simulated ones."""
     outside = [name for name, limits in found.predicted.items() if not _is_inside(limits)]
     if not outside:
-        return "All figures of the recorded avoidance lie where 95 % of sessions simulated with the fit have theirs."
-    return f"Outside of what 95 % of sessions simulated with the fit have: {listed(outside)}."
+        return "All figures of the recorded avoidance lie in the range of 95 % of the sessions simulated with the fit."
+    return f"Outside the range of 95 % of the sessions simulated with the fit: {listed(outside)}."
 
 
 def _predicted(found: Fit) -> Table:

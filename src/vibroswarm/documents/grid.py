@@ -112,7 +112,7 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
     if others := sum(node.as_good for node in nodes.nodes if node is not nodes.best):
         yield (
             f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} are not significantly different from it. "
-            "Which of them is lowest is luck."
+            "Which of them is lowest is chance."
         )
     if edges := _edges(nodes):
         yield f"The lowest cell lies at the edge of the grid: {listed(edges)}. Better values may lie beyond."

@@ -342,7 +342,7 @@ def _faults(curves: pl.DataFrame | None) -> tuple[Section, ...]:
     words = (
         "Forced error of the working robots of the smallest swarm, on random floors on both sides of 1/2; runs are "
         f"paired. Tolerated: the 95 % interval of the rise lies below {number(100 * MARGIN, 0)} points, for that "
-        "number of faulty robots and all smaller ones. Who guesses without faults tolerates nothing."
+        "number of faulty robots and all smaller ones. A strategy that guesses even without faults tolerates none."
     )
     caption = "Number of faulty robots that a strategy tolerates: forced error (%) of the others with 0, 1, ... of them"
     columns = {"name": ENTRY, **{kind: Column(kind.replace("_", " ")) for kind in kinds}}

@@ -33,10 +33,10 @@ def _answer(found: LossFits) -> str:
     """Say which model predicts better: the one with the smaller AIC."""
     gain = found.models["independent"].aic - found.models["bursts"].aic
     if gain <= 0:
-        return f"No bursts found: independent losses describe them as well (AIC lower by {number(-gain, 1)})."
+        return f"No bursts found: independent losses fit as well (AIC lower by {number(-gain, 1)})."
     bursts = found.models["bursts"]
     return (
-        f"Messages are lost in bursts (AIC lower by {number(gain, 1)} than with independent losses): bad times of "
+        f"Messages are lost in bursts (AIC lower by {number(gain, 1)} than with independent losses): bad periods of "
         f"{number(bursts.bad_s, 1)} s on average, {percent(bursts.bad_share)} of the time, in which "
         f"{percent(bursts.lost_in_bad)} of the messages are lost."
     )

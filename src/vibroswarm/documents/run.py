@@ -202,9 +202,7 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
             f"{kind}: {stated_percent(round(n / max(read.size, 1), 4))} ({stated_percent(round(share, 4))})"
             for kind, (n, share) in enumerate(zip(counts.tolist(), expected.tolist(), strict=True))
         ]
-        return [
-            f"Samples read as kind {', '.join(shares)}; in brackets what this floor and sensor let expect."
-        ]
+        return [f"Samples read as kind {', '.join(shares)}; in brackets: expected for this floor and sensor."]
     sentences = []
     # Shares are rounded to 4 decimals, so that percentages have at most two.
     if found.share_of_ones_read is not None:
@@ -241,8 +239,8 @@ def failure_sentences(result: Result) -> list[str]:
     if result.failures is None:
         return []
     return [
-        f"RUN FAILED at {number(row['time_s'], digits=4)} s: {row['reason']}. Its robots stand since then; what "
-        "follows is no result."
+        f"RUN FAILED at {number(row['time_s'], digits=4)} s: {row['reason']}. Its robots have stood still "
+        "since; what follows is not a result."
         for row in result.failures.to_dicts()
     ]
 
@@ -266,7 +264,7 @@ def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
     if right in (None, 1.0) or found.consensus != "right":
         return ()
     return (
-        f"That is right at the end; when they were given, {stated_percent(round(right, 3))} of the answers were right.",
+        f"Right by the floor at the end; when given, {stated_percent(round(right, 3))} of the answers were right.",
     )
 
 
@@ -375,6 +373,6 @@ def _map(result: Result, run: int) -> list[Part]:
     right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
     words = (
         f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
-        "%; ! marks a tile that is believed to be what it is not:"
+        "%; ! marks a tile whose believed kind is wrong:"
     )
     return [Text(words), Text(tile_lines(pooled), "code"), Table(pooled, name="map", folded=True)]

@@ -83,7 +83,7 @@ def _believed_and_true(truth: Truth, believed_runs: int | None, unit: str) -> Ta
         "what": Column("score of the winner"),
         "score": Column("score", unit),
         "share": Column("of the true score", share=True, sign=True),
-        "luck": Column("luck of the choice", tones=LUCK_TONES),
+        "luck": Column("selection bias", tones=LUCK_TONES),
     }
     frame = frame_of(rows, ("what", "score", "score_low", "score_high", "share", "runs", "luck"))
     return Table(frame, columns, "With 95 % intervals; the unit is the run.", "truth")

@@ -259,9 +259,10 @@ _OF_SOME_CELLS: Final = (
         "change",
         lambda one: one.cell.scenario.change.is_given,
         JUDGED,
-        "The floor changes: right when they decided, over time, and how long after a change of the truth the swarm "
-        "answered anew; at most to the next change or the end of the run. Where each robot is asked anew, these are of "
-        "robots, not of swarms. All other figures are of the floor at the end. 95 % intervals over runs.",
+        "The floor changes: shares right at the decision and over time, and the delay until the swarm answered again "
+        "after a change of the truth, at most to the next change or the end of the run. Where each robot is asked "
+        "again, these count robots, not swarms. All other figures refer to the floor at the end. 95 % intervals over "
+        "runs.",
     ),
     _SomeCells(
         "maps",

@@ -1,7 +1,7 @@
-"""A network in which everybody hears everybody."""
+"""A network in which every robot hears every other."""
 
 from __future__ import annotations
 
 from vibroswarm.networks.base import Network, register
 
-ideal = register(Network(name="ideal", about="everybody hears everybody"))
+ideal = register(Network(name="ideal", about="every robot hears every other"))

@@ -35,5 +35,5 @@ def lost(sender: int, receiver: int, d: Draws, p: Any, w: World) -> bool:
 
 
 loss = register(
-    Network(name="loss", params=Params, lost=lost, about="each message and receiver is lost by itself")
+    Network(name="loss", params=Params, lost=lost, about="messages are lost independently at each receiver")
 )

@@ -145,7 +145,7 @@ class Truth(NotebookView):
             ),
             "not significant": (
                 f"The believed score lies inside the interval of the true score ({percent(share, sign=True)}): "
-                "no sign of a lucky choice."
+                "no sign of selection bias."
             ),
             "lucky": (
                 f"The believed score is {percent(share, 0)} too low: the winner was chosen by its score on few runs, "

@@ -417,5 +417,5 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
     bar.set_label("belief that a tile vibrates", fontsize=9)
     if of_run["vibrates"].is_not_null().any():
-        figure.supxlabel("x: believed to be what it is not", fontsize=8)
+        figure.supxlabel("x: believed kind is wrong", fontsize=8)
     return figure

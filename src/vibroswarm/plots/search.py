@@ -85,7 +85,9 @@ def draw_search(
     legend_below(figure, sizes, handles, names)  # handles and names have the same order
     caption = f"{label} over {count(frame.height, 'iteration')}: the best so far and the mean of the candidates tried."
     if true is not None:
-        caption += f" On fresh runs the winner's is {number(true, digits=4)}; what lies below was luck."
+        caption += (
+            f" On fresh runs the winner's is {number(true, digits=4)}; what lies below it is selection bias."
+        )
     return Picture(figure, frame.select("iteration", "best", "mean"), caption)
 
 

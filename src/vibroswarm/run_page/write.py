@@ -278,7 +278,7 @@ def _surface_notes(floor: Floor) -> tuple[str, ...]:
     """Return what the page does not show of a floor's values, as a sentence; nothing if it has none."""
     if floor.surface.values is None:
         return ()
-    return ("Tiles have values between still and vibrating; they are drawn as vibrating from one half on.",)
+    return ("Tiles have values between still and vibrating; those of 0.5 and above are drawn as vibrating.",)
 
 
 MAP_TIMES: Final = 41

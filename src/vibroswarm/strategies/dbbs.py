@@ -75,7 +75,7 @@ class Params:
         Field(
             ge=0,
             le=100_000,
-            description="Steps for which a robot is not taken again (L): so that one neighbour does not count twice.",
+            description="Steps for which a robot is not chosen again (L): so that one neighbour does not count twice.",
         ),
     ] = 2
 

@@ -47,7 +47,9 @@ class Params:
 
     threshold: Annotated[
         float,
-        Field(ge=0, le=1, description="A source is left out if its bits are less probable; 0: none is."),
+        Field(
+            ge=0, le=1, description="A sender is ignored if its bits are less probable than this; 0: none is."
+        ),
     ] = 1e-6
 
 

@@ -138,7 +138,7 @@ class MapParams:
     rate_pairs: Annotated[
         bool,
         Field(
-            description="Whether nine pairs of error rates, around those told, are weighed by evidence: for a sensor "
+            description="Whether nine pairs of error rates, around those stated, are weighed by evidence: for a sensor "
             "that is not known well."
         ),
     ] = False
@@ -156,7 +156,7 @@ class MapParams:
         Field(
             ge=0,
             le=1,
-            description="How far beyond the edges of a tile its vibration is felt, as robots are told.",
+            description="How far beyond the edges of a tile its vibration is felt, as robots assume.",
         ),
     ] = 0.0
 

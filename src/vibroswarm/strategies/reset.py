@@ -60,8 +60,8 @@ class Params:
         Field(
             gt=0,
             le=1000,
-            description="Cumulative sum at which the robot counts anew: higher for fewer false changes, later for true "
-            "ones.",
+            description="Cumulative sum at which the robot starts counting again: higher for fewer false changes, "
+            "later for true ones.",
         ),
     ] = 8.0
     least: Annotated[
@@ -211,6 +211,6 @@ reset = register(
         "reset",
         revises=True,
         reports=("changes", Report("changed_s", "s")),
-        about="reset: no feedback; a robot that detects a change counts anew, and tells the others",
+        about="reset: no feedback; a robot that detects a change starts counting again, and tells the others",
     )
 )

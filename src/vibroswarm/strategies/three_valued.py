@@ -190,6 +190,6 @@ three_valued = register(
         bytes_on_air=2,
         boundary_half=True,
         reports=("truth",),
-        about="three-valued: robots signal a belief, which may be uncertain, and take in one that they heard",
+        about="three-valued: robots signal a belief, which may be uncertain, and adopt one that they heard",
     )
 )

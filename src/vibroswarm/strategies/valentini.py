@@ -311,7 +311,7 @@ dc = register(
         bytes_on_air=4,
         boundary_half=True,
         reports=("opinion", "quality"),
-        about="direct comparison: robots explore, disseminate an opinion, and take over a better one",
+        about="direct comparison: robots explore, disseminate an opinion, and adopt a better one",
     )
 )
 dmvd = register(
@@ -329,7 +329,7 @@ dmvd = register(
         bytes_on_air=2,
         boundary_half=True,
         reports=("opinion", "quality"),
-        about="direct modulation, voter: robots explore, disseminate an opinion, and take over one that they heard",
+        about="direct modulation, voter: robots explore, disseminate an opinion, and adopt one that they heard",
     )
 )
 dmmd = register(
@@ -347,6 +347,6 @@ dmmd = register(
         bytes_on_air=2,
         boundary_half=True,
         reports=("opinion", "quality"),
-        about="direct modulation, majority: robots explore, disseminate an opinion, and take over that of most",
+        about="direct modulation, majority: robots explore, disseminate an opinion, and adopt the most frequent one",
     )
 )
