@@ -403,6 +403,9 @@ int main(void)
     printf(" %d", vs_unpack(packet, length, &heard, &sender, &number));
     packet[0]--;
     packet[4]++; /* another program */
+    printf(" %d", vs_unpack(packet, length, &heard, &sender, &number));
+    packet[4]--;
+    packet[5] = VS_WORLD_ROBOTS; /* a sender for which the robot has no memory */
     printf(" %d\\n", vs_unpack(packet, length, &heard, &sender, &number));
     return 0;
 }
@@ -416,7 +419,7 @@ def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path)
     (tmp_path / "packets.c").write_text(PACKETS)
     run_with(sources, tmp_path / "packets.c", QUICKLY, f"-DVS_PRECISION={precision}")
     done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
-    packet, reads, *found, short, layout, program = done.stdout.split()
+    packet, reads, *found, short, layout, program, unknown = done.stdout.split()
     identity = re.search(
         r"VS_PROGRAM_ID UINT32_C\((\w+)\)", (sources / "vibroswarm_parameters.h").read_text()
     )
@@ -425,7 +428,15 @@ def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path)
     fields = (1, int(identity[1], 16), 3, 70000, 1, -7, 0.125, 0.0, 0.0, 0.0)
     assert bytes.fromhex(packet) == struct.pack(f"<BIBIii4{number}", *fields)
     assert (reads, found) == ("1", ["3", "70000", "1", "-7", "0.125"])
-    assert (short, layout, program) == ("0", "0", "0")
+    assert (short, layout, program, unknown) == ("0", "0", "0", "0")
+
+
+def test_robots_whose_numbers_no_packet_holds_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "c", str(tmp_path / "many"), "--robots", "257"]) == 2
+    assert "swarm.robots: 257 robots cannot be exported" in capsys.readouterr().err
+    parts_of(preset("paper").with_values({"swarm.robots": 256}))
 
 
 QUICKLY = "-O0"

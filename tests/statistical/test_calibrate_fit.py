@@ -29,7 +29,7 @@ from vibroswarm.calibrate.fit_avoidance import (
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import _error_of_start, fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
-from vibroswarm.calibrate.fit_sensor import _Between, fit_sensor
+from vibroswarm.calibrate.fit_sensor import SCALED, _Between, fit_sensor
 from vibroswarm.cli import calibrate as command
 from vibroswarm.documents.fit import readings_table
 from vibroswarm.errors import InputError
@@ -199,6 +199,25 @@ def test_sensing(found: Dataset) -> None:
     assert still == pytest.approx(2.52194 * 0.28754 + 0.13731, rel=0.06)
     assert vibrating == pytest.approx(5.33497 * 0.5132 - 0.2001, rel=0.06)
     assert 0.1 < values["robot_spread"] + values["tile_spread"] < 0.3
+
+
+@pytest.mark.parametrize("factor", [100.0, 0.01])
+def test_sensing_is_the_same_in_any_unit(found: Dataset, factor: float) -> None:
+    scaled = replace(found, samples=found.samples.with_columns(pl.col("energy") * factor))
+    fit, other = fit_sensor(found, draws=2), fit_sensor(scaled, draws=2)
+    for name, value in fit.values.items():
+        expected = value * factor if name in SCALED else value
+        assert other.values[name] == pytest.approx(expected, rel=1e-3, abs=1e-4 * factor)
+    assert fit_camera(scaled, draws=0).camera == fit_camera(found, draws=0).camera
+
+
+def test_laws_that_begin_far_from_0_are_found() -> None:
+    found = made(3, sensor__tile_spread=None)
+    moved = replace(found, samples=found.samples.with_columns(pl.col("energy") + 2.0))
+    fit, other = fit_sensor(found, draws=0).values, fit_sensor(moved, draws=0).values
+    for kind in ("vibrating", "still"):
+        assert other[f"{kind}_location"] == pytest.approx(fit[f"{kind}_location"] + 2.0, abs=0.15)
+        assert other[f"{kind}_shape"] == pytest.approx(fit[f"{kind}_shape"], rel=0.15)
 
 
 def test_edges_that_are_none_are_not_found() -> None:

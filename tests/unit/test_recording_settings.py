@@ -17,7 +17,7 @@ from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.robot.walk import TIMERS
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
 
@@ -167,6 +167,20 @@ def test_a_fit_warns_of_a_base_that_ran_otherwise(told: Scenario, capsys: pytest
     assert contradictions([recording], ran) == []
     (other,) = contradictions([recording], ran.with_values({"sample.sample_interval_ms": 3000.0}))
     assert "add --set sample.sample_interval_ms=2000.0." in other
+
+
+def test_a_fit_warns_of_robots_that_it_does_not_search() -> None:
+    (words,) = contradictions([], preset("e-puck"))
+    assert "robot.body_radius_m 0.0355, searched from 0.004 to 0.025" in words
+    assert contradictions([], preset("calibrated")) == []
+
+
+def test_gates_are_inconclusive_without_beliefs(told: Scenario, tmp_path: Path) -> None:
+    write_rugbot(simulate(told, 11, 1, segments=True), tmp_path / "log.csv", 0)
+    log = in_order(read_log(tmp_path / "log.csv"))
+    unsure = replace(log, samples=log.samples.with_columns(belief_below=pl.lit(None, pl.Float64)))
+    inferred = {one.name: one.evidence for one in infer_settings([unsure])}
+    assert "decisions, beliefs or numbers of messages sent are not logged" in inferred["decision.gate"]
 
 
 def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:

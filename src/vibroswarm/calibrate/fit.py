@@ -18,15 +18,16 @@ import polars as pl
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import calm_intervals
-from vibroswarm.calibrate.fit_avoidance import CANDIDATES, AvoidanceFit, fields_of, fit_avoidance
+from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, AvoidanceFit, fields_of, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
-from vibroswarm.calibrate.fit_rays import fit_rays
+from vibroswarm.calibrate.fit_rays import GRID_DEG, fit_rays
+from vibroswarm.calibrate.fit_sensor import DIGITS, SPREADS, fit_sensor
 from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
-from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
 from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import stated
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 
@@ -41,8 +42,6 @@ LACKS: Final = (
 """Known differences between real robots and every fitted scenario, as sentences."""
 
 
-DIGITS: Final = 5
-"""Digits after the point of fitted values in the scenario."""
 INTERRUPTED_BELOW: Final = 0.02
 """If a smaller share of the avoidance times exceeds the sample interval, samples are taken to interrupt avoidance."""
 
@@ -236,11 +235,10 @@ def _of_sensor(work: _Work) -> _Part | None:
     if work.base.sensor.model == "acceleration":
         return None
     found = fit_sensor(work.found, **work.of_errors)
-    rounded = {name: round(value, DIGITS) for name, value in found.values.items()}
     # A spread field must be positive, and is absent without a spread.
     fields = {
         f"sensor.{name}": value if name not in SPREADS or value > 0 else None
-        for name, value in rounded.items()
+        for name, value in found.rounded(found.values).items()
     }
     return _Part(fields, _estimates("sensor.", found.values, found.draws))
 
@@ -420,9 +418,9 @@ WALK_SETTINGS: Final = ("sample.sample_interval_ms", "sample.timer")
 
 
 def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
-    """Return a sentence for each setting of the walk that recordings imply and that the base contradicts.
+    """Return sentences about the base: settings of the walk that recordings contradict, and ``other_robots``.
 
-    Only the settings that determine when robots sample count (``WALK_SETTINGS``): others are the user's choice.
+    Of settings, only those that determine when robots sample count (``WALK_SETTINGS``): others are the user's choice.
     """
     found = []
     for name in WALK_SETTINGS:
@@ -439,4 +437,25 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
                     f"add --set {name}={one['value']}."
                 )
                 break
-    return found
+    return found + other_robots(base)
+
+
+def other_robots(base: Scenario) -> list[str]:
+    """Return a sentence if robots of the base are of another kind than those for which avoidance can be fitted."""
+    outermost_deg = max(abs(angle_deg) for angle_deg in base.rays.angle_deg)
+    searched = {
+        "robot.body_radius_m": (base.robot.body_radius_m, *PRIOR["radius_m"]),
+        "rays.disc_radius_m": (base.rays.disc_radius_m, *PRIOR["seen_m"]),
+        "outermost of rays.angle_deg": (outermost_deg, 0.0, float(GRID_DEG[-1])),
+    }
+    beyond = [
+        f"{name} {stated(value)}, searched from {stated(low)} to {stated(high)}"
+        for name, (value, low, high) in searched.items()
+        if not low <= value <= high
+    ]
+    if not beyond:
+        return []
+    return [
+        f"Avoidance is fitted to robots of another kind than those of the base ({'; '.join(beyond)}); replace "
+        "[rays], [walk], robot.body_radius_m and robot.turn_track_m of the fitted scenario by those of the base."
+    ]

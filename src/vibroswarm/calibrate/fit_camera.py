@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
-from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods
+from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.core.notebook_view import NotebookView
@@ -65,6 +65,7 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
     samples = found.samples
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     energy, run = samples["energy"].to_numpy(), samples["run"].to_numpy()
+    energy = energy / unit_of(energy)
 
     # Each step of the fit has a vector of its own. The last two values of both vectors are reach and log blur.
     # theta: the Gamma distributions of energies (6 values), reach and log blur, as ``fit_plain`` returns them.

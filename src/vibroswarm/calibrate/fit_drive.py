@@ -188,7 +188,11 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     """
     table, runs = _table_of_robots(found)
     if len(table) < 2:
-        raise InputError("at least two robots with ten drives each are needed to fit speeds", field="REAL")
+        raise InputError(
+            "at least two robots with ten drives each are needed to fit speeds; a drive is an interval between samples "
+            "without avoidance, which logs with avoid_total_s show",
+            field="REAL",
+        )
     values = _estimates(table)
     # Each bootstrap draw takes as many rows (robots in sessions) as the table has, with replacement.
     resampled = [

@@ -47,6 +47,10 @@ FIELDS: Final = (
 """Fields of the section ``sensor`` that theta gives, in the order of theta."""
 SPREADS: Final = ("tile_spread", "robot_spread")
 """Fields of the section ``sensor``: standard deviations of the log factors of tiles and of robots."""
+SCALED: Final = ("vibrating_scale", "vibrating_location", "still_scale", "still_location")
+"""Fields in the unit of the energies, which a factor of all energies multiplies."""
+DIGITS: Final = 5
+"""Digits after the point of fitted values in the scenario; of energies in their ``unit_of``."""
 DRAWS: Final = 40
 """Bootstrap resamples."""
 ROUNDS: Final = 3
@@ -66,6 +70,15 @@ class SensorFit:
 
     values: dict[str, float]
     draws: dict[str, Floats]
+    unit: float = 1.0
+    """Unit of the energies during the fit (``unit_of``)."""
+
+    def rounded(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return values, by field, with as many digits as a scenario has of them."""
+        of_energies = DIGITS - round(math.log10(self.unit))
+        return {
+            name: round(value, of_energies if name in SCALED else DIGITS) for name, value in values.items()
+        }
 
 
 class _Between(NamedTuple):
@@ -128,7 +141,8 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
         InputError: all samples lie on one kind of tile, or no law within the bounds of the fit describes the energies.
     """
     samples = found.samples
-    energy, edge = samples["energy"].to_numpy(), samples["edge_m"].to_numpy()
+    unit = unit_of(samples["energy"].to_numpy())
+    energy, edge = samples["energy"].to_numpy() / unit, samples["edge_m"].to_numpy()
     on = samples["vibrating"].to_numpy()
     tile, other, run = (samples[name].to_numpy().astype(np.int64) for name in ("tile", "other", "run"))
     # Number the tiles of all floors: the number of a floor's first tile, plus the tile's index on the floor. Sessions
@@ -168,14 +182,24 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
         )
     data = with_factors()
     theta = _fit(data, equal_weights, theta)  # theta that belongs to the last factors
-    values = _values(theta) | {name: one.spread for name, one in zip(SPREADS, apart, strict=True)}
-    _check_medians(values, energy, on)
+    values = _values(theta, unit) | {name: one.spread for name, one in zip(SPREADS, apart, strict=True)}
+    _check_medians(values, samples["energy"].to_numpy(), on)
     weights = (cluster_weights(_SEED, draw, stream=0, cluster=cluster) for draw in range(draws))
     # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
-    drawn = [_values(_fit(data, weight, theta, quick=True)) for weight in weights]
+    drawn = [_values(_fit(data, weight, theta, quick=True), unit) for weight in weights]
     bootstrap = {name: np.array([values_of[name] for values_of in drawn]) for name in FIELDS}
     spreads = {name: one.drawn(draws, name) for name, one in zip(SPREADS, apart, strict=True)}
-    return SensorFit(values, bootstrap | spreads)
+    return SensorFit(values, bootstrap | spreads, unit)
+
+
+def unit_of(energy: Floats) -> float:
+    """Return the power of 10 nearest to the median of energies, in which the bounds of the fit are those of any unit.
+
+    Args:
+        energy: energies, (samples,).
+    """
+    median = float(np.median(energy))
+    return 10.0 ** round(math.log10(median)) if median > 0.0 else 1.0
 
 
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: Bools) -> Floats:
@@ -234,12 +258,13 @@ def _start(energy: Floats, on: Bools) -> Floats:
     return np.array([*theta, 0.5, np.log(1.5)])
 
 
-def _values(theta: Floats) -> dict[str, float]:
-    """Return the parameters by field (``FIELDS``), without logarithms and in metres."""
+def _values(theta: Floats, unit: float = 1.0) -> dict[str, float]:
+    """Return the parameters by field (``FIELDS``), without logarithms, in metres and for energies in this unit."""
     # Shape, scale and location for vibrating tiles (1) and for still tiles (2).
     log_shape1, log_scale1, loc1, log_shape2, log_scale2, loc2, reach_cm, log_blur_cm = theta
     plain = (
-        np.exp(log_shape1), np.exp(log_scale1), loc1, np.exp(log_shape2), np.exp(log_scale2), loc2,
+        np.exp(log_shape1), unit * np.exp(log_scale1), unit * loc1,
+        np.exp(log_shape2), unit * np.exp(log_scale2), unit * loc2,
         reach_cm / 100.0, np.exp(log_blur_cm) / 100.0,
     )  # fmt: skip
     return {name: float(value) for name, value in zip(FIELDS, plain, strict=True)}
@@ -248,7 +273,7 @@ def _values(theta: Floats) -> dict[str, float]:
 def _check_medians(values: Mapping[str, float], energy: Floats, on: Bools) -> None:
     """Refuse laws of energy whose middle 90 % do not hold the median of the energies that they were fitted to.
 
-    Energies in another unit than about 1, or all alike, are beyond the bounds of the fit, which then ends at them.
+    Energies that are all alike are beyond the bounds of the fit, which then ends at them.
 
     Args:
         values: of the laws, by field. energy: energy of each sample, (samples,).
@@ -264,7 +289,7 @@ def _check_medians(values: Mapping[str, float], energy: Floats, on: Bools) -> No
             raise InputError(
                 f"those on {kind} tiles have the median {stated(median)}, but 90 % of the fitted law lie between "
                 f"{stated(low)} and {stated(high)}: no law that can be fitted describes them. It takes energies that "
-                "vary, in a unit in which they are about 1 (times in a column map)",
+                "vary",
                 field="the energies",
             )
 
@@ -317,7 +342,9 @@ def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Flo
         return -float(weight @ np.log(from_vibrating + from_still + _FLOOR)) / float(weight.sum())
 
     # Bounds of theta: log shape, log scale and location of each kind of tile, reach (cm), log blur (cm).
-    bounds = [(0.0, 4.0), (-5.0, 2.0), (-2.0, 0.5)] * 2 + [(-3.0, 8.0), (-2.0, 2.0)]
+    # All energies may be far from 0, with a law that begins there.
+    location = (-2.0, max(float(data.energy.min()), 0.5))
+    bounds = [(0.0, 4.0), (-5.0, 2.0), location] * 2 + [(-3.0, 8.0), (-2.0, 2.0)]
     inside = np.clip(theta, *np.array(bounds).T)
     most = 25 if quick else 200
     optimum = minimize(

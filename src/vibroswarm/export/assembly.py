@@ -35,6 +35,8 @@ from vibroswarm.strategies.world import World, belief_below
 HOOKS: Final = ("begin", "on_sample", "on_timer", "decision", "steer")
 """Hooks that only take the place of the function of the same name in ``robot_program``; ``hooks_of`` treats the others
 one by one."""
+MOST_ROBOTS: Final = 256
+"""A packet has one byte for the number of the robot that sends it."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +102,15 @@ def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: an option of the strategy, or a sensor's reading of its numbers, cannot be exported, or the strategy
-            reads places that a real robot cannot know.
+        InputError: there are more than ``MOST_ROBOTS`` robots, an option of the strategy, or a sensor's reading of its
+            numbers, cannot be exported, or the strategy reads places that a real robot cannot know.
     """
+    if scenario.swarm.robots > MOST_ROBOTS:
+        raise InputError(
+            f"{scenario.swarm.robots} robots cannot be exported: a packet has one byte for its sender's number; at "
+            f"most {MOST_ROBOTS}",
+            field="swarm.robots",
+        )
     strategy = strategy_of_kinds(scenario)
     refuse_options(scenario, strategy)
     read = fields_read(strategy) & set(PLACE)  # fields of ``Reading`` that depend on where the robot is

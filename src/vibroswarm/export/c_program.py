@@ -423,7 +423,8 @@ void vs_poll(void);
 /* Write the packet of a message; return its length, VS_PACKET_BYTES. */
 vs_int vs_pack(const vs_Message *message, vs_int sender, vs_int number, uint8_t *packet);
 
-/* Read a packet; return false, and leave all as it is, if it is not one of a robot that runs the same program. */
+/* Read a packet; return false, and leave all as it is, if it is not one of a robot that runs the same program,
+   or its sender's number is not below VS_WORLD_ROBOTS. */
 bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int *sender, vs_int *number);
 
 /* Write the line of the log (CSV below VS_LOG_HEADER, with its end, then a null character) of the sample whose work was

@@ -27,7 +27,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, SensorFit, fit_sensor
+from vibroswarm.calibrate.fit_sensor import FIELDS, SCALED, SPREADS, SensorFit, fit_sensor
 from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value, percent, stated
@@ -61,13 +61,6 @@ LARGEST: Final = 2_000_000
 """With more energies in all draws there are fewer draws: so many energies have hardly an error."""
 TOLD_APART: Final = 0.01
 """Largest p-value with which measured energies of two kinds differ (Mann-Whitney, of those that a law has not seen)."""
-SCALED: Final = (
-    "vibrating_scale",
-    "vibrating_location",
-    "still_scale",
-    "still_location",
-)
-"""Fields that a factor of all values multiplies."""
 FITTED: Final = (*FIELDS, *SPREADS)
 """Fields of the sensor that are fitted to sessions, in the order of ``law.draws``."""
 
@@ -98,8 +91,9 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     seen = chosen.corrected(camera)
     fitted = fit_sensor(seen, draws=draws)
     base = found.results[0].scenario
-    sensor = _sensor_of(base, fitted.values)
-    drawn = [_sensor_of(base, one) for one in _drawn(fitted, seen, draws)]
+    sensor, *drawn = (
+        _sensor_of(base, fitted.rounded(values)) for values in (fitted.values, *_drawn(fitted, seen, draws))
+    )
     digest = hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16]
     # Sessions are numbered over all results.
     numbered = [(result, int(run)) for result in found.results for run in result.runs["run"].to_list()]
@@ -117,9 +111,10 @@ def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
 
 def _sensor_of(base: Scenario, values: dict[str, float]) -> Any:
     """Return the sensor of a scenario with fitted values, by field; without a difference a spread is None."""
-    rounded = {f"sensor.{name}": round(values[name], 5) for name in FIELDS}
-    spreads = {f"sensor.{name}": round(values[name], 5) or None for name in SPREADS}
-    return base.with_values({"sensor.model": "gamma"} | rounded | spreads).sensor
+    fields = {
+        f"sensor.{name}": (value or None) if name in SPREADS else value for name, value in values.items()
+    }
+    return base.with_values({"sensor.model": "gamma"} | fields).sensor
 
 
 def _drawn(fitted: SensorFit, seen: Dataset, draws: int) -> list[dict[str, float]]:

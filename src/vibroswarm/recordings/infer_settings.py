@@ -42,6 +42,10 @@ UNDISTURBED_S: Final = 0.3
 """Intervals between samples that differ by more than this from the most frequent duration are not used for tau, s."""
 
 
+NEEDED: Final = "decisions, beliefs or numbers of messages sent"
+"""What shows when robots decide (``_deciding_robots``)."""
+
+
 def infer_settings(
     logs: Sequence[Log], *, prior: tuple[int, int] = (1, 1), eta: float = 1500.0, kappa: float = 2.0
 ) -> list[Inferred]:
@@ -212,7 +216,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
         bounds[gate] = (low, high, decisions)
     decisions = bounds["own"][2]  # the same for every kind
     if decisions == 0:
-        return [undetermined(name, "no robot decided, or decisions are not logged") for name in names]
+        return [undetermined(name, f"no robot decided, or {NEEDED} are not logged") for name in names]
     possible = [gate for gate, (low, high, _) in bounds.items() if low < high]
     counts = "; ".join(
         f"{gate}: {_held(low)} while undecided and sure, at least {stated(high)} at a first decision"
@@ -289,7 +293,7 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
             past_gate = (decision == -1) & (_counts(own, gate_kind.value) > min_observations.high)
             low = max(low, float(confidence[past_gate].max(initial=0.5)))
     if decisions == 0:
-        return undetermined(name, "no robot decided, or beliefs are not logged")
+        return undetermined(name, f"no robot decided, or {NEEDED} are not logged")
     # low is 0.5 if no undecided robot was past the gate. The 1e-9 makes ``high`` itself a possible value: a robot
     # decides only if its belief is larger than p_c, but a logged belief may be cut to three digits and so equal p_c.
     value = _roundest(low, high + 1e-9) if low > 0.5 and low <= high else None

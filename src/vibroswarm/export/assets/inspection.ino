@@ -8,6 +8,7 @@
 #include <vibroswarm_parameters.h>
 
 static const uint8_t ROBOT_NUMBER = 0; /* from 0, another one on each robot */
+static_assert(ROBOT_NUMBER < VS_WORLD_ROBOTS, "robots are numbered from 0");
 static const uint32_t SEED = 1;        /* the same on all robots, another one in each inspection */
 static const uint32_t PERIOD_US = 1000UL * VS_WORLD_TICK_MS;
 static const uint32_t READING_US = (uint32_t)(1e6 / VS_SENSING_RATE_HZ);

@@ -39,7 +39,10 @@ bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int
     const uint8_t *from = packet;
     if (length != VS_PACKET_BYTES || get(&from, 1) != VS_PACKET_VERSION || get(&from, 4) != VS_PROGRAM_ID)
         return false;
-    *sender = (vs_int)get(&from, 1);
+    const vs_int from_robot = (vs_int)get(&from, 1);
+    if (from_robot >= VS_WORLD_ROBOTS) /* robots are numbered from 0, and the program has memory for these only */
+        return false;
+    *sender = from_robot;
     *number = (vs_int)(uint32_t)get(&from, 4);
 #define VS_WHOLE(name) message->name = (vs_int)(uint32_t)get(&from, 4);
 #define VS_TRUTH(name) message->name = get(&from, 1) != 0;
