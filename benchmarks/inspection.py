@@ -53,7 +53,15 @@ from vibroswarm.inspection.patches import (
 from vibroswarm.inspection.pod import INTACT
 from vibroswarm.inspection.region import Region, posterior_of, region_of
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.inspection.scan import BLOCK_S, called_patches, intact_statistics, near, p_value, statistic_of
+from vibroswarm.inspection.scan import (
+    BLOCK_S,
+    CELLS,
+    called_patches,
+    intact_statistics,
+    near,
+    p_value,
+    statistic_of,
+)
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.stopping import Question, Rule
 from vibroswarm.inspection.tile_map import tile_map
@@ -111,6 +119,51 @@ def measure_map(count: int) -> None:
         print(
             name, *(f"{s:g} s: {text}" for s, text in zip(at_s, columns, strict=True)), sep="; ", flush=True
         )
+
+
+def measure_calibration(count: int) -> None:
+    """Print how often tiles and cells are as a map says, where it is sure to some degree."""
+    for tiles, name in itertools.product((5, 10), ("optimised-places", "calibrated")):
+        for until_s in (120.0, 600.0):
+            maps = []
+            for samples in inspections(name, count, until_s, "random:0.48", 17, tiles=tiles):
+                assert samples.floor is not None
+                p, vibrates = tile_map(samples, [np.inf])[0], samples.floor.tiles.ravel() == 1
+                maps.append((np.maximum(p, 1.0 - p), (p > 0.5) == vibrates))
+            print_calibration(f"{name}, tiles of {100 // tiles} cm, {until_s:g} s", maps)
+    patches, cells = declared((1.0, 1.0)), (np.arange(CELLS) + 0.5) / CELLS
+    for name in ("optimised-places", "calibrated"):
+        random, maps = generator(18, "damage for rasters"), []
+        for samples in inspections(name, count, 600.0, "random:0.0", 18):
+            side_m = random.uniform(SIZES_M[0], SIZES_M[-1], 1)
+            damage = patch_of(*random_places(random, side_m, samples.size_m), side_m)
+            ratios = ratios_at(samples.law, drawn_values(random, samples, 1, damage))
+            logs = log_likelihoods(shares_of(samples, patches), ratios)[:, 0]
+            told = raster(patches, logs, 0.5, CELLS, samples.size_m)
+            maps.append((told, damage.distance_m(*np.meshgrid(cells, cells[::-1])) < 0.0))
+        print_calibration(f"{name}, squares of 7 to 28 cm, 600 s", maps)
+
+
+def print_calibration(words: str, maps: list[tuple[Floats, NDArray[np.bool_]]]) -> None:
+    """Print probabilities beside how often they are true, with 95 % intervals whose unit is the run.
+
+    Args:
+        maps: of each run: probabilities, and what is true.
+    """
+    for low, high in itertools.pairwise((0.5, 0.8, 0.95, 0.99, 0.999, 1.0)):
+        which = [(told > low) & (told <= high) for told, _ in maps]
+        number = np.array([here.sum() for here in which])
+        told, true = (
+            np.array([one[k][here].sum() for one, here in zip(maps, which, strict=True)]) for k in (0, 1)
+        )
+        if number.any():
+            share = true.sum() / number.sum()
+            half = 1.96 * np.sqrt(((true - share * number) ** 2).sum()) / number.sum()
+            print(
+                f"{words}, {low:.1%} to {high:.1%}: told {told.sum() / number.sum():.2%}, true {share:.2%} "
+                f"+- {half:.2%} ({number.sum()})",
+                flush=True,
+            )
 
 
 def fits_of_plates(trials: Trials, count: int, repeats: int, **how: Any) -> tuple[Floats, Floats]:

@@ -121,18 +121,25 @@ def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
         assert found[j] == pytest.approx(np.log1p(q[:, None] * np.expm1(ratios)).sum(axis=0), abs=2e-4)
 
 
-def test_the_raster_is_the_sum_over_patches_that_contain_a_cell() -> None:
+def test_the_raster_is_the_sum_over_patches_that_may_cover_a_cell() -> None:
+    """Each patch lies anywhere within three quarters of a step of its place, but within the surface."""
     samples = drawn_samples(2, count=60, spread_m=0.02)
     patches = declared(samples.size_m, SIDES_M)
     logs = log_likelihoods(shares_of(samples, patches), samples.column("log_ratio")[:, None])[:, 0]
     cells = raster(patches, logs, 0.3, 12, samples.size_m)
     posterior = patches.weights * np.exp(logs.astype(float))
     posterior *= 0.3 / (0.7 + 0.3 * posterior.sum())
-    row, column = 2, 7
-    x, y = (column + 0.5) * 0.05, 0.6 - (row + 0.5) * 0.05
-    inside = (patches.left_m <= x) & (x < patches.left_m + patches.width_m)
-    inside &= (patches.bottom_m <= y) & (y < patches.bottom_m + patches.height_m)
-    assert cells[row, column] == pytest.approx(posterior[inside].sum(), abs=1e-9)
+    around_m = 0.75 * np.array([form.step_m for form in patches.forms])[patches.form]
+    for row, column in ((2, 7), (0, 0), (11, 5)):
+        covered = posterior.copy()
+        at = (column + 0.5) * 0.05, 0.6 - (row + 0.5) * 0.05
+        for axis_m, low_m, side_m in zip(
+            at, (patches.left_m, patches.bottom_m), (patches.width_m, patches.height_m), strict=True
+        ):
+            first_m, last_m = np.maximum(low_m - around_m, 0.0), np.minimum(low_m + around_m, 0.6 - side_m)
+            places_m = first_m + (last_m - first_m) * (np.arange(4000)[:, None] + 0.5) / 4000
+            covered *= ((places_m <= axis_m) & (axis_m < places_m + side_m)).mean(axis=0)
+        assert cells[row, column] == pytest.approx(covered.sum(), abs=1e-4)
     assert told_risk(patches.weights @ np.exp(logs), 0.3) == pytest.approx(posterior.sum())
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from helpers.documents import ROOT
@@ -103,6 +104,13 @@ def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) 
     assert "tiles vibrate" in out
     assert "true floor" not in out
     assert "10 mm" in out
+    assert "surer of single tiles" not in out
+    assert run("inspect", *given, "--tiles", "10x10", "--spread-mm", "50") == 0
+    narrow = " ".join(capsys.readouterr().out.split())
+    assert (
+        "Tiles are 2.0 times as wide as places are uncertain (standard deviation): below 3 the map is surer"
+        in narrow
+    )
     still = ROOT / "examples" / "inspection" / "plate.csv"  # the mean of its only tile is that of a still one
     assert run("inspect", *small(still, "--tiles", "1x1")) == 0
     assert "0 of 1 tiles vibrate and 1 is still, each" in capsys.readouterr().out
@@ -350,6 +358,19 @@ def test_a_plan_says_how_many_surfaces_were_drawn(
     assert "not all inspections have a sample after 0.6 s" in error_of(capsys, *none)
 
 
+def test_samples_of_one_time_have_one_map(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """They had 60, all of that time: the page of their map was a traceback."""
+    head, *lines = (ROOT / "examples" / "inspection" / "plate.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[:100]]
+    (tmp_path / "once.csv").write_text("\n".join([head, *(f"{r},7,{x},{y},{v}" for r, _, x, y, v in rows)]))
+    asked = ("--tiles", "5x5", "--damage", "--replicates", "19", "--out", str(tmp_path / "out"))
+    assert run("inspect", *small(tmp_path / "once.csv", *asked)) == 0
+    assert "tiles vibrate" in capsys.readouterr().out
+    for name, cells in (("map", 25), ("raster", 40 * 40)):
+        table = pl.read_parquet(tmp_path / "out" / f"{name}.parquet")
+        assert table.filter(pl.col("robot").is_null()).height == cells
+
+
 def small(csv: Path, *words: str) -> tuple[str | Path, ...]:
     return (csv, "--laws", ROOT / "examples" / "inspection" / "reference.csv", "--size", "1x1", *words)
 
@@ -500,7 +521,6 @@ def test_damage_of_three_kinds_is_told_without_contrasts(
     assert "law of still places" in said
     assert "weakest contrast" not in said
     assert (tmp_path / "out" / "certificate.html").exists()
-    import polars as pl
 
     raster = pl.read_parquet(tmp_path / "out" / "raster.parquet")
     assert raster["time_s"].n_unique() == 6

@@ -26,6 +26,8 @@ from vibroswarm.simulation import versions
 
 ROWS: Final = 12
 """Rows of the table of scores over time."""
+NARROW: Final = 3
+"""Tiles should be so many times as wide as places are uncertain."""
 
 
 def inspection_document(found: Inspection) -> Document:
@@ -143,6 +145,13 @@ def _presumed(samples: Samples) -> Iterator[str]:
             "vibrating with probability 1/2" if samples.kinds is None else "of each kind equally probable"
         )
         yield f"Tiles taken as independent, each {before} before any sample; the grid is known."
+        spreads_m = [samples.column(f"spread_{axis}_m") for axis in "xy"]
+        times = min(samples.floor.geometry[2:4]) / max(float(np.sqrt(np.mean(np.square(spreads_m)))), 1e-9)
+        if times < NARROW:
+            yield (
+                f"Tiles are {number(times, 1)} times as wide as places are uncertain (standard deviation): below "
+                f"{NARROW} the map is surer of single tiles than it is right."
+            )
 
 
 def _map(found: Inspection) -> list[Part]:

@@ -33,7 +33,7 @@ from vibroswarm.observation.energy_model import is_sensed
 WHOLLY: Final = 0.95
 """Below this share of visited cells PoD may end below 1."""
 RASTERS: Final = 6
-"""Times for which the raster is computed."""
+"""Most times for which the raster is computed."""
 VISITED_M: Final = 0.1
 """Cells of this side are visited if a sample was taken in them."""
 
@@ -121,7 +121,7 @@ def assess(
         trials = own_trials(*known, false, contrast=contrast, sides_m=sides, shape=shape, **drawn)
         return trials.fit(asymptote=visited < WHOLLY)
 
-    raster_times_s, _ = looks_of(samples, RASTERS)
+    raster_times_s = np.unique(looks_of(samples, RASTERS)[0])
     over_time, own = rasters(samples, patches, shares, found.critical, question.prior, raster_times_s)
     stops = stopping(samples, patches, question, seed=seed)
     done(0.8)

@@ -39,6 +39,8 @@ TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
 POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
+AT_ONCE: Final = 1000
+"""Samples whose distances from damage are computed at once."""
 COARSE: Final = 0.02
 """Largest distance between evenly spaced values of a table, over the distance between the quartiles of a kind."""
 
@@ -272,9 +274,10 @@ def drawn_values(
         shape = samples.frame.height, replicates
         x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal(shape)
         y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal(shape)
-    return values_where(
-        random, samples, replicates, sensed(random, samples.law.sensor, patch, x_m, y_m), patch.contrast
-    )
+    # In parts, for memory: random numbers are drawn sample by sample.
+    parts = [slice(begin, begin + AT_ONCE) for begin in range(0, x_m.shape[0], AT_ONCE)]
+    inside = [sensed(random, samples.law.sensor, patch, x_m[part], y_m[part]) for part in parts]
+    return values_where(random, samples, replicates, np.concatenate(inside), patch.contrast)
 
 
 def drawn_parts(
@@ -307,7 +310,8 @@ def values_where(
         share = np.broadcast_to(contrast, shape)[own]
         values[own] = values_at(truth, u[own], np.broadcast_to(inside, shape)[own], share)
     sensors = [truths[b % len(truths)].sensor for b in range(replicates)]
-    return read_by(law, values * _factors(random, samples, sensors))
+    values *= _factors(random, samples, sensors)
+    return read_by(law, values)
 
 
 def _factors(random: np.random.Generator, samples: Samples, sensors: Sequence[Sensor]) -> Floats:

@@ -51,7 +51,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_seed, simulate
 
 TIMES: Final = 60
-"""Number of times of the maps, evenly spaced up to the last sample."""
+"""Most times of the maps, evenly spaced up to the last sample."""
 LEAST_M: Final = 1e-3
 """Least width and height of a surface."""
 
@@ -205,7 +205,8 @@ def inspect(
     samples = _samples_of(source, run, seed, known, spreads, bits, size_m, spread_m, floor, draws)
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
-    times_s = np.linspace(samples.began_s + (end_s - samples.began_s) / TIMES, end_s, TIMES)
+    # One, if all samples have the same time.
+    times_s = np.unique(np.linspace(samples.began_s + (end_s - samples.began_s) / TIMES, end_s, TIMES))
     damage: dict[str, Any] = {
         "sides_m": sides_m, "replicates": replicates, "seed": seed, "looks": looks, "shapes": shapes,
         "progress": progress,

@@ -7,7 +7,11 @@
 | likelihood of patch j over that of an intact surface | L_j | product over samples of 1 + (r - 1) q_j |
 | prior weight of patch j | w_j | forms alike, places of a form alike |
 | damage against none | Lambda | sum of w_j L_j; pi is the prior probability of damage |
-| probability of a cell | - | pi sum of w_j L_j over patches that contain it / (1 - pi + pi Lambda): one patch at most |
+| probability of a cell | - | pi sum of w_j L_j k_j / (1 - pi + pi Lambda): one patch at most |
+| share of patch j that covers a cell | k_j | j lies uniformly within ``AROUND`` steps of its place, along x and y |
+
+Damage lies between the declared places and sizes. A map on which each patch lay just at its place was too sure of cells
+at its edge: where it said more than 95 %, 86 % were damaged.
 """
 
 from __future__ import annotations
@@ -43,6 +47,8 @@ FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
 
+AROUND: Final = 0.75
+"""Steps: damage is within half a step of a declared place, and its edges differ by as much again between sizes."""
 MOST: Final = 300_000
 """Most patches of a declared set: those of squares of 7 to 28 cm on 65 m2."""
 
@@ -398,12 +404,33 @@ def raster(patches: Patches, logs: Floats, prior: float, cells: int, size_m: tup
     """
     posterior = patches.weights * np.exp(np.minimum(logs, 600.0))
     posterior *= prior / (1.0 - prior + prior * posterior.sum())
-    # Each strip adds to the cells whose centres it covers: a difference at its corners, summed up over both axes.
-    steps, strips = np.zeros((cells + 1, cells + 1)), strips_of(patches)
-    centres = [(np.arange(cells) + 0.5) * whole / cells for whole in size_m]
-    x0, x1 = (np.searchsorted(centres[0], edge) for edge in (strips.left_m, strips.right_m))
-    y0, y1 = (np.searchsorted(centres[1], edge) for edge in (strips.bottom_m, strips.top_m))
-    each = np.repeat(posterior, np.diff(strips.first))
-    for y, x, sign in ((y0, x0, 1.0), (y0, x1, -1.0), (y1, x0, -1.0), (y1, x1, 1.0)):
-        np.add.at(steps, (y, x), sign * each)
-    return np.asarray(np.clip(steps.cumsum(axis=0).cumsum(axis=1)[:cells, :cells][::-1], 0.0, 1.0))
+    strips = strips_of(patches)
+    along = (
+        (strips.left_m, strips.right_m, patches.left_m, patches.width_m, size_m[0]),
+        (strips.bottom_m, strips.top_m, patches.bottom_m, patches.height_m, size_m[1]),
+    )
+    (across, column), (up, row) = (_covered(patches, strips.first, *axis, cells) for axis in along)
+    total = np.zeros((up.shape[0], across.shape[0]))
+    np.add.at(total, (row, column), np.repeat(posterior, np.diff(strips.first)))
+    return np.asarray(np.clip(up.T @ total @ across, 0.0, 1.0)[::-1])
+
+
+def _covered(
+    patches: Patches, first: NDArray[np.int64], low_m: Floats, high_m: Floats, at_m: Floats, side_m: Floats,
+    whole_m: float, cells: int,
+) -> tuple[Floats, NDArray[np.int64]]:  # fmt: skip
+    """Return the probability that strips cover the centre of each cell, along one axis.
+
+    Args:
+        first: where the strips of each patch begin. low_m, high_m: ends of the strips. at_m, side_m: of the patches.
+        whole_m: of the surface.
+    Returns: (different strips, cells), and which of these each strip is.
+    """
+    around_m = AROUND * np.array([form.step_m for form in patches.forms])[patches.form]
+    room_m = np.minimum(around_m, [at_m, whole_m - side_m - at_m])  # within the surface
+    moved_m = np.repeat(room_m, np.diff(first), axis=1)
+    different, which = np.unique(np.vstack([low_m, high_m, moved_m]), axis=1, return_inverse=True)
+    low, high, before, behind = different[:, :, None]
+    at, wide = (np.arange(cells) + 0.5) * whole_m / cells, np.maximum(before + behind, 1e-9)
+    begun, ended = (np.clip((at - edge + before) / wide, 0.0, 1.0) for edge in (low, high))
+    return np.asarray(begun - ended), which.ravel()

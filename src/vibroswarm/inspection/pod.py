@@ -238,7 +238,7 @@ def fit_pod(
     Args:
         size_m, found: size of the damage of each inspection, and whether it was called (1) or not (0), (inspections,).
         false, intact: number of intact surfaces that were called, and that were inspected.
-        floor: whether the curve begins at p_f; without, only for the control that such a fit fails.
+        floor: whether the curve begins at p_f; without, only for the control, which a curve in ln a fails.
         asymptote: whether the curve may end below 1, by AIC, as where coverage is incomplete.
         curves: names of those that are tried.
     Raises:

@@ -227,7 +227,7 @@ def read_by(law: Law, energy: NDArray[Any]) -> Floats:
         InputError: what is read depends on further numbers.
     """
     if not law.bits:
-        return energy.astype(np.float64)
+        return energy.astype(np.float64, copy=False)
     model = model_of(law.sensor)
     if len(model.names_of_numbers(law.sensor.params)) > 1:
         raise InputError(

@@ -27,6 +27,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at
 from vibroswarm.inspection.patches import (
+    AT_ONCE,
     Form,
     Patches,
     Shares,
@@ -136,8 +137,10 @@ def scan(
     each = _statistics(patches, shares, observed[:, None], look, looks)[:, 0]
     statistic = float(each.max())
     drawn = intact_statistics(samples, patches, shares, replicates, seed, looks=looks)
-    permuted = _permuted(samples, observed, replicates, seed)
-    exchanged = _statistics(patches, shares, permuted, look, looks).max(axis=0)
+    exchanged = [
+        _statistics(patches, shares, part, look, looks).max(axis=0)
+        for part in _permuted(samples, observed, replicates, seed)
+    ]
     critical = critical_value(drawn, level)
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
@@ -148,7 +151,7 @@ def scan(
     return Scan(
         statistic,
         p_value(statistic, drawn),
-        p_value(statistic, exchanged),
+        p_value(statistic, np.concatenate(exchanged)),
         critical,
         replicates,
         level,
@@ -298,16 +301,16 @@ def statistic_of(
     return np.asarray(_statistics(patches, shares, ratios, look, looks).max(axis=0))
 
 
-def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) -> Floats:
-    """Return the log ratios exchanged within robots and blocks of time, (samples, replicates)."""
+def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) -> Iterator[Floats]:
+    """Yield the log ratios exchanged within robots and blocks of time, (samples, ``AT_ONCE`` or fewer)."""
     random = generator(seed, "exchanged values")
     block = (samples.column("time_s") // BLOCK_S).astype(np.int64) * 100_000 + samples.frame[
         "robot"
     ].to_numpy()
     # Sorted by block, and within it by a random number: one exchange within each block.
     order = np.argsort(block, kind="stable")
-    out = np.empty((observed.size, replicates))
-    for b in range(replicates):
-        mixed = np.lexsort((random.random(observed.size), block))
-        out[order, b] = observed[mixed]
-    return out
+    for begin in range(0, replicates, AT_ONCE):
+        out = np.empty((observed.size, min(AT_ONCE, replicates - begin)))
+        for column in out.T:
+            column[order] = observed[np.lexsort((random.random(observed.size), block))]
+        yield out
