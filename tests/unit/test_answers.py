@@ -87,7 +87,16 @@ def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
         (at_equal(40.0, -57.0, 175.0), "not shown to be better: it is wrong more often."),
         (at_equal(40.0, 7.0, 175.0), "not shown to be better: it is wrong more often."),
         (at_equal(-40.0, -75.0, -7.0), "faster, and not only because it is wrong more often."),
-        (at_equal(math.nan, math.nan, math.nan), "does not reach this error."),
+        (
+            at_equal(40.0, -math.inf, 57.0),
+            "time, +40 s [-∞, +57]. ∞: none may not reach it. So soft is faster as run, but not shown to be better: "
+            "it is wrong more often.",
+        ),
+        (
+            at_equal(-40.0, -math.inf, -7.0),
+            "soft 40 s faster [7, ∞]. ∞: none may not reach it. So soft is faster, and not only because it is wrong "
+            "more often.",
+        ),
     ],
 )
 def test_what_is_faster_only_because_it_errs_more_is_not_called_better(
@@ -133,11 +142,25 @@ def test_a_front_that_is_better_everywhere_is_faster_at_equal_error() -> None:
     assert found.time_difference_s.estimate == pytest.approx(-60.0)
     assert found.time_difference_s.high < 0
     assert found.error_difference.estimate == pytest.approx(-0.06)
+    few = matched_error(reached_of(fast, NOISE[:299]), reached_of(slow, NOISE[:299]))
+    assert math.isnan(few.time_difference_s.low)
     unreached = matched_error(
         reached_of([(50.0, 0.3)], NOISE), reached_of([(900.0, 0.1), (950.0, 0.09)], NOISE)
     )
     assert unreached.time_difference_s.estimate == pytest.approx(50.0 - 900.0)  # errs less: its fastest point
     assert math.isnan(unreached.error_difference.estimate)  # nothing as fast as 50 s
+
+
+def test_a_front_that_may_not_reach_the_error_has_a_limit_on_one_side() -> None:
+    """Once there were no limits at all if more than one draw in twenty did not reach the error."""
+    own = [np.random.default_rng(seed).normal(size=400) for seed in (1, 2)]
+    hasty, careful = (reached_of([(900.0, 0.1), (100.0, 0.4)], noise - noise.mean()) for noise in own)
+    for first, other, sign in ((hasty, careful, 1), (careful, hasty, -1)):
+        found = matched_error(replace(first, error=first.error + 1e-6), other)
+        assert found.of_first
+        assert found.time_difference_s.estimate == pytest.approx(0.0, abs=0.1)
+        assert found.time_difference_s.low == -math.inf
+        assert 0.0 < found.time_difference_s.high < 10.0, sign
 
 
 def test_replays_are_those_of_the_scenario_and_its_settings() -> None:
@@ -159,7 +182,7 @@ def test_a_difference_at_equal_error_without_limits_is_not_called_insignificant(
     matched = MatchedError(True, 0.1, 769.0, unknown, unknown)
     told = at_equal_error(answer(*PUBLISHED, matched=matched), matched)
     assert "no significant difference" not in told
-    assert "-127 s, but too few runs to give limits." in told
+    assert "-127 s; limits take 300 runs." in told
 
 
 def test_the_question_names_only_what_all_cells_share() -> None:

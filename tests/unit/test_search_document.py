@@ -27,6 +27,7 @@ from vibroswarm.documents.search_words import (
     values_text,
 )
 from vibroswarm.documents.sensitivity import sensitivity_document
+from vibroswarm.errors import InputError
 from vibroswarm.optimize import compare_scenarios, evaluate
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
 from vibroswarm.optimize.loop import Found, run_search
@@ -43,7 +44,9 @@ from vibroswarm.show.document import Document, Text, walk, without_pictures
 from vibroswarm.show.page import page_html
 from vibroswarm.simulation import versions
 from vibroswarm.study.run import run as run_study
+from vibroswarm.study.runner import run_batch
 from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult
 
 SMALL = (Path(__file__).parents[1] / "helpers" / "small_search.toml").read_text()
 START = 'start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]\n'
@@ -425,6 +428,16 @@ def test_a_grid_that_moves_robots_claims_no_shared_motion(nodes: Nodes) -> None:
     told = seen(page_html(grid_document(scores_of(grid, run_study(grid.study)), None, MADE)))
     assert "one motion" not in told
     assert "walk.walk_duration_scale_ms" in told
+
+
+def test_a_grid_without_a_run_in_all_cells_is_refused(tmp_path: Path) -> None:
+    """Its cells were all nan above the best, and all as good."""
+    vary = {"walk.walk_duration_scale_ms": [1000.0, 2000.0]}
+    grid = Grid(Study({"preset": "paper", "run": {"t_end_s": 30.0}}, {"grid": vary}, 2), Objective())
+    for batch in ("0:0-1", "1:1-2"):
+        run_batch(grid.study, tmp_path, batch)
+    with pytest.raises(InputError, match="no run is in all cells"):
+        scores_of(grid, StudyResult.open(tmp_path))
 
 
 def test_a_front_with_scores_of_0_has_no_share_of_them() -> None:

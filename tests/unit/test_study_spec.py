@@ -170,6 +170,18 @@ def test_scenarios_with_values_of_a_file_are_compared() -> None:
     assert Study.of(with_values, 2, strategy__name=["none", "soft"]).cells[0].scenario == with_values
 
 
+def test_scenarios_with_and_without_an_optional_field_are_compared_in_any_order() -> None:
+    """If the first one had it, it was refused: the base lost the field that later ones do not have."""
+    steady = preset("paper")
+    changing = steady.with_values(
+        {"change.at_s": 20.0, "change.to": "invert", "robot.misalignment_drift": 0.02}
+    )
+    for scenarios in ({"a": changing, "b": steady}, {"b": steady, "a": changing}):
+        study = Study.of_scenarios(scenarios, 2)
+        assert [cell.scenario for cell in study.cells] == list(scenarios.values())
+        assert Study.from_toml(study.to_toml()).hash == study.hash
+
+
 HEAD = "runs = 3\n"
 BAD = {
     "not TOML": ("runs = ", "is not TOML"),

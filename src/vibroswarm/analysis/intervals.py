@@ -137,12 +137,19 @@ def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
     that it is estimated from. The limits of one unit are infinite.
 
     Args:
-        draws: without nan. n: number of units that were drawn from.
+        draws: without nan, some finite; infinite ones stay. n: number of units that were drawn from.
     """
     if n < 2:
         return -math.inf, math.inf
-    wider, centre = math.sqrt(n / (n - 1)) * student_factor(n, level), draws.mean()
-    low, high = np.quantile(centre + wider * (draws - centre), [0.5 - level / 2, 0.5 + level / 2])
+    finite = draws[np.isfinite(draws)]
+    wider, centre = math.sqrt(n / (n - 1)) * student_factor(n, level), finite.mean()
+    low, high = np.quantile(
+        centre + wider * (draws - centre),
+        [0.5 - level / 2, 0.5 + level / 2],
+        method="linear"
+        if finite.size == draws.size
+        else "nearest",  # nothing lies between a number and infinity
+    )
     return float(low), float(high)
 
 

@@ -140,7 +140,7 @@ def stated_percent(share: float | None) -> str:
 def with_limits(
     interval: HasLimits, unit: str = "", decimals: int | None = None, *, sign: bool = False
 ) -> str:
-    """Write an estimate, its unit and its limits: ``441 s [410, 472]``; limits that are not known are left out.
+    """Write an estimate, its unit and its limits: ``441 s [410, 472]``; limits that are unknown are left out.
 
     Args:
         unit: empty: none; "%": estimate and limits are shares, written in percent; "points": likewise, of differences
@@ -154,7 +154,8 @@ def with_limits(
     decimals = decimals_of(values) if decimals is None else decimals
     estimate, low, high = (number(value, decimals, sign=sign) for value in values)
     text = estimate if estimate == MISSING or not unit else f"{estimate} {unit}"
-    return f"{text} [{low}, {high}]" if all(map(math.isfinite, values)) else text
+    is_known = math.isfinite(values[0]) and (math.isfinite(values[1]) or math.isfinite(values[2]))
+    return f"{text} [{low}, {high}]" if is_known and MISSING not in (low, high) else text
 
 
 def plus_minus(estimate: float, error: float, decimals: int | None = None) -> str:

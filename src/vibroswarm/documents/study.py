@@ -380,7 +380,7 @@ _EQUAL_ERROR_WORDS: Final = (
     "settings (credible threshold and minimum of observations, for most), replayed on the same runs: the time at which "
     "each reaches the error of the one that errs more as it was run, and the error of each at that one's time. Error "
     "is the forced error: robots wrong, or undecided and leaning to the wrong side. Limits are those of a bootstrap "
-    "over runs. A dash: a strategy does not reach there. First - second."
+    "over runs. A dash: a strategy does not, or may not, reach there. First - second."
 )
 
 

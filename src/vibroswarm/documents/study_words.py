@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from vibroswarm.analysis.forced_error import MatchedError
+from vibroswarm.analysis.forced_error import FEWEST, MatchedError
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
@@ -166,20 +166,19 @@ def at_equal_error(answer: Answer, found: MatchedError) -> str:
     erring_more = answer.first_name if found.of_first else answer.reference_name
     where = f"At equal error ({percent(found.error)}, that of {erring_more}), each with its best settings: "
     difference = found.time_difference_s
-    # A safeguard: as run, neither errs more than this, so ``matched_error`` always gives an estimate.
-    if math.isnan(difference.estimate):
-        return f"{where}not known, since one of the two does not reach this error."
     if math.isnan(difference.low) or math.isnan(difference.high):
-        return f"{where}{_signed('decision_time_s', difference)}, but too few runs to give limits."
+        return f"{where}{_signed('decision_time_s', difference)}; limits take {FEWEST} runs."
+    reaching = answer.reference_name if found.of_first else answer.first_name
+    unsure = "" if math.isfinite(difference.high - difference.low) else f" ∞: {reaching} may not reach it."
     # There is no p-value at equal error: the difference is significant if its interval excludes 0.
     if side(difference) == 0:
         return (
             f"{where}no significant difference in time, {_signed('decision_time_s', difference)}."
-            f"{_conclusion(answer, None)}"
+            f"{unsure}{_conclusion(answer, None)}"
         )
     return (
         f"{where}{answer.first_name} {_directed('decision_time_s', difference)}."
-        f"{_conclusion(answer, difference.estimate < 0)}"
+        f"{unsure}{_conclusion(answer, difference.estimate < 0)}"
     )
 
 

@@ -197,6 +197,8 @@ def scores_of(grid: Grid, result: StudyResult) -> Nodes:
         grid: the grid, with the objective. result: the result of ``grid.study``.
     Returns:
         The scored cells. Each is also compared, run by run, with the cell of the lowest score.
+    Raises:
+        InputError: a cell has no runs, or no run is in all cells.
     """
     scored_cells = []
     for cell in result.study.cells:
@@ -231,6 +233,10 @@ def scores_of(grid: Grid, result: StudyResult) -> Nodes:
 def _above_best(objective: Objective, cells: Sequence[Scored]) -> list[Interval]:
     """Compare the score of each cell with the lowest, over the runs that all have; see ``analysis.best_group``."""
     common = reduce(np.intersect1d, [cell.runs for cell in cells])
+    if not common.size:
+        raise InputError(
+            "no run is in all cells; run the study again for those that are missing", field="grid"
+        )
     rows = np.concatenate([cell.rows[np.isin(cell.runs, common)] for cell in cells], axis=1)
 
     def scores(some: Rows) -> list[float]:

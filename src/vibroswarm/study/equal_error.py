@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.analysis.forced_error import MatchedError, Reached, matched_error, settings_of
+from vibroswarm.analysis.forced_error import FEWEST, MatchedError, Reached, matched_error, settings_of
 from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.scenario.scenario import Scenario
@@ -26,9 +26,7 @@ MATCHED_CELLS: Final = 12
 MATCHED_RUNS: Final = 1000
 """Most runs of a cell that are replayed with each setting."""
 MATCHED_ROBOTS: Final = 5000
-"""Most robots, summed over these runs; but ``MATCHED_ANYWAY`` runs are replayed even if they have more robots."""
-MATCHED_ANYWAY: Final = 100
-"""Number of runs that are replayed whatever the number of their robots."""
+"""Most robots, summed over these runs; but ``FEWEST`` runs are replayed even if they have more robots."""
 LEAST_RUNS: Final = 20
 """With fewer runs in common nothing is compared at equal error."""
 ENGINES: Final = ("event", "fixed-step")
@@ -157,6 +155,6 @@ def reached(scenarios: Sequence[Scenario], seed: int, runs: int, **how: Any) -> 
 
 def _runs(result: StudyResult, cell: Cell) -> int:
     """Return how many runs of a cell, from run 0, are run with other settings: those stored, up to the limits."""
-    most = min(MATCHED_RUNS, max(MATCHED_ROBOTS // cell.scenario.swarm.robots, MATCHED_ANYWAY))
+    most = min(MATCHED_RUNS, max(MATCHED_ROBOTS // cell.scenario.swarm.robots, FEWEST))
     there = result.runs_there(cell.number, most)
     return next((k for k, number in enumerate(there) if k != number), len(there))

@@ -288,15 +288,16 @@ class Study(NotebookView):
         base = base or next(iter(scenarios.values()))
         sections = base.model_dump(exclude_none=True)
         changed = {label: changes(scenario, base) for label, scenario in scenarios.items()}
+        # A point cannot set a field to None, so the base has no value of a field that is None in a scenario, and the
+        # points of the others set it.
+        unset = {name for values in changed.values() for name, value in values.items() if value is None}
+        for name_of_field in unset:
+            section, _, last = name_of_field.partition(".")
+            sections.get(section, {}).pop(last, None)
         points: list[Point] = []
         for label, values in changed.items():
-            points.append(
-                {LABEL: label} | {name: value for name, value in values.items() if value is not None}
-            )
-            # A point cannot set a field to None, so the base has no value of a field that is None in a scenario.
-            for field_name in values.keys() - points[-1].keys():
-                section, _, last = field_name.partition(".")
-                sections.get(section, {}).pop(last, None)
+            values |= {name: scenarios[label][name] for name in unset}
+            points.append({LABEL: label} | {k: value for k, value in values.items() if value is not None})
         # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
         # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
         own = [one.floor for one in scenarios.values() if not is_generated(one.floor.source)]
