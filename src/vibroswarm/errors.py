@@ -10,10 +10,11 @@ from __future__ import annotations
 import difflib
 import math
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 
 class InputError(ValueError):
@@ -126,18 +127,33 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
     return number
 
 
+def plain_value(value: Any) -> Any:
+    """Return a number or an array of NumPy as a number or lists of Python, also within tables, lists and tuples."""
+    if isinstance(value, Mapping):
+        return {key: plain_value(part) for key, part in value.items()}
+    if type(value) in (list, tuple):
+        return type(value)(map(plain_value, value))
+    return value.tolist() if hasattr(value, "dtype") and hasattr(value, "tolist") else value
+
+
+def keep_plain(settings: object) -> None:
+    """Replace NumPy's numbers in the fields of a frozen dataclass by Python's, which are written and hashed alike."""
+    for name, value in vars(settings).items():
+        object.__setattr__(settings, name, plain_value(value))
+
+
 def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) -> float:
-    """Return ``value`` unchanged if it is an ``int`` or ``float`` in the range from ``low`` to ``high``, inclusive.
+    """Return a number of Python or NumPy as an ``int`` or ``float``, if it is from ``low`` to ``high``, inclusive.
 
     Args:
         field: name of the argument, for the message. high: its default is below infinity, so that infinity is refused.
     Raises:
-        InputError: the value is of another type (booleans, and NumPy's integers and float32, are refused too), NaN, or
-            out of range.
+        InputError: the value is of another type (a boolean is refused too), NaN, or out of range.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+    number = plain_value(value)
+    if isinstance(number, bool) or not isinstance(number, int | float) or not low <= number <= high:
         raise InputError(f"{shown(value)} is wrong; give a number from {low:g} to {high:g}", field=field)
-    return value
+    return number
 
 
 def share_from(text: object, field: str) -> float:

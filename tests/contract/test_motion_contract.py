@@ -283,6 +283,8 @@ BROKEN: list[tuple[Source, Check]] = [
     (broken("rays by the way", moves(pl.col("ray_m") + 1e-6)), suite.check_rays_of_avoidances),
     (broken("never blocked", moves(pl.lit(0.05).alias("speed_m_s"))), suite.check_places_from_moves),
     (broken("misplaced samples", samples(pl.col("x_m") + 1e-8)), suite.check_poses_at_samples),
+    (broken("turned round", samples(pl.col("heading_rad") + 7.0)), suite.check_places),
+    (broken("stood for ever", samples(pl.col("stop_start_s") - 1e6)), suite.check_places),
     (broken("misnumbered", samples(pl.col("sample") + 1)), suite.check_sample_numbers),
     (broken("lost samples", without_some_samples), suite.check_sample_numbers),
     (broken("unsorted", unsorted), suite.check_order),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from typing import Any
 
@@ -120,6 +121,23 @@ def test_a_task_of_ones_own_may_ask_for_another_number() -> None:
     finally:
         for name in ("left", "odd"):
             base.forget(name)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (
+            {"answers": "it is the left side"},
+            "answers: 'it is the left side' is wrong; give a tuple of at least two",
+        ),
+        ({"answers": ("one",)}, "give a tuple of at least two texts"),
+        ({"answers": (0, 1)}, "give a tuple of at least two texts"),
+        ({"presumed": 2}, "presumed: 2 is not one of its answers, 0 to 1"),
+    ],
+)
+def test_answers_are_texts_and_the_presumed_one_is_among_them(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=re.escape(words)):
+        Task(name="side", truth=lambda floor, asked, p: 1, **wrong)
 
 
 # Sides

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm import networks, tasks
+from vibroswarm import networks, sensors, tasks
 from vibroswarm.cli import main
 from vibroswarm.motion import source
 from vibroswarm.scenario.plugins import load_file
@@ -79,14 +79,35 @@ def init(scenario, seed, run, segments=False, moves=False):
 
 mine = Source("mine", init)
 """
+SENSOR = """import numpy as np
+
+from vibroswarm.sensors import SensorModel
+
+calls = []
+
+
+def measure(kind, u, p):
+    return u + kind
+
+
+def reading(value, p):
+    return (value > 0.8).astype(np.int64)
+
+
+def likelihood(kind, value, p):
+    return np.where((value >= kind) & (value <= kind + 1), 1.0, 0.0)
+
+
+mine = SensorModel(name="mine", measure=measure, reading=reading, likelihood=likelihood)
+"""
 TOLD = "        return motion\n"
-GOOD = {"network": NETWORK, "task": TASK, "motion": MOTION}
+GOOD = {"network": NETWORK, "task": TASK, "sensor": SENSOR, "motion": MOTION}
 
 
 @pytest.fixture(autouse=True)
 def unknown_afterwards() -> Iterator[None]:
     yield
-    for forgotten in (forget, networks.base.forget, tasks.base.forget, source.forget):
+    for forgotten in (forget, networks.base.forget, sensors.base.forget, tasks.base.forget, source.forget):
         forgotten("mine")
         forgotten("soft_too")
 
@@ -118,7 +139,7 @@ def test_a_good_file_passes(kind: str, tmp_path: Path, capsys: pytest.CaptureFix
 def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, shown = checked(TASK, tmp_path, capsys, "--kind", "task", "--json")
     assert code == 0
-    assert [one["holds"] for one in json.loads(shown)["tables"]["checks"]] == [True] * 4
+    assert [one["holds"] for one in json.loads(shown)["tables"]["checks"]] == [True] * 5
 
 
 @pytest.mark.slow
@@ -279,6 +300,35 @@ BAD = {
         ),
         "FAIL  the same again for the same floor: on the floor ",
     ),
+    "task: counts its calls": (
+        "seen = []\n\n\n"
+        + TASK.replace("return int(floor.tiles[0].sum() > 2)", "seen.append(0)\n    return len(seen) % 2"),
+        "FAIL  the same again for the same floor: on the floor ",
+    ),
+    "task: goes by the order in which it met floors": (
+        "seen = {}\n\n\n"
+        + TASK.replace(
+            "int(floor.tiles[0].sum() > 2)", "seen.setdefault(floor.tiles.tobytes(), len(seen) % 2)"
+        ),
+        "FAIL  the same in another process: diagonal:0.48: another process, which computes in the opposite order",
+    ),
+    "task: draws when it is loaded": (
+        "from os import urandom\n\nDRAWN = urandom(64)\n\n"
+        + TASK.replace("int(floor.tiles[0].sum() > 2)", "DRAWN[floor.tiles.sum() % 64] % 2"),
+        "FAIL  the same in another process: ",
+    ),
+    "task: exits": (
+        TASK.replace("return int(floor.tiles[0].sum() > 2)", "raise SystemExit(3)"),
+        "in truth: SystemExit: 3",
+    ),
+    "sensor: drifts": (
+        SENSOR.replace("return u + kind", "calls.append(0)\n    return u + kind + (len(calls) > 60)"),
+        "FAIL  the same again for the same numbers: on kind 0 values depend on what else is measured",
+    ),
+    "sensor: claims less than nothing of what the other kind measures": (
+        SENSOR.replace("0.0)", "-1.0)"),
+        "FAIL  likelihoods are densities: sensor 'mine', likelihood: returned ",
+    ),
     "task: writes": (
         TASK.replace("    return", "    floor.tiles[0] = 0\n    return"),
         "in truth: ValueError: assignment destination is read-only",
@@ -314,6 +364,16 @@ BAD = {
             "@dataclass", "from itertools import count as counted\n\ncount = counted()\n\n\n@dataclass"
         ),
         "FAIL  A run is the same again, alone, in a batch, and in whatever order: ",
+    ),
+    "motion: leaves at the end": (
+        spoilt(
+            "replace(motion, ends=motion.ends.with_columns(x_m=-3.0 + 0 * pl.col('x_m')), segments=None, moves=None)"
+        ),
+        "paper: a robot is not in the arena",
+    ),
+    "motion: stops before it was there": (
+        of_samples("stop_start_s=pl.col('time_s') - 1e6"),
+        "paper: a stop begins before the robot's last sample",
     ),
     "motion: raises": (spoilt("1 / 0"), "in told: ZeroDivisionError: division by zero"),
     "motion: asserts and says nothing": (
@@ -396,7 +456,7 @@ def test_a_name_of_several_kinds_is_asked_for(tmp_path: Path, capsys: pytest.Cap
     assert main(["check", "mine"]) == 2
     assert "'mine' is a network and a task; add --kind" in capsys.readouterr().err
     assert main(["check", "mine", "--kind", "task"]) == 0
-    assert "4 of 4 checks hold" in capsys.readouterr().out
+    assert "5 of 5 checks hold" in capsys.readouterr().out
 
 
 def test_another_file_of_a_name_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

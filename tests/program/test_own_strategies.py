@@ -270,6 +270,11 @@ BAD = {
     ),
     "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 18.*draws random numbers"),
     "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 22.*the global count"),
+    "changes a parameter": (GOOD.replace("s.n += 1", "p.decides += 1"), 2, "line 22.*changes p.decides, which others"),
+    "changes a message": (
+        GOOD.replace("    n: int\n", "    n: int\n\n\ndef on_message(s, a, m, sender, t_s, d, p, w):\n    m.bit = 1\n"),
+        2, "in on_message: changes m.bit, which others read too",
+    ),
     "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 22.*creates an array"),
     "a name that is taken": (GOOD.replace("mine = ", "soft = ").replace('"mine"', '"soft"'), 2, "vibroswarm has"),
 }  # fmt: skip
@@ -349,7 +354,7 @@ def fails(spec: str, run: int) -> bool:
 
 @pytest.mark.parametrize("spec", ["soft", VOTER, AVOIDER])
 def test_check_passes(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "passes: 7 of 7 checks hold." in said(capsys, main(["check", spec]), 0)
+    assert "passes: 8 of 8 checks hold." in said(capsys, main(["check", spec]), 0)
 
 
 def test_check_fails_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -220,6 +220,15 @@ def test_a_task_that_is_wrong(
     assert not out.exists()
 
 
+def test_what_a_file_prints_goes_to_stderr(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "print('loaded')\n" + HALVES.replace("    left, right =", "    print('asked')\n    left, right =")
+    (files / "halves.py").write_text(text, encoding="utf-8")
+    assert main(["run", "--task", f"{files / 'halves.py'}:halves", *SHORT, "--json"]) == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["answer"]
+    assert shown.err.splitlines()[:2] == ["loaded", "asked"]
+
+
 @pytest.mark.parametrize("draw", ["random()", "chance.random()"])
 def test_a_task_that_draws_is_refused(draw: str, files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = "import random as chance\nfrom random import random\n" + HALVES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,13 @@ from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.missed import plan
 from vibroswarm.inspection.stopping import Question
+from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.pso import PsoSettings
+from vibroswarm.optimize.space import Space
+from vibroswarm.optimize.spec import Search, SearchSettings
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import check_runs, simulate
+from vibroswarm.study.precision import Precision
 from vibroswarm.study.spec import Study
 
 SHORT = {"run.t_end_s": 20.0, "swarm.robots": 2}
@@ -57,6 +63,38 @@ def test_whole_numbers_of_numpy_are_taken(short: Scenario) -> None:
     values = {"swarm.robots": np.int64(4), "decision.revise": np.bool_(True), "strategy.name": "soft"}
     plain = {"swarm.robots": 4, "decision.revise": True, "strategy.name": "soft"}
     assert short.with_values(values) == short.with_values(plain)
+
+
+OF_NUMPY: dict[str, Callable[[Any, Any], Any]] = {
+    "Scenario.from_values": lambda whole, real: Scenario.from_values(
+        {"swarm": {"robots": whole(2)}, "walk": {"leg_min_ms": real(0.5)}, "rays": {"side_m": [real(0.25)] * 3}}
+    ).to_toml(),
+    "Study": lambda whole, real: Study(
+        {"swarm": {"robots": whole(3)}},
+        {
+            "grid": {"decision.min_observations": {"from": whole(2), "to": whole(4), "steps": whole(3)}},
+            "list": [{"decision.credible_threshold": real(0.75)}],
+        },
+        runs=whole(2),
+        seed=whole(4),
+    ).to_toml(),
+    "Precision": lambda whole, real: Study({}, until=Precision(real(0.25), level=real(0.75)), runs=None).to_toml(),
+    "Question": lambda whole, real: repr(vars(Question(least_m=real(0.25), contrasts=(whole(1), real(0.5))))),
+    "a search": lambda whole, real: Search(
+        space=Space.of(
+            {"decision.min_observations": {"from": whole(2), "to": whole(9)}, "swarm.robots": [whole(2), 3]}
+        ),
+        objectives=(Objective("errors", parameters={"miss": real(0.5)}),),
+        settings=SearchSettings(budget=whole(5000), fresh=whole(10)),
+        pso=PsoSettings(inertia_first=real(0.75)),
+    ).to_toml(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("call", OF_NUMPY)
+def test_numbers_of_numpy_are_written_as_those_of_python(call: str) -> None:
+    made = OF_NUMPY[call]
+    assert made(np.int64, np.float32) == made(np.uint16, np.float64) == made(int, float)
 
 
 @pytest.mark.parametrize("scenario", ["paper", None, {}, 5])

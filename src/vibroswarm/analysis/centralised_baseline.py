@@ -108,7 +108,7 @@ def pooled_counting(
     """
     check_level(level)
     check_choice(rule, "rule", RULES)
-    number_of(undecided_counts, "undecided_counts", 0.0, 1.0)
+    undecided_counts = number_of(undecided_counts, "undecided_counts", 0.0, 1.0)
     t_end_s = result.scenario.run.t_end_s
     table = run_figures(result.robots, result.runs, t_end_s).filter(pl.col("truth").is_not_null())
     if table.height < 4:

@@ -246,7 +246,7 @@ def decidability_of_share(
     Raises:
         InputError: a share or level outside its range; or an error outside its range, and the verdict is "decidable".
     """
-    number_of(share, "share", 0.0, 1.0)
+    share = number_of(share, "share", 0.0, 1.0)
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
     # The boundary of the question is not an argument; the tested boundary is reported in its place too.

@@ -185,6 +185,7 @@ def _command(argv: Sequence[str] | None) -> int:
             stack.enter_context(terminal.verbose())
         if any(word.partition("=")[0] == "--floor" for word in words):
             stack.enter_context(named("--floor", of="floor.source"))
+        stack.enter_context(terminal.own_stdout())
         return commands.call(command, values)
 
 

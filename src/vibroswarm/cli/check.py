@@ -31,8 +31,9 @@ def check(
 ) -> int:
     """Check a strategy, network, task, sensor, motion source or method of search.
 
-    Does it compile, repeat, give the same results in pieces and in plain Python, and return what it should? Its kind is
-    detected. The exit code is 1 if a check fails; one that only warns does not count as failed.
+    Does it compile, repeat, also in another process, give the same results in pieces and in plain Python, and return
+    what it should? Its kind is detected. The exit code is 1 if a check fails; one that only warns does not count as
+    failed.
 
     examples:
       vibroswarm check voter.py:voter

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from vibroswarm.cli.command_line import Option, Parser, fill
+from vibroswarm.cli.output import print_text
 from vibroswarm.errors import RunError
 
 
@@ -27,7 +28,7 @@ def completion(
         import shtab
     except ImportError:
         raise RunError("needs the package shtab: pip install shtab") from None
-    print(shtab.complete(tree(), shell))
+    print_text(f"{shtab.complete(tree(), shell)}\n")
 
 
 def tree() -> argparse.ArgumentParser:

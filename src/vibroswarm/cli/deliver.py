@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -148,4 +147,4 @@ def print_document(document: Document, *, as_json: bool = False) -> None:
         return
     from vibroswarm.show.terminal import print_document as print_in
 
-    print_in(document, sys.stdout, terminal.width(), wide=terminal.printing.wide)
+    print_in(document, terminal.results(), terminal.width(), wide=terminal.printing.wide)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -120,7 +119,7 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     """Draw a floor as lines of text, with the characters that the terminal has."""
     from vibroswarm.floors.io import can_draw_blocks, draw
 
-    return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
+    return draw(tiles, blocks=can_draw_blocks(terminal.results()), width=terminal.width())
 
 
 def _seed(seed: int | None, floors: Iterable[str]) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.option_values import number, pair_of, refuse, share
-from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
+from vibroswarm.cli.options import PRESETS, Drawn, ScenarioOptions, Seed
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from, words_of
 from vibroswarm.core.atomic_io import make_folder
@@ -27,6 +27,13 @@ DEFAULT: Final = "optimised-places"
 
 size = pair_of("x", "WxH, such as 1.2x0.8", float, low=1e-3)
 """Reads width and height, m."""
+
+
+@dataclass(kw_only=True)
+class SimulatedSurface(ScenarioOptions):
+    """A scenario that is simulated if there are no samples."""
+
+    preset: Annotated[str | None, Option(f"{{names}} (default {DEFAULT})", names=PRESETS)] = None
 
 
 @dataclass(kw_only=True)
@@ -171,7 +178,7 @@ def inspect(
     evidence: Evidence,
     damage: Damage,
     planned: Planned,
-    scenario: ScenarioOptions,
+    scenario: SimulatedSurface,
     seed: Seed = 1,
     output: Drawn,
 ) -> None:

@@ -70,6 +70,7 @@ ImageThreshold = Annotated[
 ]
 
 
+PRESETS: Final = partial(written_names, "scenario/presets", ".toml")
 STRATEGIES: Final = partial(written_names, "strategies")
 
 
@@ -114,10 +115,7 @@ class ScenarioBase:
 
     preset: Annotated[
         str | None,
-        Option(
-            "{names} (default paper; of inspect optimised-places)",
-            names=partial(written_names, "scenario/presets", ".toml"),
-        ),
+        Option("{names} (default paper)", names=PRESETS),
     ] = None
     scenario: Annotated[Path | None, Option("scenario in TOML, such as the one in a result")] = None
     floor: Annotated[str | None, Option("pattern (diagonal:0.46), random:0.48, or file", "FLOOR")] = None

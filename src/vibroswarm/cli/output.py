@@ -12,6 +12,11 @@ from typing import Any, Final
 from vibroswarm.cli import terminal
 
 
+def print_text(text: str) -> None:
+    """Print text as it is, which ends with a line break."""
+    print(text, end="", file=terminal.results(), flush=True)
+
+
 def print_json(document: Any) -> None:
     """Print one JSON document.
 
@@ -20,19 +25,20 @@ def print_json(document: Any) -> None:
     Raises:
         ValueError: the document holds such a number.
     """
-    print(json.dumps(document, indent=2, allow_nan=False))
+    print_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def print_paragraph(text: str) -> None:
     """Print text, broken into lines that fit the terminal."""
     from vibroswarm.show.terminal import TEXT_WIDTH, paragraph
 
-    print("\n".join(paragraph(text, min(TEXT_WIDTH, terminal.width()))))
+    for line in paragraph(text, min(TEXT_WIDTH, terminal.width())):
+        print_text(f"{line}\n")
 
 
 def print_line(text: str = "") -> None:
     """Print a line that is not broken, such as a path or an empty line."""
-    print(terminal.plain(text))
+    print_text(f"{terminal.plain(text)}\n")
 
 
 def print_saved(output: Any, page: str | None = None) -> None:
@@ -52,7 +58,7 @@ def print_saved(output: Any, page: str | None = None) -> None:
             print_line(f"Saved in {out}: {', '.join(_names_in(out))}")
             if page is not None:
                 print_line(f"Page: open {(out / page).resolve()} in a browser")
-    sys.stdout.flush()  # so that the results are seen before the browser opens
+    terminal.results().flush()  # so that the results are seen before the browser opens
     if getattr(output, "open", False) and out is not None:
         if page is None:
             terminal.say("vibroswarm: nothing to open: no page was written")

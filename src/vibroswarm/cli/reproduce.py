@@ -10,6 +10,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Workers
+from vibroswarm.cli.output import print_line
 from vibroswarm.cli.progress import labelled_progress_bar
 from vibroswarm.core.atomic_io import folder_lock, make_folder
 from vibroswarm.core.numbers import count
@@ -67,7 +68,7 @@ def reproduce(
 
     if only == ["list"]:
         for item in all_items():
-            print(f"{item.name:<16} {item.title}")
+            print_line(f"{item.name:<16} {item.title}")
         return
     out = output.out
     if out is None:

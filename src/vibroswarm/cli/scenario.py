@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibroswarm.cli.options import Force, OutFile, ScenarioOptions
-from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.output import print_saved_file, print_text
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import write_text
 
@@ -17,7 +17,7 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
 
     made = scenario_from(scenario, is_final=False)
     if out is None:
-        print(made.to_toml(), end="")
+        print_text(made.to_toml())
         return
     write_text(out, made.to_toml(), replace=force)
     print_saved_file(out, f"scenario {made.hash}")

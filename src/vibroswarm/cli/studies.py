@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vibroswarm.cli import terminal
 from vibroswarm.cli.deliver import print_document, save_requested_pictures, wants_pictures
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
@@ -83,7 +83,7 @@ def _print_outcome(outcome: Outcome, output: Drawn) -> None:
     from vibroswarm.documents.study import study_document
 
     print_document(study_document(outcome), as_json=output.json)
-    sys.stdout.flush()  # the tables are seen before the page's pictures are drawn, which takes a while
+    terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
     if output.out is not None and not output.no_pictures:
         _write_page(outcome, output.out, output)
     print_saved(output, None if output.no_pictures else REPORT)

@@ -9,8 +9,8 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Final
+from contextlib import contextmanager, redirect_stdout, suppress
+from typing import TYPE_CHECKING, Final, TextIO
 
 from vibroswarm.cli import user_settings
 
@@ -29,6 +29,8 @@ class _Chosen:
     wide = quiet = verbose = False
     own_process = False
     """Whether nothing else runs in this process, as in a call from a shell."""
+    results: TextIO | None = None
+    """The stdout of the command in progress, see ``own_stdout``."""
 
 
 printing = _Chosen()
@@ -41,10 +43,26 @@ def use(options: Printing, *, own_process: bool) -> None:
     printing.own_process = own_process
 
 
+@contextmanager
+def own_stdout() -> Iterator[None]:
+    """Reserve stdout for what the command prints: what users' code prints goes to stderr, so that JSON stays JSON."""
+    printing.results = sys.stdout
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        printing.results = None
+
+
+def results() -> TextIO:
+    """Return the stream that a command prints its results on."""
+    return printing.results or sys.stdout
+
+
 def is_terminal() -> bool:
     """Return whether stdout is a terminal."""
     with suppress(AttributeError, ValueError):  # stdout is replaced by an object without isatty, or closed
-        return sys.stdout.isatty()
+        return results().isatty()
     return False
 
 
@@ -59,7 +77,7 @@ def width() -> int:
             return max(given, LEAST)
     if is_terminal():
         with suppress(OSError, ValueError):  # the system does not know the width
-            return max(os.get_terminal_size(sys.stdout.fileno()).columns, LEAST)
+            return max(os.get_terminal_size(results().fileno()).columns, LEAST)
     return UNLIMITED
 
 

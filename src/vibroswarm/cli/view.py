@@ -8,7 +8,7 @@ from typing import Annotated
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force
-from vibroswarm.cli.output import open_page, print_saved_file
+from vibroswarm.cli.output import open_page, print_line, print_saved_file
 from vibroswarm.cli.terminal import report
 
 
@@ -74,7 +74,7 @@ def view(
         )
         return
     server = Server(result, number, port=8080 if port is None else port, speed=speed)
-    print(f"Run {number} at {server.url} (Ctrl-C ends it)", flush=True)
+    print_line(f"Run {number} at {server.url} (Ctrl-C ends it)")
     if open:
         open_page(server.url)
     try:

@@ -23,7 +23,7 @@ def errors_in(code: str) -> Iterator[None]:
         yield
     except (CodeError, InputError, RunError):  # these have a message for users already
         raise
-    except Exception as error:  # a user's function may raise anything
+    except (Exception, SystemExit) as error:  # a user's function may raise anything
         if not code:
             raise
         file = code.partition(":")[0]

@@ -195,7 +195,7 @@ def inspect(
     _check_types(source, known)
     check_flags(bits=bits)
     run, seed = whole_number_of(run, "run", 0, 2**32 - 1), check_seed(seed)
-    number_of(spread_m, "spread_m")
+    spread_m = number_of(spread_m, "spread_m")
     size_m = None if size_m is None else _pair_of(size_m, "size_m", LEAST_M)
     spreads = _pair_of(spreads, "spreads", 0.0)
     check_kind(floor, (Floor, tuple, NoneType), "floor", "a Floor, or a pair of rows and columns")

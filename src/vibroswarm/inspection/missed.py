@@ -15,7 +15,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.numbers import stated
-from vibroswarm.errors import InputError, check_kind, number_of, whole_number_of
+from vibroswarm.errors import InputError, check_kind, number_of, plain_value, whole_number_of
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import SIZES_M, Patches, Shares, declared, shares_of
@@ -192,13 +192,14 @@ def plan(
             larger than the arena.
     """
     check_kind(scenario, Scenario, "scenario", "a Scenario")
+    robots, until_s, sides_m = map(plain_value, (robots, until_s, sides_m))
     for field, values in {"robots": robots, "until_s": until_s, "sides_m": sides_m}.items():
-        check_kind(values, (tuple, list, np.ndarray), field, "a list of numbers")
+        check_kind(values, (tuple, list), field, "a list of numbers")
         for value in values:
             number_of(value, field)
     whole_number_of(runs, "runs", 4, 10**6)
     whole_number_of(each, "each", 1, 10**6)
-    number_of(level, "level", 0.0, 1.0)
+    level = number_of(level, "level", 0.0, 1.0)
     _check_arena(scenario, max(*sides_m, *SIZES_M))
     rows: list[tuple[float | None, ...]] = []
     for number in robots:

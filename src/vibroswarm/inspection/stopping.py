@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_flags, check_kind, number_of
+from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of
 from vibroswarm.floors.patches import place_within
 from vibroswarm.inspection.damage import contrast_ratios, drawn_parts, judged, patch_of, random_places
 from vibroswarm.inspection.patches import (
@@ -78,6 +78,7 @@ class Question(NotebookView):
 
     def __post_init__(self) -> None:
         """Refuse values of another type, probabilities outside (0, 1), and contrasts outside (0, 1]."""
+        keep_plain(self)
         check_kind(self.contrasts, tuple, "--contrasts", "a tuple of numbers, such as (1.0, 0.5)")
         check_flags(strict=self.strict)
         number_of(self.least_m, "least_m", 1e-3)

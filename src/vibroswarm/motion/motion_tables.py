@@ -256,7 +256,7 @@ def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: 
         return function(*arguments, **named)
     except (InputError, RunError):  # our own errors are clear already
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         file = _file_of(init)
         lines = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file

@@ -268,7 +268,7 @@ def truth_of_grid(
     Raises:
         InputError: fewer than 2 runs.
     """
-    whole_number_of(runs, "fresh", 2, 10**9)
+    runs = whole_number_of(runs, "fresh", 2, 10**9)
     study, best = nodes.grid.study, nodes.best
     fresh_seed = derived_seed(study.seed, "fresh runs")  # runs that differ from those of the grid
     # The motion source is the only setting outside the scenario, apart from the seed, on which the runs depend.

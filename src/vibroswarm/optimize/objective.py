@@ -40,7 +40,7 @@ from vibroswarm.analysis.intervals import (
     within,
 )
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice, nearest, number_of, shown
+from vibroswarm.errors import InputError, check_choice, keep_plain, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.outcomes import Outcomes
@@ -95,6 +95,7 @@ class Objective(NotebookView):
         Raises:
             InputError: naming the field that is wrong.
         """
+        keep_plain(self)
         if self.function is not None and self.name in NAMES:
             raise InputError(f"'{self.name}' is a built-in cost; choose another name", field="objective.cost")
         if self.function is None:

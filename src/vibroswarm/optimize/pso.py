@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice, number_of, whole_number_of
+from vibroswarm.errors import InputError, check_choice, keep_plain, number_of, whole_number_of
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask, Iteration, Method, chance, iteration_of, register
 from vibroswarm.optimize.race import allocate_runs
@@ -107,6 +107,7 @@ class PsoSettings(NotebookView):
         Raises:
             InputError: naming the setting that is wrong.
         """
+        keep_plain(self)
         for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
             whole_number_of(getattr(self, name), f"pso.{name}", low, 10**9)
         for name in (

@@ -102,7 +102,7 @@ def compare_scenarios(
             of the first block succeeded in both scenarios. RunError: all runs of a scenario failed in a block.
     """
     objective = objective or Objective()
-    whole_number_of(runs, "runs", 2, 10**9)
+    runs = whole_number_of(runs, "runs", 2, 10**9)
     named_cases = [
         (name, [scenario.with_values(dict(case)) for case in cases])
         for name, scenario in zip(names, (first, second), strict=True)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, plain_value
 from vibroswarm.scenario.scenario import Scenario, kind_of, value_of
 from vibroswarm.study.factors import bounds_of, fields_in, value_between
 
@@ -74,7 +74,7 @@ class Dimension:
                 whole for whole numbers or a field that holds integers; a log scale starts at 0 or below; the table has
                 another key, such as ``steps``, which is for a grid; or a list has fewer than two values.
         """
-        field = f"space.{name}"
+        field, given = f"space.{name}", plain_value(given)
         if isinstance(given, Sequence) and not isinstance(given, str):
             if len(given) < 2:
                 raise InputError(

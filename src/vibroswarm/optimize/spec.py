@@ -36,7 +36,15 @@ from typing import Any, Final
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, check_kind, in_file, nearest, whole_number_of
+from vibroswarm.errors import (
+    InputError,
+    check_choice,
+    check_kind,
+    in_file,
+    keep_plain,
+    nearest,
+    whole_number_of,
+)
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.optimize import methods, optuna_samplers  # noqa: F401  (the second registers methods)
 from vibroswarm.optimize.evaluate import NUMBERS
@@ -89,6 +97,7 @@ class SearchSettings(NotebookView):
         Raises:
             InputError: naming the setting that is wrong.
         """
+        keep_plain(self)
         if plugins.is_code(self.method):  # the dataclass is frozen
             object.__setattr__(self, "method", plugins.resolve_code("method", self.method))
         else:

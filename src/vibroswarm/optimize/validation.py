@@ -228,7 +228,7 @@ def score_fresh(
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set failed.
     """
-    whole_number_of(runs, "runs", 2, 10**9)
+    runs = whole_number_of(runs, "runs", 2, 10**9)
     sets, first = [dict(values) for _, values in named], search.objectives[:1]
     fresh = _fresh_figures(search, sets, first, runs, purpose, folder, executor, workers, progress)
     return [

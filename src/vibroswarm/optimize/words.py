@@ -110,7 +110,7 @@ def grid_of(
     study = grid.study if runs is None else grid.study.with_runs(runs)
     study = study if seed is None else replace(study, seed=seed)
     fresh = FRESH if fresh is None else fresh
-    whole_number_of(fresh, "--fresh", 2, 10**9)
+    fresh = whole_number_of(fresh, "--fresh", 2, 10**9)
     return Grid(study, grid.objective if cost is None else Objective(cost)), fresh
 
 

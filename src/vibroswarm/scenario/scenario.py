@@ -20,14 +20,22 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
-import numpy as np
 from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
-from vibroswarm.errors import InputError, check_kind, in_file, nearest, path_of, shown, whole_number_of
+from vibroswarm.errors import (
+    InputError,
+    check_kind,
+    in_file,
+    nearest,
+    path_of,
+    plain_value,
+    shown,
+    whole_number_of,
+)
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.io import THRESHOLD, is_picture
 from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
@@ -69,7 +77,7 @@ class Scenario(Sections, NotebookView):
         """
         check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         try:
-            return cls.model_validate(dict(values))
+            return cls.model_validate(plain_value(dict(values)))
         except ValidationError as error:
             raise field_error(error, _nearest_field) from None
 
@@ -167,8 +175,7 @@ class Scenario(Sections, NotebookView):
                 raise _is_section(name)
             if not field or not isinstance(data.get(section), dict):
                 raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
-            if isinstance(value, np.generic):
-                value = value.item()
+            value = plain_value(value)
             *tables, last = field.split(".")
             parent = data[section]
             for table in tables:

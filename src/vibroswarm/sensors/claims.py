@@ -41,6 +41,8 @@ NODES: Final = 8
 """Points of the Gauss-Legendre rule of each interval."""
 DEEPEST: Final = 40
 """How often an interval is halved at most."""
+MOST_INTERVALS: Final = 100_000
+"""No interval is halved again if there are more: a likelihood that is no density may never settle."""
 CLAIMED_AS_TRUE: Final = 1e-3
 """Claimed rates that differ by at most this from the true ones count as these."""
 SETTLED: Final = 1e-9
@@ -125,7 +127,7 @@ def _integrated(model: SensorModel, p: Any, measured: Values, factor: float) -> 
 def _between(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
     """Return the integral of the likelihood between the first and the last of ``ends``, (kinds, classes).
 
-    Intervals in which two halves do not give what the whole gives are halved, and so on.
+    Intervals in which two halves do not give what the whole gives are halved, and so on, within limits.
     """
     ends = _with_borders(model, p, ends, factor)
     low, high = ends[:-1], ends[1:]
@@ -135,7 +137,7 @@ def _between(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
         middle = 0.5 * (low + high)
         halves = _masses(model, p, low, middle) + _masses(model, p, middle, high)
         split = np.abs(halves - _masses(model, p, low, high)).max(axis=0) > SETTLED
-        if depth == DEEPEST - 1:
+        if depth == DEEPEST - 1 or low.size > MOST_INTERVALS:
             split[:] = False
         for kind in range(found.shape[0]):
             found[kind] += np.bincount(classes[~split], halves[kind, ~split], minlength=found.shape[1])

@@ -60,6 +60,8 @@ PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
 """Arguments of each hook. Their number and order are checked; a hook may give them other names."""
 ANSWERS: Final = {"decision": "0, 1 or -1 (undecided)", "belief": "a probability, or math.nan"}
 """What hooks return whose result is a number, in words."""
+READ_ONLY: Final = ("m", "x", "p", "w")
+"""Arguments that a hook must not change; other robots and calls are given the same. (``opposite`` changes its own.)"""
 TEXT: Final = "__text__"
 """Global variable of the module of a user's file that was loaded by name: its text. Several files may have its name."""
 CHANCE: Final = ("random", "secrets", "uuid")
@@ -79,9 +81,9 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
         name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
             argument's name in ``PARAMETERS``, such as ``s``.
     Raises:
-        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, has no number
-            to return and has to, or the hook or a function that it calls changes a variable outside of itself or draws
-            random numbers that the seed does not determine.
+        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, or changes one
+            that it may only read, has no number to return and has to, or the hook or a function that it calls changes a
+            variable outside of itself or draws random numbers that the seed does not determine.
     """
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
     if len(given) != len(wanted):
@@ -91,12 +93,19 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
         )
     # Maps the name that each row has in this hook to its name in PARAMETERS.
     rows = {mine: ours for mine, ours in zip(given, wanted, strict=True) if ours in fields}
-    for (row, field), line in _attributes(function):
-        if row in rows and field not in fields[rows[row]]:
-            known = fields[rows[row]]
+    for row, node in _attributes(function):
+        if row not in rows:
+            continue
+        known = fields[rows[row]]
+        if node.attr not in known:
             raise InputError(
-                f"{row}.{field}: no such field{nearest(field, known)} (there are {', '.join(known) or 'none'})",
-                field=where(function, line),
+                f"{row}.{node.attr}: no such field{nearest(node.attr, known)} (there are {', '.join(known) or 'none'})",
+                field=where(function, node.lineno),
+            )
+        if isinstance(node.ctx, ast.Store) and rows[row] in READ_ONLY and name != "opposite":
+            raise InputError(
+                f"changes {row}.{node.attr}, which others read too; copy it, or keep it in State",
+                field=where(function, node.lineno),
             )
     tree = next(nodes_of(function), None)
     if name in ANSWERS and isinstance(tree, ast.FunctionDef) and not _returns(tree):
@@ -194,13 +203,10 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
             yield from _with_callees(value, seen)
 
 
-def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int]]:
-    """Return every expression ``name.field`` in a function as ((name, field), line in the file).
-
-    The list is empty if the source cannot be read.
-    """
+def _attributes(function: Callable[..., Any]) -> list[tuple[str, ast.Attribute]]:
+    """Return every expression ``name.field`` in a function as name and node; none if the source cannot be read."""
     return [
-        ((node.value.id, node.attr), node.lineno)
+        (node.value.id, node)
         for node in nodes_of(function)
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
     ]

@@ -12,6 +12,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -260,6 +261,7 @@ def _begin_process(cancel: _ProcessFlag, begun: _ProcessFlag) -> None:
     """Initialise a worker process: it keeps the flag that stops it, ignores Ctrl-C, and ends with its parent."""
     global _cancel
     _cancel = cancel
+    sys.stdout = sys.stderr  # what users' code prints must not come between the results of a command
     begun.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -18,7 +18,7 @@ from typing import Any, Final
 from vibroswarm.analysis import figures
 from vibroswarm.analysis.intervals import check_level
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice, share_from, whole_number_of
+from vibroswarm.errors import InputError, check_choice, keep_plain, share_from, whole_number_of
 
 FIRST_LOOK: Final = 100
 """Number of runs at the first look; it doubles from look to look."""
@@ -61,6 +61,7 @@ class Precision(NotebookView):
     level: float = LEVEL
 
     def __post_init__(self) -> None:
+        keep_plain(self)
         if not (isinstance(self.half_width, float) and 0 < self.half_width < 1):
             raise InputError(
                 f"{self.half_width!r} is not a precision; give a percentage such as 2%", field="until"
@@ -68,12 +69,8 @@ class Precision(NotebookView):
         if self.figure in RENAMED:
             raise InputError(f"'{self.figure}' is called '{RENAMED[self.figure]}' now", field="figure")
         check_choice(self.figure, "figure", FIGURES)
-        most = whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
-        object.__setattr__(self, "max_runs", most)
+        whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
         check_level(self.level)
-        # A float of NumPy becomes one of Python, since ``as_values`` cannot parse the ``repr`` of the former.
-        for name in ("half_width", "level"):
-            object.__setattr__(self, name, float(getattr(self, name)))
 
     @classmethod
     def from_words(cls, text: Any, figure: Any = None, max_runs: Any = None, level: Any = None) -> Precision:

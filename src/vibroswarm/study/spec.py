@@ -34,6 +34,7 @@ from vibroswarm.errors import (
     check_format,
     check_kind,
     in_file,
+    keep_plain,
     path_of,
     shown,
     whole_number_of,
@@ -71,7 +72,6 @@ from vibroswarm.study.study_text import (
     as_toml,
     copy_of,
     fields_of_floor,
-    plain_value,
 )
 
 if TYPE_CHECKING:
@@ -180,6 +180,7 @@ class Study(NotebookView):
 
         The dataclass is frozen, so a field can be set only by ``object.__setattr__``.
         """
+        keep_plain(self)
         if isinstance(self.base, Scenario):
             object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
         check_kind(self.base, Mapping, "base", "a scenario, or its sections by name")
@@ -195,8 +196,8 @@ class Study(NotebookView):
         if (self.runs is None) == (self.until is None):
             raise InputError("give either a number of runs or a precision", field="runs")
         if self.runs is not None:
-            object.__setattr__(self, "runs", whole_number_of(self.runs, "runs", 1, MOST_RUNS))
-        object.__setattr__(self, "seed", whole_number_of(self.seed, "seed", 0, SEED_LIMIT - 1))
+            whole_number_of(self.runs, "runs", 1, MOST_RUNS)
+        whole_number_of(self.seed, "seed", 0, SEED_LIMIT - 1)
         object.__setattr__(self, "floors", _checked_floors(self.floors))
         object.__setattr__(
             self, "vary", {k: with_whole(plugins.resolve_codes(v)) for k, v in self.vary.items()}
@@ -245,7 +246,7 @@ class Study(NotebookView):
         for name, values in grid.items():
             if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
                 raise InputError(f"{shown(values)} is not a list of values", field=name.replace("__", "."))
-        vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
+        vary = {name.replace("__", "."): list(values) for name, values in grid.items()}
         study = cls(base=scenario, vary={"grid": vary} if vary else {}, runs=runs, seed=seed)
         study.check_effects()
         return study

@@ -49,11 +49,6 @@ def _inline(value: Any) -> str:
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
 
 
-def plain_value(value: Any) -> Any:
-    """Return a NumPy number as a Python number, and any other value as it is."""
-    return value.item() if hasattr(value, "item") and hasattr(value, "dtype") else value
-
-
 def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
     """Copy the base of a study: sections of a scenario by name, and possibly the name of a ``preset``.
 

@@ -91,7 +91,7 @@ def time_error_curve(
     settings = list(dict.fromkeys(product(credible_thresholds, min_observations)))
     if not settings:
         raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
-    number_of(undecided_counts, "undecided_counts", 0.0, 1.0)
+    undecided_counts = number_of(undecided_counts, "undecided_counts", 0.0, 1.0)
     refuse_steering(scenario)
     base = scenario.with_values({"run.stop": "t_end"})
     points = {

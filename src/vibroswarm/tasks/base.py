@@ -86,13 +86,28 @@ class Task(Plugin):
         """Check the fields.
 
         Raises:
-            InputError: ``truth`` is not a function, a function draws random numbers, or the name is not valid
-                (``Plugin``).
+            InputError: ``truth`` is not a function, ``answers`` or ``presumed`` is wrong, a function draws random
+                numbers, or the name is not valid (``Plugin``).
         """
         super().__post_init__()
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
+        if not callable(self.answers):
+            self._check_answers(self.answers)
         refuse_chance(vars(self).values(), "the truth follows from the floor")
+
+    def _check_answers(self, answers: object) -> None:
+        is_listed = isinstance(answers, tuple | list) and all(isinstance(answer, str) for answer in answers)
+        if not is_listed or len(self.answers_of(2)) < 2:
+            raise InputError(
+                f"{shown(answers)} is wrong; give a tuple of at least two texts, what 0, 1 and so on mean",
+                field=f"task '{self.name}', answers",
+            )
+        if self.presumed is not None and self.presumed not in range(len(self.answers_of(2))):
+            raise InputError(
+                f"{shown(self.presumed)} is not one of its answers, 0 to {len(self.answers_of(2)) - 1}",
+                field=f"task '{self.name}', presumed",
+            )
 
     def estimated_in_words(self, params: BaseModel) -> str:
         """Return in words which number the task asks for; empty: it asks for a decision."""
@@ -146,12 +161,12 @@ class Task(Plugin):
     def _called(self, function: Callable[..., Any], floor: Floor, asked: Asked, params: BaseModel) -> Any:
         try:
             return function(floor, asked, params)
-        except Exception as error:  # a user's function may raise anything
+        except (Exception, SystemExit) as error:  # a user's function may raise anything
             if not self.code:  # not from a user's file: the whole traceback is more useful than one line
                 raise
             raise CodeError(f"{self._place(function, error)}: {type(error).__name__}: {error}") from None
 
-    def _place(self, function: Callable[..., Any], error: Exception | None = None) -> str:
+    def _place(self, function: Callable[..., Any], error: BaseException | None = None) -> str:
         """Return where a function is, for a message: file, line and name; or the task, if it is no plain function.
 
         The line is the last one of the function's file that was run before the error; or else the function's first.

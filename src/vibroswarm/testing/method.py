@@ -6,6 +6,7 @@ The cost is made up: the squared distance from a point of the unit cube, with no
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from vibroswarm.optimize.loop import stage_of
 from vibroswarm.optimize.methods import Ask, Stage, method
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.spec import Search, SearchSettings
-from vibroswarm.testing.runs import Finding, require, run_checks
+from vibroswarm.testing.runs import Finding, Pieces, require, run_checks, same_elsewhere
 
 BUDGET: Final = 1200
 """Runs of a search; enough for four iterations of the paper's swarm."""
@@ -77,14 +78,20 @@ def _account(name: str) -> Iterator[str]:
         yield f"it requests {runs} runs; its budget is {search.search_budget}"
 
 
+def _requests(name: str) -> tuple[list[list[Ask]], list[list[float]]]:
+    """Return the requests of each step, and the points of all candidates."""
+    _, stage, steps = _driven(name)
+    return steps, [candidate.point.tolist() for candidate in stage.archive.candidates]
+
+
 def _same_again(name: str) -> Iterator[str]:
     """Check that the same results lead to the same requests, as resuming a search requires."""
-    (_, first, steps), (_, second, again) = _driven(name), _driven(name)
-    points, points_again = (
-        np.array([c.point for c in stage.archive.candidates]) for stage in (first, second)
-    )
-    if steps != again or not np.array_equal(points, points_again):
+    if _requests(name) != _requests(name):
         yield "it requests other runs at a second time; draw random numbers from self.random() only"
+
+
+def _pieces(name: str) -> Pieces:
+    return {"a search": partial(_requests, name)}
 
 
 def _ranks(name: str) -> Iterator[str]:
@@ -118,6 +125,7 @@ def _learns(name: str) -> Iterator[str]:
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it requests runs until its budget is spent": _account,
     "the same results lead to the same requests": _same_again,
+    "the same in another process": partial(same_elsewhere, "method", _pieces),
     "it ranks candidates that have runs": _ranks,
     "it goes on if runs fail": _bears_failures,
     "it learns": _learns,

@@ -14,6 +14,7 @@ import inspect
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -29,7 +30,7 @@ from vibroswarm.motion.source import source as source_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Case, Check, fitted, motion_of, ticks_of
 from vibroswarm.testing.motion_tables import KINDS, TABLE_CHECKS, check_runs_differ
-from vibroswarm.testing.runs import Finding, require, run_check
+from vibroswarm.testing.runs import Finding, Pieces, require, run_check, run_checks, same_elsewhere
 
 Floats = NDArray[np.float64]
 """An array of floating-point numbers."""
@@ -210,15 +211,13 @@ def check_poses_at_samples(source: Source) -> None:
     """The segments put a robot where its sample is, and it stands there since the stop began.
 
     One tick before the stop it does not stand: the sample timer must exceed the interval between samples, and does not
-    run in stops, so that a robot moves before each of them. Headings of samples are from -pi to pi.
+    run in stops, so that a robot moves before each of them.
     """
     allowed_m = NEAR_M + source.tolerance.arc
     # Between the start of a stop and its sample the robot may roll or be pushed: x, y, heading.
     rolled = np.array([source.tolerance.stop_m, source.tolerance.stop_m, source.tolerance.stop_rad])
     for one in robots_of(source):
         expected = one.samples.select("x_m", "y_m", "heading_rad").to_numpy()
-        is_wrapped = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
-        require(is_wrapped, f"{one.label}: a heading is not from -pi to pi")
         for column, extra in (("time_s", np.zeros(3)), ("stop_start_s", rolled)):
             pose, kind = one.track.at(one.samples[column].to_numpy())
             gap = np.abs(gap_of(pose, expected))
@@ -391,10 +390,20 @@ def check_motion(name: str) -> list[Finding]:
         InputError: there is no such source.
     """
     source = source_of(name)  # one object for all checks, because ``motion_of`` caches motion by source
-    return [
+    findings = [
         run_check(words_of(check), lambda check=check: check(source), check in WARNINGS_ONLY)  # type: ignore[misc]
         for check in _applicable(source)
     ]
+    elsewhere = run_checks({"The same in another process": partial(same_elsewhere, "motion", _pieces)}, name)
+    return findings + elsewhere
+
+
+def _pieces(name: str) -> Pieces:
+    return {f"run {run}": partial(_text_of, name, run) for run in (2, 7)}
+
+
+def _text_of(name: str, run: int) -> str:
+    return source_of(name).batch(SHORT_CASE.scenario, SHORT_CASE.seed, [run]).samples.write_csv()
 
 
 def words_of(check: Check) -> str:

@@ -6,6 +6,7 @@ must hold; ``vibroswarm check`` prints this line. Tables are described in ``moti
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -117,6 +118,23 @@ def check_accounts_add_up(source: Source) -> None:
             require(
                 (rows["stop_start_s"] <= rows["time_s"]).all(), f"{label}: a stop begins after its sample"
             )
+
+
+def check_places(source: Source) -> None:
+    """Robots are in the arena at samples and at the end; headings of samples are from -pi to pi.
+
+    A stop does not begin before the robot's last sample.
+    """
+    for case in fitted(CASES, source):
+        arena, motion = case.scenario.arena, motion_of(source, case)
+        inside = pl.col("x_m").is_between(0.0, arena.width_m) & pl.col("y_m").is_between(0.0, arena.height_m)
+        for places in (motion.samples, motion.ends):
+            require(places.select(inside.all()).item(), f"{case.name}: a robot is not in the arena")
+        is_wrapped = (motion.samples["heading_rad"].abs() <= math.pi + 1e-12).all()
+        require(is_wrapped, f"{case.name}: a heading is not from -pi to pi")
+        before = pl.col("time_s").shift(1).over("run", "robot").fill_null(0.0)
+        is_after = motion.samples.select((pl.col("stop_start_s") >= before).all()).item()
+        require(is_after, f"{case.name}: a stop begins before the robot's last sample")
 
 
 def check_whole_runs(source: Source) -> None:
@@ -299,6 +317,7 @@ TABLE_CHECKS: Final[tuple[Check, ...]] = (
     check_order,
     check_sample_numbers,
     check_accounts_add_up,
+    check_places,
     check_whole_runs,
     check_pieces,
     check_copies,

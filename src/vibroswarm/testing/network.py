@@ -6,6 +6,7 @@ All checks run on the same scenarios: settings of ``SETTINGS`` with the network,
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 import polars as pl
@@ -18,7 +19,18 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.testing.plain_reference import plain_run
-from vibroswarm.testing.runs import SEED, SHORT, Finding, equals_plain, in_pieces, run_checks, same_again
+from vibroswarm.testing.runs import (
+    SEED,
+    SHORT,
+    Finding,
+    Pieces,
+    equals_plain,
+    in_pieces,
+    run_checks,
+    same_again,
+    same_elsewhere,
+    tables_of,
+)
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     f"{words}, {strategy}": {"swarm.robots": robots, "strategy.name": strategy}
@@ -64,6 +76,10 @@ def _is_refused(base: Scenario, values: dict[str, Any]) -> bool:
     except InputError:
         return True
     return False
+
+
+def _pieces(name: str) -> Pieces:
+    return tables_of(_scenarios(name))
 
 
 def _runs(name: str) -> Iterator[str]:
@@ -147,6 +163,7 @@ def _heard_before(result: Result) -> Iterator[str]:
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it compiles and runs": _runs,
     "the same again, alone or beside others": lambda name: same_again(_scenarios(name)),
+    "the same in another process": partial(same_elsewhere, "network", _pieces),
     "nobody receives more than the others have sent": _received_was_sent,
     "every message is received, lost or not due": _none_vanishes,
     "nothing is heard before it is sent": _none_too_early,

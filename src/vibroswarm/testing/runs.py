@@ -21,8 +21,10 @@ from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
 from vibroswarm.inference.sender_positions import move_rows
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
+from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
+from vibroswarm.study.executors import workers_for
 from vibroswarm.testing.plain_reference import PlainRun, plain_run
 
 
@@ -86,6 +88,39 @@ def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: 
     return Finding(what, holds=not problem, why=problem, is_warning=is_warning)
 
 
+Pieces = dict[str, Callable[[], Any]]
+"""What a check compares, by its description: functions that compute it."""
+
+
+def same_elsewhere(kind: str, pieces_of: Callable[[str], Pieces], name: str) -> Iterator[str]:
+    """Check that another process, which has called nothing before, computes the same in the opposite order.
+
+    This finds a memory of earlier calls, and what is made when a file is loaded: random numbers, the time, a hash.
+
+    Args:
+        kind: of ``plugins.KINDS``. pieces_of: called with ``name`` in both processes. name: of an object; one that is
+            not of a user's file is not checked, since another process does not know it.
+    """
+    texts = plugins.texts_of([plugins.KINDS[kind].known()[name].code])
+    if not texts:
+        return
+    here = {words: compute() for words, compute in pieces_of(name).items()}
+    with workers_for("processes", 1) as workers:
+        there = workers.executor.submit(_computed_backwards, pieces_of, name, texts).result()
+    yield from (
+        f"{words}: another process, which computes in the opposite order, has another result"
+        for words, result in here.items()
+        if result != there[words]
+    )
+
+
+def _computed_backwards(
+    pieces_of: Callable[[str], Pieces], name: str, texts: tuple[tuple[str, str], ...]
+) -> dict[str, Any]:
+    plugins.install_all(texts)
+    return {words: compute() for words, compute in reversed(pieces_of(name).items())}
+
+
 Scenarios = Iterable[tuple[str, Scenario]]
 """Descriptions, for messages, and scenarios."""
 
@@ -100,6 +135,16 @@ SHORT: Final[dict[str, Any]] = {
     "sample.sample_interval_ms": 1500.0,
 }
 """Fields of a scenario in which much happens in one minute: many short legs, samples, messages and decisions."""
+
+
+def tables_of(scenarios: Scenarios) -> Pieces:
+    """Return two runs of each scenario as text, for ``same_elsewhere``."""
+    return {words: partial(_text_of_runs, scenario) for words, scenario in scenarios}
+
+
+def _text_of_runs(scenario: Scenario) -> str:
+    result = simulate(scenario, SEED, 2)
+    return result.inference.write_csv() + result.robots.write_csv()
 
 
 def same_again(scenarios: Scenarios) -> Iterator[str]:

@@ -7,7 +7,8 @@ parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import combinations
+from functools import partial
+from itertools import combinations, product
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from vibroswarm.core.numbers import number, percent
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import SensorModel, sensor
 from vibroswarm.sensors.claims import CLAIMED_AS_TRUE, claimed_rates
-from vibroswarm.testing.runs import Finding, run_checks
+from vibroswarm.testing.runs import Finding, Pieces, run_checks, same_elsewhere
 
 U: Final = (np.arange(20_000) + 0.5) / 20_000
 """Uniform numbers at which sensors are tried."""
@@ -81,24 +82,40 @@ def _readings(name: str) -> Iterator[str]:
 def _same_again(name: str) -> Iterator[str]:
     """Check that equal numbers give equal values, readings and likelihoods, whatever else is measured beside them.
 
-    Some of them are tried again in another order. That they are left as they are need not be checked: they are
+    They are tried again in parts and in another order. That they are left as they are need not be checked: they are
     read-only.
     """
     for model, p, kind in _kinds(name):
         values = _values(model, kind, p)
-        if model.sense is None and not np.array_equal(model.values(kind, _some(U), p), _some(values)):
+        if model.sense is None and not np.array_equal(
+            _in_parts(partial(model.values, kind, p=p), U), values[::-1]
+        ):
             yield f"on kind {kind} values depend on what else is measured"
-        if not np.array_equal(model.classes(_some(values), p), _some(model.classes(values, p))):
+        if not np.array_equal(_in_parts(partial(model.classes, p=p), values), model.classes(values, p)[::-1]):
             yield f"on kind {kind} readings depend on what else is measured"
         if model.likelihood is None:
             continue
         whole = model.densities(kind, values, p)
-        if not np.allclose(model.densities(kind, _some(values), p), _some(whole), rtol=1e-9, atol=0.0):
+        again = _in_parts(partial(model.densities, kind, p=p), values)
+        if not np.allclose(again, whole[::-1], rtol=1e-9, atol=0.0):
             yield f"on kind {kind} likelihoods depend on what else is measured"
 
 
-def _some(values: NDArray[Any]) -> NDArray[Any]:
-    return np.ascontiguousarray(values[::-1999])
+def _in_parts(function: Callable[[NDArray[Any]], NDArray[Any]], values: NDArray[Any]) -> NDArray[Any]:
+    """Return what a function of values gives from the last to the first, called for a part of them at a time."""
+    cuts = range(1, len(values), 199)  # the first part is a single value
+    parts = np.split(values[::-1], cuts)
+    return np.concatenate([function(np.ascontiguousarray(part)) for part in parts])
+
+
+def _pieces(name: str) -> Pieces:
+    return {f"kind {kind}": partial(_measured, model, kind, p) for model, p, kind in _kinds(name)}
+
+
+def _measured(model: SensorModel, kind: int, p: Any) -> bytes:
+    """Return values and their readings, as they lie in memory."""
+    values = _values(model, kind, p)
+    return bytes(values.tobytes() + model.classes(values, p).tobytes())
 
 
 def _shares(name: str) -> Iterator[str]:
@@ -108,7 +125,8 @@ def _shares(name: str) -> Iterator[str]:
         measured = [(classes <= j).mean() for j in range(model.number_of("readings", p) - 1)]
         shares = _shares_up_to(model, kind, p)
         if np.abs(shares - measured).max() > MARGIN:
-            yield f"on kind {kind} {shares} is stated for classes up to each, and {measured} is measured"
+            stated_shares, found = (", ".join(map(percent, one)) for one in (shares, measured))
+            yield f"on kind {kind} {stated_shares} is stated for classes up to each, and {found} is measured"
 
 
 def _shares_up_to(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
@@ -120,9 +138,12 @@ def _shares_up_to(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
 
 def _likelihoods(name: str) -> Iterator[str]:
     """Check that likelihoods are finite. ``SensorModel.densities`` itself raises an error at what is no density."""
-    for model, p, kind in _kinds(name):
-        if model.likelihood is not None and np.isinf(model.densities(kind, _values(model, kind, p), p)).any():
-            yield f"on kind {kind} likelihood is infinite"
+    for (model, p, kind), (*_, measured_on) in product(_kinds(name), _kinds(name)):
+        if (
+            model.likelihood is not None
+            and np.isinf(model.densities(kind, _values(model, measured_on, p), p)).any()
+        ):
+            yield f"the likelihood of kind {kind} is infinite for values on kind {measured_on}"
 
 
 def _claims(name: str) -> Iterator[str]:
@@ -152,6 +173,7 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str] | None]]] = {
     "it has 2 to 16 kinds and classes": _numbers_of_kinds,
     "readings are classes that never fall as u grows": _readings,
     "the same again for the same numbers": _same_again,
+    "the same in another process": partial(same_elsewhere, "sensor", _pieces),
     "classes are as frequent as it states": _shares,
     "likelihoods are densities": _likelihoods,
     "robots expect what it reads": _claims,

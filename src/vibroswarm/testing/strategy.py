@@ -7,6 +7,7 @@ All checks but the last run on the same scenarios: settings of ``SETTINGS`` with
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 from vibroswarm.errors import CodeError
@@ -16,7 +17,18 @@ from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.testing.plain_reference import plain_run
-from vibroswarm.testing.runs import SEED, SHORT, Finding, equals_plain, in_pieces, run_checks, same_again
+from vibroswarm.testing.runs import (
+    SEED,
+    SHORT,
+    Finding,
+    Pieces,
+    equals_plain,
+    in_pieces,
+    run_checks,
+    same_again,
+    same_elsewhere,
+    tables_of,
+)
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "one robot": {"swarm.robots": 1},
@@ -56,6 +68,10 @@ def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
     if strategy.many_readings:
         task = "majority" if strategy.answers_kinds else "fill_ratio"
         yield "three kinds of tile", preset("paper").with_values(own | THREE_KINDS | {"task.name": task})
+
+
+def _pieces(name: str) -> Pieces:
+    return tables_of(_scenarios(name))
 
 
 def _runs(name: str) -> Iterator[str]:
@@ -127,6 +143,7 @@ def _decides(name: str) -> Iterator[str]:
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it compiles, and gives decisions and beliefs": _runs,
     "the same again, alone or beside others": lambda name: same_again(_scenarios(name)),
+    "the same in another process": partial(same_elsewhere, "strategy", _pieces),
     "compiled as in plain Python": lambda name: equals_plain(_scenarios(name)),
     "in pieces as in one": lambda name: in_pieces(_scenarios(name)),
     "counts as messages one by one": _counts_equal_messages,

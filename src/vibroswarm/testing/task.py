@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -20,7 +21,7 @@ from vibroswarm.scenario.choices import TaskChoice
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import task
-from vibroswarm.testing.runs import Finding, run_checks
+from vibroswarm.testing.runs import Finding, Pieces, run_checks, same_elsewhere
 
 SIZES: Final = ((1, 1), (5, 5), (10, 10), (3, 7))
 """Rows and columns of random floors."""
@@ -79,13 +80,18 @@ def given_on(scenario: Scenario, floor: Floor) -> Any:
     Raises:
         CodeError: it gives anything else, or raises an error.
     """
-    asks = task(scenario.task.name)
-    number = float(fills_and_truth(scenario, {0: floor}, [0])[0][0])
-    if asks.estimated:
-        return number
-    truth = float(truth_of_robot(scenario, floor, ())[1][0])
-    answer = None if math.isnan(truth) else int(truth)
-    return answer if asks.scored is None else (answer, number)
+    asks, given = task(scenario.task.name), list[float | None]()
+    if not asks.estimated:
+        truth = float(truth_of_robot(scenario, floor, ())[1][0])
+        given.append(None if math.isnan(truth) else int(truth))
+    if asks.estimated or asks.scored is not None:
+        given.append(float(fills_and_truth(scenario, {0: floor}, [0])[0][0]))
+    return given[0] if len(given) == 1 else tuple(given)
+
+
+def _pieces(name: str) -> Pieces:
+    scenario = _scenario(name)
+    return {words: partial(given_on, scenario, floor) for words, floor in floors(scenario).items()}
 
 
 def _answers(name: str) -> None:
@@ -132,6 +138,7 @@ def _tells_floors_apart(name: str) -> Iterator[str]:
 CHECKS: Final[dict[str, Callable[[str], Iterator[str] | None]]] = {
     "it gives one of its answers, None, or a number on every floor": _answers,
     "the same again for the same floor": _same_again,
+    "the same in another process": partial(same_elsewhere, "task", _pieces),
     "it leaves floors as they are": _leaves_floors,
     "it tells floors apart": _tells_floors_apart,
 }
