@@ -49,6 +49,8 @@ FACTORS: Final = 32
 
 AROUND: Final = 0.75
 """Steps: damage is within half a step of a declared place, and its edges differ by as much again between sizes."""
+DRAWN_AT_ONCE: Final = 1000
+"""Strips that are drawn on a raster at once."""
 MOST: Final = 300_000
 """Most patches of a declared set: those of squares of 7 to 28 cm on 65 m2."""
 
@@ -405,32 +407,40 @@ def raster(patches: Patches, logs: Floats, prior: float, cells: int, size_m: tup
     posterior = patches.weights * np.exp(np.minimum(logs, 600.0))
     posterior *= prior / (1.0 - prior + prior * posterior.sum())
     strips = strips_of(patches)
-    along = (
-        (strips.left_m, strips.right_m, patches.left_m, patches.width_m, size_m[0]),
-        (strips.bottom_m, strips.top_m, patches.bottom_m, patches.height_m, size_m[1]),
+    across = _edges(
+        patches, strips.first, strips.left_m, strips.right_m, patches.left_m, patches.width_m, size_m[0]
     )
-    (across, column), (up, row) = (_covered(patches, strips.first, *axis, cells) for axis in along)
-    total = np.zeros((up.shape[0], across.shape[0]))
-    np.add.at(total, (row, column), np.repeat(posterior, np.diff(strips.first)))
-    return np.asarray(np.clip(up.T @ total @ across, 0.0, 1.0)[::-1])
+    up = _edges(
+        patches, strips.first, strips.bottom_m, strips.top_m, patches.bottom_m, patches.height_m, size_m[1]
+    )
+    each, total = np.repeat(posterior, np.diff(strips.first)), np.zeros((cells, cells))
+    for begin in range(0, each.size, DRAWN_AT_ONCE):
+        part = slice(begin, begin + DRAWN_AT_ONCE)
+        rows, columns = (
+            _covered(one[:, part], whole_m, cells) for one, whole_m in ((up, size_m[1]), (across, size_m[0]))
+        )
+        total += np.einsum("py,px->yx", each[part, None] * rows, columns)
+    return np.asarray(np.clip(total, 0.0, 1.0)[::-1])
 
 
-def _covered(
+def _edges(
     patches: Patches, first: NDArray[np.int64], low_m: Floats, high_m: Floats, at_m: Floats, side_m: Floats,
-    whole_m: float, cells: int,
-) -> tuple[Floats, NDArray[np.int64]]:  # fmt: skip
-    """Return the probability that strips cover the centre of each cell, along one axis.
+    whole_m: float,
+) -> Floats:  # fmt: skip
+    """Return along one axis where strips begin and end, and how far before and behind that they may lie, (4, strips).
 
     Args:
         first: where the strips of each patch begin. low_m, high_m: ends of the strips. at_m, side_m: of the patches.
         whole_m: of the surface.
-    Returns: (different strips, cells), and which of these each strip is.
     """
     around_m = AROUND * np.array([form.step_m for form in patches.forms])[patches.form]
     room_m = np.minimum(around_m, [at_m, whole_m - side_m - at_m])  # within the surface
-    moved_m = np.repeat(room_m, np.diff(first), axis=1)
-    different, which = np.unique(np.vstack([low_m, high_m, moved_m]), axis=1, return_inverse=True)
-    low, high, before, behind = different[:, :, None]
+    return np.vstack([low_m, high_m, np.repeat(room_m, np.diff(first), axis=1)])
+
+
+def _covered(edges: Floats, whole_m: float, cells: int) -> Floats:
+    """Return the probability that strips with these ``_edges`` cover the centre of each cell, (strips, cells)."""
+    low, high, before, behind = edges[:, :, None]
     at, wide = (np.arange(cells) + 0.5) * whole_m / cells, np.maximum(before + behind, 1e-9)
     begun, ended = (np.clip((at - edge + before) / wide, 0.0, 1.0) for edge in (low, high))
-    return np.asarray(begun - ended), which.ravel()
+    return np.asarray(begun - ended)
