@@ -28,7 +28,7 @@ def test_scores_best_mean_and_truth_are_drawn(style: str, tmp_path: Path) -> Non
     assert (5.0, 4.0, 4.5) in drawn
     assert picture.numbers["best"].to_list() == [5.0, 4.0, 4.5]
     assert "6" in picture.caption
-    assert "luck" in picture.caption
+    assert "selection bias" in picture.caption
     assert len(picture.write(tmp_path / "scores")) == 4
 
 

@@ -23,6 +23,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.footprint import half_extents, overlap
 from vibroswarm.motion.source import Motion, Source
@@ -402,8 +403,8 @@ def _pieces(name: str) -> Pieces:
     return {f"run {run}": partial(_text_of, name, run) for run in (2, 7)}
 
 
-def _text_of(name: str, run: int) -> str:
-    return source_of(name).batch(SHORT_CASE.scenario, SHORT_CASE.seed, [run]).samples.write_csv()
+def _text_of(name: str, run: int) -> bytes:
+    return csv_bytes(source_of(name).batch(SHORT_CASE.scenario, SHORT_CASE.seed, [run]).samples)
 
 
 def words_of(check: Check) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
 from vibroswarm.inference.sender_positions import move_rows
@@ -142,9 +143,9 @@ def tables_of(scenarios: Scenarios) -> Pieces:
     return {words: partial(_text_of_runs, scenario) for words, scenario in scenarios}
 
 
-def _text_of_runs(scenario: Scenario) -> str:
+def _text_of_runs(scenario: Scenario) -> bytes:
     result = simulate(scenario, SEED, 2)
-    return result.inference.write_csv() + result.robots.write_csv()
+    return csv_bytes(result.inference) + csv_bytes(result.robots)
 
 
 def same_again(scenarios: Scenarios) -> Iterator[str]:
