@@ -143,12 +143,9 @@ def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
         return -math.inf, math.inf
     finite = draws[np.isfinite(draws)]
     wider, centre = math.sqrt(n / (n - 1)) * student_factor(n, level), finite.mean()
+    method: Any = "linear" if finite.size == draws.size else "nearest"  # no mean of a number and infinity
     low, high = np.quantile(
-        centre + wider * (draws - centre),
-        [0.5 - level / 2, 0.5 + level / 2],
-        method="linear"
-        if finite.size == draws.size
-        else "nearest",  # nothing lies between a number and infinity
+        centre + wider * (draws - centre), [0.5 - level / 2, 0.5 + level / 2], method=method
     )
     return float(low), float(high)
 

@@ -39,7 +39,7 @@ TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
 POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
-AT_ONCE: Final = 1000
+SAMPLES_AT_ONCE: Final = 1000
 """Samples whose distances from damage are computed at once."""
 COARSE: Final = 0.02
 """Largest distance between evenly spaced values of a table, over the distance between the quartiles of a kind."""
@@ -275,7 +275,7 @@ def drawn_values(
         x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal(shape)
         y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal(shape)
     # In parts, for memory: random numbers are drawn sample by sample.
-    parts = [slice(begin, begin + AT_ONCE) for begin in range(0, x_m.shape[0], AT_ONCE)]
+    parts = [slice(begin, begin + SAMPLES_AT_ONCE) for begin in range(0, x_m.shape[0], SAMPLES_AT_ONCE)]
     inside = [sensed(random, samples.law.sensor, patch, x_m[part], y_m[part]) for part in parts]
     return values_where(random, samples, replicates, np.concatenate(inside), patch.contrast)
 

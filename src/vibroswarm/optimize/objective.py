@@ -244,7 +244,10 @@ class Objective(NotebookView):
         return Interval(estimate, float(low), float(high), level, runs, "bootstrap-t")
 
     def _mean_sd(self, rows: Rows) -> tuple[float, float]:
-        """Return the score mean + sd, and its standard error by the influence of each run (the delta method)."""
+        """Return ``score``, mean + sd, and its standard error by the influence of each run (the delta method).
+
+        Thousands of resamples are scored, so that the mean and the deviations of both are computed once.
+        """
         of_cases = np.ascontiguousarray(rows[:, :, 0].T)
         means = of_cases.mean(axis=1, keepdims=True)
         apart = of_cases - means
