@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import BLOCKS_OF_A_SIZE, Group, missing, plan_of
 from vibroswarm.study.runner import TRIAL, Job, expected
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import Store
-from vibroswarm.study.work import Work, parts_of, results_of
+from vibroswarm.study.work import Work, WorkerDied, parts_of, results_of
 
 RANGES = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted).map(tuple), max_size=8)
 
@@ -131,6 +133,19 @@ def test_results_come_in_the_order_of_the_work_and_failures_as_texts():
         found = results_of(crew, _unless_odd, works, "of run", progress=told.append)
     assert found == ["of run 0", "ValueError: 1 is odd", "of run 2", "ValueError: 3 is odd", "of run 4"]
     assert told[-1] == 10
+
+
+def test_work_of_lost_workers_is_no_result():
+    """A search would save their runs as failed for ever, and find another winner."""
+    works = [Work(first=k, last=k + 2, seed=7, motion="") for k in (0, 1)]
+    words = "the workers are gone (WorkerDied: of run 1); finished work is saved"
+    with workers_for("threads", 3) as crew, pytest.raises(RunError, match=re.escape(words)):
+        results_of(crew, _lost_if_odd, works, "of run", progress=lambda done: None)
+
+
+def _lost_if_odd(work: Work, words: str) -> None:
+    if work.first % 2:
+        raise WorkerDied(f"{words} {work.first}")
 
 
 def _unless_odd(work: Work, words: str) -> str:

@@ -47,6 +47,7 @@ def test_the_errors_of_all_looks_sum_to_that_of_the_level(level: float) -> None:
 def test_times_are_known_relatively_and_shares_absolutely():
     assert Precision(0.1, "decision_time_s").reached(500.0, 450.0, 550.0)
     assert not Precision(0.1, "decision_time_s").reached(500.0, 449.0, 551.0)
+    assert Precision(0.1, "sent").reached(80.0, 72.0, 88.0), "of the messages, not a tenth of one"
     assert Precision(0.1, "robots_right").reached(0.5, 0.4, 0.6)
     assert not Precision(0.05, "robots_right").reached(0.5, 0.4, 0.6)
     assert not Precision(0.1, "robots_right").reached(0.5, 0.5, 0.5), (

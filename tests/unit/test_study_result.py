@@ -23,7 +23,7 @@ from vibroswarm.documents import study as study_documents
 from vibroswarm.plots import draw_outcomes
 from vibroswarm.show.document import Figure
 from vibroswarm.study.cell_comparison import comparisons
-from vibroswarm.study.equal_error import at_equal_error, pairs_at_equal_error, reached
+from vibroswarm.study.equal_error import at_equal_error, pairs_at_equal_error, reached, why_not_at_equal_error
 from vibroswarm.study.summary import outcome_of
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
@@ -194,6 +194,14 @@ def test_pictures_of_samples_are_of_the_cells_with_samples() -> None:
     assert belief.select(pl.col("q05", "q95").n_unique()).row(0) == (1, 1)
 
 
+def test_pictures_of_beliefs_have_only_what_holds_for_each_cell() -> None:
+    """Strategies without beliefs were drawn with the prior's, and all panels had the threshold of the first cell."""
+    varied = {"strategy__name": ["soft", "averaging"], "decision__credible_threshold": [0.8, 0.9]}
+    picture = Study.of(SHORT, 3, **varied).run().plot("belief")
+    assert picture.numbers["series"].str.contains("soft").all()
+    assert "dashed" not in picture.caption
+
+
 def test_a_study_that_has_no_runs_yet(tmp_path: Path) -> None:
     from vibroswarm.study.store import Store
 
@@ -251,7 +259,8 @@ def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_sou
     other = Study(SHORT, grid, 3, seed=3, motion="mujoco-planar").run()
     assert comparisons(other)
     assert pairs_at_equal_error(other, comparisons(other)) == {} == at_equal_error(other, comparisons(other))
-    assert pairs_at_equal_error(result, comparisons(result))
+    assert "motion of 'mujoco-planar'" in why_not_at_equal_error(other, comparisons(other), {})
+    assert "12 runs can be used" in why_not_at_equal_error(result, comparisons(result), {})
 
 
 def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,7 @@ from vibroswarm.motion.source import MotionState, Source, forget, register, sour
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.batch_table import ROWS
-from vibroswarm.study.cell_comparison import second_seed
+from vibroswarm.study.cell_comparison import SECOND, second_block, second_seed
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
@@ -588,6 +588,29 @@ def test_tables_of_comparisons_that_are_not_made_any_more_are_removed(copy: Path
     result = StudyResult.open(copy)
     write_outcome(outcome_of(result), tmp_path)
     assert (tmp_path / "comparisons.csv").is_file()
-    (tmp_path / "equal_error.parquet").touch()
+    for name in ("equal_error.parquet", "reported.csv", "references.csv"):
+        (tmp_path / name).touch()
+    write_outcome(outcome_of(result, compare=False), tmp_path, kept=("references",))
+    assert sorted(path.name for path in tmp_path.glob("*.csv")) == ["references.csv", "summary.csv"]
     write_outcome(outcome_of(result, compare=False), tmp_path)
     assert sorted(path.name for path in tmp_path.glob("*.*")) == ["summary.csv", "summary.parquet"]
+
+
+def test_a_study_with_too_few_runs_says_that_nothing_is_compared_at_equal_error(tmp_path: Path) -> None:
+    """A precision asks for 100 runs or more, of which some may have failed."""
+    store = Store.open_or_create(tmp_path / "a", replace(STUDY, runs=None, until=Precision(0.1)))
+    made_up(store, 0, 19)
+    made_up(store, 20, 100)
+    outcome = outcome_of(StudyResult.open(store.folder), equal_error=True)
+    assert "run 0, and 19 runs can be used" in study_document(outcome).warnings[-1]
+
+
+def test_a_damaged_batch_of_the_second_block_is_reported_and_recomputed(
+    copy: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    result = StudyResult.open(copy)
+    whole = second_block(result).runs()
+    shard = next((copy / SECOND / SHARDS).glob("*.parquet"))
+    shard.write_bytes(shard.read_bytes()[:-7])
+    assert second_block(result).runs().equals(whole)
+    assert f"damaged, will be recomputed: {shard.stem}.json: " in caplog.text

@@ -11,7 +11,7 @@ from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Compared, Comparisons, Drawn, Execution, Parts, Unsaved
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import words_of
-from vibroswarm.cli.studies import confirm_and_print, do_study, warn_of_equal_error
+from vibroswarm.cli.studies import confirm_and_print, do_study
 
 
 def evaluate(
@@ -100,7 +100,6 @@ def merge(
     # Shards that cannot be merged are refused now, since `--force` removes the folder.
     study = jobs_of_one_study(shards)[0].study
     pairs_of(study, comparison.reference)  # refuses an unknown reference before anything is written
-    warn_of_equal_error(study, comparison)
     claim(whole, lambda folder: Store.existing(folder, study, shards=False))
     store = merge_shards(out, shards)
     every_cell = tuple(cell.number for cell in store.study.cells)

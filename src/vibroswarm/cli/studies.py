@@ -13,7 +13,7 @@ from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.output import print_line, print_saved
 from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
-from vibroswarm.cli.terminal import printing, report, say
+from vibroswarm.cli.terminal import printing, report
 from vibroswarm.core.folders import REPORT
 
 if TYPE_CHECKING:
@@ -32,23 +32,11 @@ def do_study(study: Study, comparison: Comparisons, execution: Parts, output: Dr
     from vibroswarm.study.cell_comparison import pairs_of
 
     compared = bool(pairs_of(study, comparison.reference))  # refuses an unknown reference
-    warn_of_equal_error(study, comparison)
     page_cells = None if output.out is None or output.no_pictures else len(study.cells)
     again = compared and not comparison.no_confirm
     result = run_parts(study, execution, output, allow_failures=True, again=again, page_cells=page_cells)
     if result is not None:  # else only a shard or a batch was requested
         confirm_and_print(result, comparison, execution, output)
-
-
-def warn_of_equal_error(study: Study, comparison: Comparisons) -> None:
-    """Print a warning if ``--equal-error`` is given and nothing can be compared so."""
-    from vibroswarm.study.cell_comparison import pairs_of
-    from vibroswarm.study.equal_error import why_not_at_equal_error
-
-    if comparison.equal_error:
-        reason = why_not_at_equal_error(study, pairs_of(study, comparison.reference))
-        if reason is not None:
-            say(f"Warning: --equal-error: nothing is compared at equal error: {reason}")
 
 
 def confirm_and_print(
@@ -181,9 +169,6 @@ def print_plan(
     store = None if out is None else Store.existing(out, study)
     # Without saved results, an empty store takes their place, so that all runs are left to do. Its path is not used.
     store = Store(Path(), study) if store is None else store
-    for damage in store.damaged:
-        # a warning, so it is not printed by `report`, which --quiet silences
-        say(f"damaged, will be recomputed: {damage}")
     say_compiling()  # before `expected`, whose trial runs compile kernels
     if not printing.quiet:
         left = expected(store, plan)

@@ -328,7 +328,10 @@ def warnings_of(outcome: Outcome) -> list[str]:
     failed = [
         failed_words(one.cell, one.failed, one.summary.runs) for one in outcome.cells if one.failed.height
     ]
-    return [*floors, *failed, *_missing_runs(outcome), *_store_warnings(outcome), *_imprecise(outcome)]
+    unmatched = [outcome.unmatched] if outcome.unmatched else []
+    return [
+        *floors, *failed, *_missing_runs(outcome), *_store_warnings(outcome), *_imprecise(outcome), *unmatched,
+    ]  # fmt: skip
 
 
 def _floor_words(one: CellOutcome) -> str:

@@ -6,7 +6,7 @@ readings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -39,22 +39,18 @@ def pairs_at_equal_error(
     """Return the pairs of cells that can be compared at equal error, by the numbers of cell and reference.
 
     These are cells with different strategies. Strategies that steer are left out, since their motion changes with the
-    settings. There are no pairs if more than ``MATCHED_CELLS`` cells would have to be compared, or if the study's
-    source of motion is not one of ``ENGINES``, since a replay simulates the motion again with the source ``event``,
-    whatever the study's source is.
+    settings. There are no pairs if ``_why_none`` has a reason.
 
     Args:
         compared: result of ``comparisons``.
     """
-    if result.study.motion not in ENGINES:
-        return {}
-    pairs = _comparable((one.cell, one.reference) for one in compared)
-    cells = {cell.number for pair in pairs.values() for cell in pair}
-    return pairs if len(cells) <= MATCHED_CELLS else {}
+    pairs = _comparable(compared)
+    return {} if _why_none(result, pairs) else pairs
 
 
-def _comparable(pairs: Iterable[tuple[Cell, Cell]]) -> dict[tuple[int, int], tuple[Cell, Cell]]:
+def _comparable(compared: Sequence[Compared]) -> dict[tuple[int, int], tuple[Cell, Cell]]:
     """Return the pairs of different strategies that do not steer, by the numbers of their cells."""
+    pairs = ((one.cell, one.reference) for one in compared)
     return {
         (one.number, other.number): (one, other)
         for one, other in pairs
@@ -64,23 +60,36 @@ def _comparable(pairs: Iterable[tuple[Cell, Cell]]) -> dict[tuple[int, int], tup
     }
 
 
-def why_not_at_equal_error(study: Study, compared: Sequence[tuple[Cell, Cell, str]]) -> str | None:
-    """Return why nothing in a study is compared at equal error, whatever its runs say; None if something may be.
-
-    Args:
-        compared: as ``cell_comparison.pairs_of`` returns them.
-    """
-    pairs = _comparable((one, other) for one, other, _ in compared)
+def _why_none(result: StudyResult, pairs: Mapping[tuple[int, int], tuple[Cell, Cell]]) -> str:
+    """Return why none of some pairs can be compared at equal error; empty if they can."""
     if not pairs:
         return "no two strategies are compared whose motion can be shared"
-    if study.motion not in ENGINES:
-        return f"the motion of '{study.motion}' is not simulated again"
-    cells = {cell.number for pair in pairs.values() for cell in pair}
+    if result.study.motion not in ENGINES:  # settings are replayed on the motion of ``event``
+        return f"the motion of '{result.study.motion}' is not simulated again"
+    cells = {cell.number: cell for pair in pairs.values() for cell in pair}
     if len(cells) > MATCHED_CELLS:
         return f"{count(len(cells), 'cell')} are more than {MATCHED_CELLS}"
-    if study.runs is not None and study.runs < LEAST_RUNS:
-        return f"it takes {LEAST_RUNS} runs of each cell or more"
-    return None
+    runs = min(_runs(result, cell) for cell in cells.values())
+    if runs < LEAST_RUNS:
+        return f"it takes {LEAST_RUNS} successive runs of each cell, from run 0, and {count(runs, 'run')} can be used"
+    return ""
+
+
+def why_not_at_equal_error(
+    result: StudyResult, compared: Sequence[Compared], matched: Mapping[tuple[int, int], MatchedError]
+) -> str:
+    """Return what is not compared at equal error, and why, in a sentence; empty if all pairs of strategies are.
+
+    Args:
+        compared: result of ``comparisons``. matched: result of ``at_equal_error``.
+    """
+    pairs = _comparable(compared)
+    of_some = "with other settings, a scenario is refused, or a run has no right decision"
+    why = _why_none(result, pairs) or of_some
+    if not matched:
+        return f"nothing is compared at equal error: {why}."
+    missing = count(len(pairs) - len(matched), "pair")
+    return f"{missing} not compared at equal error: {why}." if len(matched) < len(pairs) else ""
 
 
 def at_equal_error(
@@ -88,8 +97,7 @@ def at_equal_error(
 ) -> dict[tuple[int, int], MatchedError]:
     """Compare pairs of cells with different strategies at equal error, by runs with other settings.
 
-    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run. The result is
-    empty if the cells have fewer than ``LEAST_RUNS`` runs in common.
+    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run.
 
     Args:
         compared: result of ``comparisons``. progress: called after cells were replayed, with the share of cells done.
@@ -97,9 +105,9 @@ def at_equal_error(
     """
     pairs = pairs_at_equal_error(result, compared)
     cells = {cell.number: cell for pair in pairs.values() for cell in pair}
-    runs = min((_runs(result, cell) for cell in cells.values()), default=0)
-    if runs < LEAST_RUNS:
+    if not pairs:
         return {}
+    runs = min(_runs(result, cell) for cell in cells.values())
     found = _reached(list(cells.values()), result.study.seed, runs, progress)
     return {
         (cell, reference): matched_error(found[cell], found[reference])

@@ -84,7 +84,8 @@ def outcome_after(
     with stages.share("at equal error") as replayed:
         outcome = outcome_of(result, second, reference, replayed, equal_error=equal_error)
     if folder is not None:
-        write_outcome(outcome, folder)
+        # The page in the folder may be of this outcome, with its references.
+        write_outcome(outcome, folder, kept=("references",))
     return outcome
 
 

@@ -34,7 +34,7 @@ from vibroswarm.core.child_python import MOST_WORKERS, safe_start
 from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
-from vibroswarm.study.work import GO_ON
+from vibroswarm.study.work import GO_ON, WorkerDied
 
 NAMES: Final = ("threads", "processes")
 """Executors that are given by a name."""
@@ -46,10 +46,6 @@ WITHOUT_WORKERS_S: Final = 30.0
 """A cluster that has had no worker for longer than this is an error."""
 ASK_EVERY_S: Final = 5.0
 """Interval at which the number of a cluster's workers is updated."""
-
-
-class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
-    """The process that ran a batch died: out of memory, killed, or crashed."""
 
 
 @dataclass

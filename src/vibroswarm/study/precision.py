@@ -32,7 +32,7 @@ FIGURES: Final = tuple(
     for figure in figures.FIGURES
     if figure.kind != "median" and figure.by_run not in figures.FOLLOWED
 )
-"""Figures for which a precision can be wanted: the half-width of a time is relative, that of any other absolute."""
+"""Figures for which a precision can be wanted."""
 RENAMED: Final = {
     "right": "robots_right",
     "wrong": "robots_wrong",
@@ -48,8 +48,8 @@ class Precision(NotebookView):
     """The wanted half-width of a figure's interval, and the most runs that may be made for it.
 
     Args:
-        half_width: between 0 and 1, as a float; relative to the figure for a time, absolute for a share (0.02 is two
-            percentage points).
+        half_width: between 0 and 1, as a float; relative to the figure for a time and a number of messages, absolute
+            for the others (0.02 of a share is two percentage points).
         figure: one of ``FIGURES``. max_runs: most runs of a cell. level: of all intervals together, between 0 and 1.
     Raises:
         InputError: one of them is wrong; the message says what would be right.
@@ -115,6 +115,6 @@ class Precision(NotebookView):
 
         Limits that are infinite or nan, as those of a figure with one value or none, are not narrow enough either.
         """
-        is_time = figures.BY_NAME[self.figure].unit == "s"
-        target = self.half_width * abs(estimate) if is_time else self.half_width
+        is_relative = figures.BY_NAME[self.figure].unit == "s" or self.figure == "sent"
+        target = self.half_width * abs(estimate) if is_relative else self.half_width
         return 0.0 < (high - low) / 2.0 <= target

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import is_cached
 from vibroswarm.core.numbers import count
-from vibroswarm.errors import CodeError, InputError, RunError, check_flags
+from vibroswarm.errors import CodeError, InputError, RunError, check_flags, warn_once
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
 from vibroswarm.study.executors import Workers, check_worker, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of
@@ -102,6 +102,8 @@ def run_study(
             field="--shard",
         )
     plan, store = plan_of(study), Store.existing(folder, study)
+    for damage in [] if store is None else store.damaged:
+        warn_once(f"damaged, will be recomputed: {damage}")
     if store is None or not _all_there(store, plan, job):
         if store is not None and not mixed:
             store.check_versions()

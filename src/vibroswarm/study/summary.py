@@ -7,7 +7,7 @@ simulation raised an error; its runs are not stored and are in no figure (``stor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,13 +28,17 @@ from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References
 from vibroswarm.study.cell_comparison import KEPT, Compared, compared_columns, comparison_table, comparisons
-from vibroswarm.study.equal_error import at_equal_error
+from vibroswarm.study.equal_error import at_equal_error, why_not_at_equal_error
 from vibroswarm.study.settled import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
 WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
 """Columns of the store about how the robots of a run sampled, see ``analysis.sampling``."""
+
+
+OF_SOME: Final = ("reported", "comparisons", "equal_error", "references")
+"""Tables that only some summaries have."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,8 @@ class Outcome(NotebookView):
     """The second block, if all its batches failed, so that none of its runs is stored; else None."""
     references: tuple[References, ...] = ()
     """How soon could have been decided from the same samples, of ``baselines.references_of``; empty: not computed."""
+    unmatched: str = ""
+    """What was requested and is not compared at equal error, and why; empty if nothing."""
 
     def __repr__(self) -> str:
         return f"Outcome({len(self.cells)} cells, {len(self.answers)} comparisons, of {self.result!r})"
@@ -198,15 +204,16 @@ def outcome_of(
             )
         )
     compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
-    answers = answers_of(compared, at_equal_error(result, compared, progress) if equal_error else {})
+    matched = at_equal_error(result, compared, progress) if equal_error else {}
     return Outcome(
         result=result,
         replicate=replicate,
         cells=tuple(cells),
         comparisons=compared,
         without_runs=without_runs,
-        answers=answers,
+        answers=answers_of(compared, matched),
         failed_replicate=failed_replicate,
+        unmatched=why_not_at_equal_error(result, compared, matched) if equal_error else "",
     )
 
 
@@ -254,17 +261,17 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     return columns
 
 
-def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write the tables of a summary as CSV and Parquet into a study's folder.
+def write_outcome(outcome: Outcome, folder: Path, kept: Container[str] = ()) -> None:
+    """Write the tables of a summary as CSV and Parquet into a study's folder; remove earlier ones that it has not.
 
-    Earlier files of ``comparisons`` and ``equal_error`` that are not of this summary are removed.
-
+    Args:
+        kept: tables that are not removed.
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
     """
     for name, table in outcome.tables.items():
         write_table(table, folder / name)
-    others = {"comparisons", "equal_error"} - set(outcome.tables)
+    others = [name for name in OF_SOME if name not in outcome.tables and name not in kept]
     for path in (folder / f"{name}.{suffix}" for name in others for suffix in ("csv", "parquet")):
         try:
             path.unlink(missing_ok=True)

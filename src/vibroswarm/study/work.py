@@ -50,6 +50,14 @@ class Work:
         return range(self.first, self.last)
 
 
+class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
+    """The process that ran a batch died: out of memory, killed, or crashed."""
+
+
+LOST: Final = (WorkerDied, MemoryError, OSError)
+"""Errors of the machine, which say nothing of the runs of a task."""
+
+
 def parts_of(work: W, count: int) -> list[W]:
     """Divide work into ``count`` parts of nearly equal size; into one per run if it has fewer runs than that."""
     count = min(count, work.runs)
@@ -156,13 +164,15 @@ def results_of(
 ) -> list[R | str]:
     """Call a function with each piece of work, in the workers; return its results in the order of ``works``.
 
-    The text of the exception of a piece that failed for good is its result.
+    The text of the exception of a piece that failed for good is its result, but not if its worker was lost: other
+    workers would have given another.
 
     Args:
         function: importable by its name; it takes a piece, and then ``arguments``.
         progress: called with the number of finished runs.
     Raises:
-        CodeError: user code failed. InputError, RunError: see ``do_all``.
+        CodeError: user code failed. InputError: see ``do_all``. RunError: see ``do_all``; or the workers of a piece
+            died again and again, or had no memory.
     """
     results: dict[int, R | str] = {}
     finished = 0
@@ -175,6 +185,9 @@ def results_of(
     def failed(k: int, error: BaseException) -> list[int]:
         if isinstance(error, CodeError):
             raise error
+        is_of_dask = type(error).__module__.startswith("distributed")  # its own are of lost workers
+        if is_of_dask or isinstance(error, LOST):
+            raise workers_gone(error) from error
         take(f"{type(error).__name__}: {error}", k)
         return []
 
