@@ -265,6 +265,20 @@ def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
     assert "NaN" not in page.locator("body").inner_text()
 
 
+def test_robots_that_exchange_opinions_have_decided_when_they_agree(
+    open_page: Open, record: RunRecord, tmp_path: Path
+) -> None:
+    """Their opinions, which may change, were counted as decisions from the first sample on."""
+    opinions = record.inference.with_columns(decision=pl.lit(0, dtype=pl.Int8))
+    agreed = record.robots.with_columns(decision=pl.lit(0, dtype=pl.Int8), decision_time_s=pl.lit(101.0))
+    file = tmp_path / "opinions.html"
+    write_page(replace(record, decides="opinion", inference=opinions, robots=agreed), file)
+    page = open_page(file=file)
+    for time_s, decided in ((100.0, "0"), (101.0, "5")):
+        page.evaluate("(t) => vibroswarm.seek(t)", time_s)
+        assert page.text_content("#now-decided") == decided
+
+
 def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open, tmp_path: Path) -> None:
     """The band's numbers against those of the tables, at three times."""
     crowd = make_record(robots=20, t_end_s=60.0, seed=4, min_observations=60)

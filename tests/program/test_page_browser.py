@@ -13,6 +13,7 @@ import pytest
 
 from helpers.browser import Tabs
 from helpers.page_browser import BLANK, Open, latest, settled, state, wait_until
+from helpers.page_records import make_record
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import write_page
@@ -155,6 +156,29 @@ def test_lost_messages_are_drawn_and_counted(open_page: Open, record: RunRecord,
         assert page.locator("#roster [data-column=lost]").all_text_contents() == list(map(str, counts))
     assert page.locator("#legend").text_content().endswith("heardlost")
     assert open_page().locator("#roster [data-column=lost]").count() == 0
+
+
+def test_without_javascript_only_the_reason_is_shown(tabs: Tabs, page_path: Path) -> None:
+    page = tabs.open(page_path.as_uri(), viewport={"width": 1200, "height": 900}, java_script_enabled=False)
+    assert "which is turned off" in page.locator("body").inner_text()
+    assert page.locator(".page, .player").locator("visible=true").count() == 0
+
+
+def test_in_print_it_has_no_controls(open_page: Open) -> None:
+    page = open_page("#t=100")
+    page.emulate_media(media="print")
+    assert page.locator(".actions, .layers, .player").locator("visible=true").count() == 0
+
+
+def test_the_table_of_ten_robots_fits_a_screen_of_1200_px(open_page: Open, tmp_path: Path) -> None:
+    file = tmp_path / "ten.html"
+    write_page(make_record(robots=10), file)
+    page = open_page("#t=100", file=file, viewport={"width": 1200, "height": 900})
+    fill = "([name, words]) => document.querySelectorAll(`[data-column=${name}]`).forEach((e) => e.textContent = words)"
+    widest = {"state": "sampling", "decision_time_s": "1082.34 s", "alpha": "1078", "beta": "1084"}
+    for column in (widest | {"sent": "216", "messages_received": "1909"}).items():
+        page.evaluate(fill, column)
+    assert page.evaluate("(e => e.scrollWidth - e.clientWidth)(document.querySelector('.roster-frame'))") == 0
 
 
 def test_the_table_is_the_table(open_page: Open, record: RunRecord) -> None:

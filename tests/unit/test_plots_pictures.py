@@ -587,8 +587,9 @@ def test_incidence_rises_and_falls_as_told():
         points = np.column_stack([[*frame["time_s"], 1300.0], [*heights, heights[-1]]])
         assert holds(lines_of(picture), points)
     rest = 1 - frame["right"][-1] - frame["wrong"][-1]
-    assert f"Undecided at 1300 s: soft {100 * rest:.0f} %" in picture.caption
+    assert f"Without consensus at 1300 s: soft {100 * rest:.0f} %" in picture.caption  # split or incomplete
     assert "500 runs" in picture.caption
+    assert "Undecided at" in draw_incidence(frame, unit="robot").caption
 
 
 def test_long_curves_are_thinned_and_say_so():

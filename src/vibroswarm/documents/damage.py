@@ -62,17 +62,20 @@ def _next(found: Assessment) -> str:
 
 
 def _pod_words(found: Assessment) -> str:
-    pod = found.pods[max(found.pods)]
+    contrast, pod = max(found.pods.items())
     if not math.isfinite(pod.a90_m):
-        return "No size of damage would have been found in 90 % of inspections."
+        return (
+            f"No size of damage of contrast {stated(contrast)} would have been found in 90 % of inspections."
+        )
     limit = (
         f"at most {in_cm(pod.a90_95_m)} cm with 95 % confidence"
         if math.isfinite(pod.a90_95_m)
         else "its upper limit does not exist"
     )
     return (
-        f"Damage of {in_cm(pod.a90_m)} cm would have been found in 90 % of inspections (a90; {limit}), at "
-        f"{percent(pod.false_calls)} false calls. Model-assisted: drawn from the law of the sensor."
+        f"Damage of {in_cm(pod.a90_m)} cm and contrast {stated(contrast)} would have been found in 90 % of "
+        f"inspections (a90; {limit}), at {percent(pod.false_calls)} false calls. Model-assisted: drawn from the law of "
+        "the sensor."
     )
 
 

@@ -70,13 +70,16 @@ def time_figures(outcome: Outcome) -> Iterator[Figure]:
     """Yield decisions, consensus and beliefs over time.
 
     Boxes are left out if there are more than half of ``MOST_ROWS`` cells; beliefs if there are more than
-    ``MOST_SERIES`` cells, or no robot sampled.
+    ``MOST_SERIES`` cells, or no robot sampled, and those of cells whose robots sampled and hold no belief.
     """
     yield from _incidences(outcome)
     if len(outcome.cells) <= MOST_ROWS // 2:
         yield _figure("consensus-box", "Consensus time, run by run", _spread, outcome)
-    if len(outcome.cells) <= MOST_SERIES and any(_sampled(outcome, one) for one in outcome.cells):
-        yield _figure("belief", "Belief over time", _belief, outcome)
+    if len(outcome.cells) <= MOST_SERIES:
+        believes = {one.cell.number: _sampled(outcome, one, "belief_below") for one in outcome.cells}
+        if any(believes.values()):
+            cells = [one for one in outcome.cells if believes[one.cell.number] or not _sampled(outcome, one)]
+            yield _figure("belief", "Belief over time", _belief, outcome, cells)
 
 
 def _figure(name: str, title: str, draw: Callable[..., Picture], *data: Any, **options: Any) -> Figure:
@@ -321,9 +324,14 @@ def _detection(outcome: Outcome, table: pl.DataFrame, style: str) -> Picture:
         low=1 - pl.col("swarm_right_high"),
         high=1 - pl.col("swarm_right_low"),
     )
-    # The figure has one boundary: that of the first cell.
-    boundary = outcome.cells[0].cell.scenario.decision.decision_boundary
+    boundary = _shared(outcome.cells, "decision.decision_boundary")
     return draw_detection(frame, boundary=boundary, style=style)
+
+
+def _shared(cells: Sequence[CellOutcome], field: str) -> float | None:
+    """Return the value of a field that all cells have; None if it differs."""
+    values = {one.cell.scenario[field] for one in cells}
+    return values.pop() if len(values) == 1 else None
 
 
 def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
@@ -345,12 +353,12 @@ def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
             yield _figure(name, f"Where robots sampled{words}", _density, outcome, one)
 
 
-def _sampled(outcome: Outcome, one: CellOutcome) -> bool:
-    """Return whether any robot sampled in those runs of a cell that are simulated again for a figure."""
+def _sampled(outcome: Outcome, one: CellOutcome, known: str = "samples") -> bool:
+    """Return whether any robot sampled in those runs of a cell that are simulated again, and has what is ``known``."""
     number = one.cell.number
-    of_robots = outcome.result.unsorted_rows(number).select("run", "samples")
+    of_robots = outcome.result.unsorted_rows(number).filter(pl.col("samples") > 0).select("run", known)
     chosen = of_robots.filter(pl.col("run").is_in(outcome.result.runs_again(number, SIMULATED_RUNS)))
-    return bool(chosen.select((pl.col("samples") > 0).any()).collect().item())
+    return bool(chosen.select(pl.col(known).is_not_null().any()).collect().item())
 
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
@@ -372,27 +380,27 @@ def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
     )
 
 
-def _belief(outcome: Outcome, style: str) -> Picture:
+def _belief(outcome: Outcome, cells: Sequence[CellOutcome], style: str) -> Picture:
     """Draw quantiles of the robots' belief over time for each cell, from runs that are simulated again."""
-    frames, runs = [], SIMULATED_RUNS
-    for cell_outcome in outcome.cells:
+    frames, runs = [], []
+    for cell_outcome in cells:
         number = cell_outcome.cell.number
-        # ``min`` states the limit only: ``runs_again`` returns no more runs than the cell has.
-        chosen = outcome.result.runs_again(number, min(cell_outcome.summary.runs, SIMULATED_RUNS))
+        chosen = outcome.result.runs_again(number, SIMULATED_RUNS)
         result = outcome.result.result(number, chosen)
-        runs = len(chosen)  # the caption gives one number for all cells: that of the last one
+        runs.append(len(chosen))
         robots = len(chosen) * cell_outcome.cell.scenario.swarm.robots
         # The tables ``inference`` and ``motion`` have the same samples in the same order.
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)
         )
-    decision = outcome.cells[0].cell.scenario.decision  # boundary and threshold are those of the first cell
+    boundary = _shared(cells, "decision.decision_boundary")
+    threshold = _shared(cells, "decision.credible_threshold")
     return draw_belief(
         pl.concat(frames),
-        label=f"belief in a fill below {stated(decision.decision_boundary)}",
-        thresholds=(decision.credible_threshold, 1 - decision.credible_threshold),
+        label=f"belief in a fill below {'the boundary' if boundary is None else stated(boundary)}",
+        thresholds=() if threshold is None else (threshold, 1 - threshold),
         boundary=None,  # the boundary is a fill ratio, not a belief
-        runs=runs,
+        runs=min(runs),
         unit="robot",
         style=style,
     )
@@ -401,8 +409,8 @@ def _belief(outcome: Outcome, style: str) -> Picture:
 def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.DataFrame:
     """Tabulate the 5, 25, 50, 75 and 95 % quantiles of the belief over all robots and runs, at ``TIMES`` times.
 
-    A robot's belief at a time is the belief after its latest sample up to that time. Before its first sample, and if
-    the strategy gives no belief, it is the belief of the prior.
+    A robot's belief at a time is the belief after its latest sample up to that time, before its first sample that of
+    the prior.
 
     Args:
         samples: run, robot, time_s and belief_below of each sample, in any order. robots: number of robots in all runs.

@@ -43,6 +43,7 @@ def tradeoff_document(found: Tradeoff) -> Document:
             Section("All settings", (_all_table(curve),), folded=bool(on_front)),
         ),
         made_by={"scenario": scenario.hash, "seed": str(found.seed), **versions()},
+        data={"tradeoff": curve},
     )
 
 
@@ -107,11 +108,11 @@ def _front_table(front: pl.DataFrame) -> Table:
 
 
 def _all_table(curve: pl.DataFrame) -> Table:
-    """Tabulate all settings with all figures."""
-    first = [*_SETTINGS, *with_limits_of(_FIRST, curve.columns)]
-    rows = curve.select(*first, pl.exclude(first))
+    """Tabulate all settings with the first figures; all of them are too wide for a screen or a sheet."""
+    rows = curve.select(*_SETTINGS, *with_limits_of(_FIRST, curve.columns), "pareto")
     columns = {**_SETTINGS, **figure_columns(), "pareto": Column("on the front")}
-    return Table(rows, columns, caption=_CAPTION, name="tradeoff", names=2)
+    caption = f"{_CAPTION} `tradeoff.csv` has all figures."
+    return Table(rows, columns, caption=caption, name="tradeoff", names=2)
 
 
 _SETTINGS: Final = {

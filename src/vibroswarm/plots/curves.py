@@ -96,12 +96,13 @@ def draw_incidence(
     if not label_ends(figure, axes, sizes, named, looks, [part["right"][-1] for part in parts][: len(named)]):
         legend_below(figure, sizes, [series_handle(sizes, one) for one in looks[: len(named)]], named)
     is_thinned = sum(part.height for part in parts) < frame.height
+    rest = "Undecided" if unit == "robot" else "Without consensus"  # a split run is not undecided
     caption = (
         f"Share of {unit}s that had decided rightly (upwards) and wrongly (downwards) by each time"
         + (f", {of_runs([runs], unit)}" if runs else "")
         + (" each" if runs and len(series) > 1 else "")
         + (f"; bands: {interval}" if frame["right_low"].is_not_null().any() else "")
-        + f". Undecided at {number(end, 6)} s: {_undecided(series, parts)}."
+        + f". {rest} at {number(end, 6)} s: {_undecided(series, parts)}."
         + (f" Drawn at {STEPS_UP_TO} of the times." if is_thinned else "")
     )
     numbers = pl.concat(parts).select(

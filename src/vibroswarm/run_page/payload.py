@@ -192,6 +192,8 @@ class RunRecord:
     """The robots' estimates; None if the task asks for a decision."""
     asked_anew: bool = False
     """Whether what is right depends on each robot's own last answer."""
+    decides: str = "once"
+    """Whether robots decide once, or hold an "opinion" that may change (``strategies.base.Strategy.decides``)."""
     opinions: bool = False
     """Whether robots count conclusions of others as readings (``analysis.verdict.holds_opinions``)."""
     kinds: int = 2
@@ -433,6 +435,7 @@ def _rule(record: RunRecord) -> dict[str, Any]:
         "by_belief": record.decides_by_belief,
         "answers": None if record.answers is None else list(record.answers),
         "asked_anew": record.asked_anew,
+        "decides": record.decides,
         "opinions": record.opinions,
     }
 

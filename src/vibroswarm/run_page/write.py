@@ -209,9 +209,11 @@ def _rules_of(scenario: Scenario, floor_at_end: Floor) -> dict[str, Any]:
     decision = scenario.decision
     boundary, tested = decision.decision_boundary, readings_boundary(scenario)
     size_m = (scenario.arena.width_m, scenario.arena.height_m)
-    read = fields_read(strategy_of(scenario.strategy.name))
+    strategy = strategy_of(scenario.strategy.name)
+    read = fields_read(strategy)
     return {
         "strategy": strategy_name(scenario.strategy.name),
+        "decides": strategy.decides,
         "opinions": holds_opinions(scenario),
         "min_observations": decision.min_observations,
         "gate": decision.gate,

@@ -41,7 +41,7 @@ function strokeBelief(context, robot, box, weight, coloured) {
   context.lineJoin = "round";
   context.strokeStyle = colours.ink;
   context.beginPath();
-  let y = box.y(run.rule.prior_belief);
+  let y = box.y(PRIOR.belief);
   context.moveTo(box.left, y);
   for (let row = robot.first; row < robot.end; row++) {
     const x = box.x(s.time_s[row]);

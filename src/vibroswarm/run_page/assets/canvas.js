@@ -78,5 +78,3 @@ function wavePattern(context, colour, length, gap, weight) {
   pattern.setTransform(new DOMMatrix([length / canvas.width, 0, 0, gap / canvas.height, 0, 0]));
   return pattern;
 }
-
-const clampedRatio = (value, low, high) => Math.min(Math.max((value - low) / (high - low), 0), 1);

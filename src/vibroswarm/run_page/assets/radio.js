@@ -1,6 +1,6 @@
 // Who hears whom: a line for each message to each robot, and how many were lost; absent where all hear all.
 
-const RECEIVED = 0, LOST = 1; // analysis/message_log.py has all states
+const LOST = 1; // analysis/message_log.py has all states
 const radio = run.radio;
 
 // Times at which messages to each robot were sent that it never hears.

@@ -99,8 +99,9 @@ function stopShare(robot, t) {
   return t < begin ? 0 : (t - begin) / (end - begin);
 }
 
-function decidedCount(t) {
-  return robots.reduce((count, robot) => count + (mindAt(robot, t).decision >= 0 ? 1 : 0), 0);
+// Opinions may change: who exchanges them has decided from when on all agree.
+function hasDecided(robot, t) {
+  return run.rule.decides === "opinion" ? (robot.final.decision_time_s ?? Infinity) <= t : mindAt(robot, t).decision >= 0;
 }
 
 // Changes of each tile that changes, [time in s, kind] in the order of time.

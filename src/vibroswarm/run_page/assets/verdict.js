@@ -111,14 +111,13 @@ function buildVerdict() {
 
 function drawVerdict(t) {
   say(byId("now-time"), bothTimes(t));
-  let count = 0;
   robots.forEach((robot, i) => {
     const { decision } = mindAt(robot, t), pip = byId("pips").children[i];
-    count += decision >= 0 ? 1 : 0;
     if (pip.dataset.decision === String(decision)) return;
     pip.dataset.decision = decision;
     pip.setAttribute("aria-label", `Robot ${robot.name}: ${DECISION_WORDS[decision]}`);
   });
+  const count = robots.filter((robot) => hasDecided(robot, t)).length;
   if (byId("now-decided").textContent === String(count)) return;
   say(byId("now-decided"), String(count));
   say(byId("announce"), `${count} of ${robots.length} robots have decided.`);
