@@ -264,6 +264,10 @@ BAD = {
         AT_ONCE,
         "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick ",
     ),
+    "network: in the past": (
+        NETWORK.replace("tick + 1 + n.count % 40", "-5"),
+        "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick -5 ",
+    ),
     "network: numbers beyond 64 bits": (
         NETWORK.replace("n.count % 40", "(sender + 2**40) * 2**40 % 97"),
         "FAIL  compiled as in plain Python: five robots, none: compiled and plain Python results differ: ",

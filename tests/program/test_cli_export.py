@@ -412,6 +412,45 @@ int main(void)
 """
 
 
+FAILING_SENSORS = """
+#include <stdio.h>
+#include "vibroswarm.h"
+#include "vibroswarm_parameters.h"
+void vs_poll(void) {}
+static vs_Robot robot;
+int main(void)
+{
+    const vs_real vast = (vs_real)(sizeof(vs_real) == 4 ? 3e18 : 3e153); /* the sum of squares is infinite */
+    char line[VS_LOG_BYTES];
+    vs_start(&robot, 1, 0, 0);
+    for (int k = 0; k < 20000; k++) {
+        const vs_real turned_deg = (vs_right_percent(&robot) - vs_left_percent(&robot)) / 60;
+        vs_accelerate(&robot, k % 2 ? vast : 0, 0, 0);
+        if (vs_step(&robot, k % 10 == 5 ? VS_NAN : k % 10 == 6 ? VS_INFINITY : turned_deg, 1000)) {
+            vs_sample(&robot, vs_observed(&robot));
+            vs_work(&robot);
+            vs_log_line(&robot, line);
+        }
+        vs_work(&robot);
+    }
+    printf("%ld %s", (long)robot.walk.legs, line);
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", [1, 2])
+def test_readings_that_are_not_finite_end_no_walk_and_are_not_logged(precision: int, tmp_path: Path) -> None:
+    sources = written(scenario_for("soft"), tmp_path)
+    (tmp_path / "failing.c").write_text(FAILING_SENSORS)
+    run_with(sources, tmp_path / "failing.c", QUICKLY, f"-DVS_PRECISION={precision}")
+    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
+    legs, line = done.stdout.split(" ")
+    assert int(legs) > 10  # a turn that never ends has no next leg
+    assert line.split(",")[4] == ""  # the energy
+
+
 @needs_gcc
 @pytest.mark.parametrize("precision", [1, 2])
 def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path) -> None:

@@ -50,6 +50,7 @@ def test_a_recording_is_a_folder_like_any_result(kept):
     assert "session-2.csv" in page
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_what_is_told_of_an_import(tmp_path, capsys):
     log = str(SHIPPED / "session-1.csv")
     arguments = ["lab", "import", log, *FLOOR, "--out", str(tmp_path / "a")]
@@ -65,6 +66,7 @@ def test_what_is_told_of_an_import(tmp_path, capsys):
     assert "The floor fits" in said
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_csv_of_ones_own(tmp_path, capsys):
     arguments = [str(SHIPPED / "camera.csv"), "--columns", str(SHIPPED / "columns.toml"), *FLOOR]
     assert main(["lab", "import", *arguments, "--out", str(tmp_path / "mine")]) == 0
@@ -73,6 +75,7 @@ def test_a_csv_of_ones_own(tmp_path, capsys):
     assert "beliefs replayed, not logged" in (tmp_path / "mine" / "run.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_log_of_messages_without_posteriors_is_read_again(tmp_path, capsys):
     head, *rows = (SHIPPED / "camera.csv").read_text().splitlines()
     log, columns = tmp_path / "log.csv", tmp_path / "columns.toml"
@@ -104,6 +107,7 @@ def test_replay(kept, capsys):
     ]
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_log_without_decisions_is_replayed(kept, tmp_path, capsys):
     """A CSV with bits sent and messages received, but no decisions: what was logged is shown as unknown."""
     log = read_log(SHIPPED / "session-1.csv")
@@ -158,12 +162,14 @@ def imported_with(tmp_path, energy):
     return tmp_path / "mine"
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_threshold_of_small_energies_keeps_its_digits(tmp_path, capsys):
     mine, out = imported_with(tmp_path, pl.col("energy") * 1e-6), tmp_path / "threshold.toml"
     assert main(["lab", "threshold", str(mine), "--out", str(out)]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert re.search(r"Use theta_E = 0\.00000\d{4} \[", said)
     assert "at the 1.330 of the scenario 0.0 % and 100.0 %" in said  # not "in use": nobody said so
+    assert "0.0 % No: vibrating tiles do not read as vibrating more often than still ones." in said
     assert 1e-7 < Scenario.read(out).sensor.rms_threshold < 1e-5
     assert main(["lab", "threshold", str(mine), "--law", str(tmp_path / "law.toml")]) == 0
     sensor = Scenario.read(tmp_path / "law.toml").sensor
@@ -171,11 +177,15 @@ def test_a_threshold_of_small_energies_keeps_its_digits(tmp_path, capsys):
     assert 1e-6 < mean < 4e-6
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_energies_that_tell_nothing_are_warned_of(tmp_path, capsys):
     mine = imported_with(tmp_path, pl.lit(1.0))
     capsys.readouterr()
     assert main(["lab", "threshold", str(mine)]) == 0
-    assert "energies do not tell them apart" in " ".join(capsys.readouterr().out.split())
+    said = " ".join(capsys.readouterr().out.split())
+    assert "energies do not tell them apart" in said
+    assert "No: vibrating tiles do not read" in said
+    assert "it can be decided" not in said
 
 
 @pytest.mark.parametrize(
@@ -202,6 +212,7 @@ def test_a_threshold_reaches_a_scenario(kept, tmp_path, capsys, options, rule):
     assert Scenario.read(out).hash == based.hash
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_export_and_import_again(kept, tmp_path, capsys):
     assert main(["run", "--set", "run.t_end_s=30", *FLOOR, "--out", str(tmp_path / "made")]) == 0
     for name, suffix in (("rugbot", ".csv"), ("webots", ".txt")):
@@ -445,6 +456,7 @@ def test_sessions_are_judged_by_the_threshold_of_the_others(kept, tmp_path, caps
     assert "judges itself" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_places_are_replayed_with_the_law_of_a_file(kept, tmp_path, capsys):
     law = tmp_path / "law.toml"
     law.write_text(preset("calibrated").with_values({"law.sessions": ("0123456789abcdef",)}).to_toml())
@@ -459,6 +471,7 @@ def test_places_are_replayed_with_the_law_of_a_file(kept, tmp_path, capsys):
     assert main(["lab", "replay", str(kept), "--laws", str(tmp_path / "none.toml")]) == 2
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_log_that_is_given_twice_is_warned_of(tmp_path, capsys):
     log = str(SHIPPED / "session-1.csv")
     copy = tmp_path / "copy.csv"

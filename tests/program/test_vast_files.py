@@ -87,6 +87,13 @@ def test_a_table_of_very_many_columns(tmp_path, capsys):
     assert "has more than 10,000 columns" in capsys.readouterr().err
 
 
+def test_a_table_in_utf_16_is_not_shown_as_zeros(tmp_path, capsys):
+    path = tmp_path / "spreadsheet.csv"
+    path.write_text("robot,time_s\n1,2\n", encoding="utf-16")
+    assert main(["show", str(path)]) == 2
+    assert "is binary or UTF-16; give a CSV in UTF-8" in capsys.readouterr().err
+
+
 def test_a_row_of_very_many_tiles(tmp_path, capsys):
     row = "01" * 5_000_000
     (tmp_path / "row.toml").write_text(f'[floor]\ntiles = ["{row}"]\n')

@@ -11,11 +11,12 @@ from vibroswarm.errors import CodeError, InputError, RunError
 
 
 @contextmanager
-def errors_in(code: str) -> Iterator[None]:
+def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
     """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line.
 
     Args:
-        code: a reference to code, or empty for code of this package, whose errors pass unchanged.
+        code: ``FILE.py:NAME``, or empty for code of this package, whose errors pass unchanged.
+        otherwise: the place that is named if no line of the file was being run; empty: the file.
     Raises:
         CodeError: the file raised an error.
     """
@@ -27,8 +28,7 @@ def errors_in(code: str) -> Iterator[None]:
         if not code:
             raise
         file = code.partition(":")[0]
-        lines = [
-            line for line in traceback.extract_tb(error.__traceback__) if Path(line.filename).name == file
-        ]
-        place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file
+        frames, name = traceback.extract_tb(error.__traceback__), Path(file).name
+        lines = [line for line in frames if Path(line.filename).name == name]
+        place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else otherwise or file
         raise CodeError(f"{place}: {type(error).__name__}: {error}") from None

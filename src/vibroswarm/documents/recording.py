@@ -298,7 +298,7 @@ def threshold_document(found: Recommendation) -> Document:
             f"Use theta_E = {_value(chosen)} ({chosen.rule}): {still} of the samples on still tiles read as vibrating, "
             f"{vibrating} of those on vibrating tiles as still; at the {number(in_use.value, in_use.decimals)} "
             f"{in_use.rule} {still_in_use} and {vibrating_in_use}.",
-            chosen.decidable.says,
+            _can_be_decided(chosen),
             *_why_in_use_decides(chosen, in_use),
         ),
         warnings=(
@@ -388,6 +388,15 @@ def _value(found: Threshold) -> str:
     return with_limits(Estimate(found.value, found.low, found.high), decimals=found.decimals)
 
 
+def _can_be_decided(one: Threshold) -> str:
+    """Return whether the floor can be decided; a share of ones that is the same on any floor decides nothing."""
+    return (
+        one.decidable.says
+        if one.tells_kinds_apart
+        else "No: vibrating tiles do not read as vibrating more often than still ones."
+    )
+
+
 def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
     """Return a row for each rule: the threshold, its error rates, and whether the floor can be decided with it."""
     rows = []
@@ -400,7 +409,7 @@ def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
                 "still": _both(one.all_samples.false_positive, one.inner_samples.false_positive),
                 "vibrating": _both(one.all_samples.false_negative, one.inner_samples.false_negative),
                 "ones": with_limits(estimate_of(share), "%"),
-                "says": one.decidable.says,
+                "says": _can_be_decided(one),
             }
         )
     columns = {

@@ -146,15 +146,15 @@ def _frame(path: Path) -> pl.DataFrame:
         return read_frame(path, path.stem)
     data = read_bytes(path, MOST_CSV, "a table")
     head = data.partition(b"\n")[0]
+    if b"\0" in head:
+        raise InputError("is binary or UTF-16; give a CSV in UTF-8", field=str(path))
     if head.count(b",") >= MOST_COLUMNS:
         raise InputError(f"has more than {MOST_COLUMNS:,} columns; that is not a table", field=str(path))
     try:
         return pl.read_csv(io.BytesIO(data))
-    except (pl.exceptions.PolarsError, OSError) as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         first_line = next(iter(str(error).splitlines()), type(error).__name__)
         raise InputError(f"cannot be read: {first_line}", field=str(path)) from None
-    except pl.exceptions.PanicException as error:  # a BaseException, so it is not caught above
-        raise InputError(f"cannot be read: {str(error)[:80]}", field=str(path)) from None
 
 
 class Shown(NamedTuple):

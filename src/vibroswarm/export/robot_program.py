@@ -241,9 +241,11 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     tick at which it is not.
 
     Args:
-        gyro_deg: angle turned since the last step, anticlockwise positive. nearest_mm: the shortest ray; used only if
-            ``looks_now(r, gyro_deg)`` was true before the step.
+        gyro_deg: angle turned since the last step, anticlockwise positive; not finite: no reading, counted as 0.
+        nearest_mm: the shortest ray; used only if ``looks_now(r, gyro_deg)`` was true before the step.
     """
+    if not abs(gyro_deg) < math.inf:  # false for NaN too, which would stay in the angle still to turn
+        gyro_deg = 0.0
     r.stands = is_busy(r)
     if r.stands:
         missed(r, 1)

@@ -7,7 +7,6 @@ wrote is wrapped (``checked``, ``checked_batch``), so that errors in its tables 
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,7 +17,8 @@ import polars as pl
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
-from vibroswarm.errors import CodeError, InputError, RunError
+from vibroswarm.core.user_code import errors_in
+from vibroswarm.errors import CodeError, InputError
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 
@@ -252,15 +252,8 @@ def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: 
         CodeError: the function raised an error; the last line of the user's file that was being run is named.
         InputError, RunError: those that the function raised, unchanged.
     """
-    try:
+    with errors_in(f"{_file_of(init)}:init"):
         return function(*arguments, **named)
-    except (InputError, RunError):  # our own errors are clear already
-        raise
-    except (Exception, SystemExit) as error:
-        file = _file_of(init)
-        lines = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-        place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file
-        raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
 
 
 def _file_of(init: Callable[..., Any]) -> str:

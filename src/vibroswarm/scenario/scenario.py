@@ -52,8 +52,8 @@ class Scenario(Sections, NotebookView):
     """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
 
     Raises (through ``read``, ``from_toml``, ``from_values``, ``from_base`` and ``with_values``):
-        InputError: naming the field, its value and what would be right. The class itself, called with sections, raises
-            Pydantic's ``ValidationError`` instead.
+        InputError: naming the field, its value and what would be right. The class itself, called with sections, and
+            Pydantic's own ways in, such as ``model_validate``, raise Pydantic's ``ValidationError`` instead.
     """
 
     @model_validator(mode="after")

@@ -24,7 +24,6 @@ A task may be asked anew after each answer of a robot (``asked_anew``). What is 
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -33,6 +32,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from vibroswarm.core.registry import Registry
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.strategies.base import Plugin
@@ -159,24 +159,14 @@ class Task(Plugin):
         return float(found)
 
     def _called(self, function: Callable[..., Any], floor: Floor, asked: Asked, params: BaseModel) -> Any:
-        try:
+        with errors_in(self.code, otherwise=self._place(function)):
             return function(floor, asked, params)
-        except (Exception, SystemExit) as error:  # a user's function may raise anything
-            if not self.code:  # not from a user's file: the whole traceback is more useful than one line
-                raise
-            raise CodeError(f"{self._place(function, error)}: {type(error).__name__}: {error}") from None
 
-    def _place(self, function: Callable[..., Any], error: BaseException | None = None) -> str:
-        """Return where a function is, for a message: file, line and name; or the task, if it is no plain function.
-
-        The line is the last one of the function's file that was run before the error; or else the function's first.
-        """
-        code = getattr(function, "__code__", None)
-        if code is None:  # an object that can be called
+    def _place(self, function: Callable[..., Any]) -> str:
+        """Return where a function is, for a message: file, line and name; or the task, if it is no plain function."""
+        if not hasattr(function, "__code__"):  # an object that can be called
             return f"task '{self.name}', {'truth' if function is self.truth else 'scored'}"
-        frames = traceback.extract_tb(error.__traceback__) if error else []
-        lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
-        return where(function, lines[-1] if lines else None)
+        return where(function)
 
 
 _registry = Registry[Task]("task", "task.name")

@@ -138,7 +138,8 @@ def _none_too_early(name: str) -> Iterator[str]:
         for message in plain.too_early:
             yield (
                 f"{words}: send lets robot {message.receiver} read at tick {message.arrival_tick} "
-                f"what robot {message.sender} sends at tick {message.tick}; {message.tick + 1} is the earliest"
+                f"what robot {message.sender} sends at tick {message.tick}; {message.tick + 1} is the earliest, "
+                "and -1 means never"
             )
 
 

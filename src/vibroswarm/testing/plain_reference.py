@@ -270,7 +270,7 @@ class _Plain:
         )  # fmt: skip
         ticks: list[int] = arrival_ticks.tolist()
         for receiver, arrival in enumerate(ticks):
-            if receiver != i and 0 <= arrival <= tick:
+            if receiver != i and arrival != -1 and arrival <= tick:
                 self.too_early.append(TooEarly(sender=i, receiver=receiver, tick=tick, arrival_tick=arrival))
         return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in ticks]
 

@@ -54,15 +54,15 @@ bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int
     return true;
 }
 
-/* A number with so many decimals, and a comma; nothing but the comma for NaN. */
+/* A number with so many decimals, and a comma; nothing but the comma for NaN, infinity and what 64 bits do not hold. */
 static char *write_number(char *to, vs_real number, int decimals)
 {
     char digits[24];
     int count = 0;
-    if (!vs_isnan(number)) {
-        vs_real scaled = vs_abs(number);
-        for (int k = 0; k < decimals; k++)
-            scaled *= 10;
+    vs_real scaled = vs_abs(number);
+    for (int k = 0; k < decimals; k++)
+        scaled *= 10;
+    if (scaled < VS_R(1e19)) { /* false for NaN too */
         uint64_t whole = (uint64_t)(scaled + (vs_real)0.5);
         if (number < 0 && whole > 0)
             *to++ = '-';
