@@ -89,12 +89,22 @@ def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def empty_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def empty_pictures(without_layout: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are made, with numbers and captions, and what is written of them is empty: for tests of all but them."""
     from vibroswarm.plots import picture
 
     empty = {"svg": picture.picture_bytes(Figure(figsize=(1, 1)), "svg")}
     monkeypatch.setattr(picture, "picture_bytes", lambda figure, kind, **how: empty.get(kind, b"not drawn"))
+
+
+@pytest.fixture
+def without_layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Axes stay where they are, half of the time of a picture: for tests that do not look at where words are."""
+
+    def left_alone(figure: Figure) -> None:
+        figure.stale = False  # so that it is not laid out when it is written either
+
+    monkeypatch.setattr("vibroswarm.plots.layout._place_axes", left_alone)
 
 
 @pytest.fixture

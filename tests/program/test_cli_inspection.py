@@ -46,7 +46,10 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth of the surfaces are drawn for what would have been missed: for tests that look at no such share."""
+    """A tenth of the surfaces are drawn for what would have been missed: for tests that look at no such share.
+
+    The weakest contrast that is found is sought on one area: each takes as long as all that is left of the surfaces.
+    """
     for function, drawn in (
         (stopping.stopping, {"drawn": stopping.DRAWN // 10}),
         (missed.false_calls, {"intact": pod.INTACT // 10}),
@@ -58,6 +61,7 @@ def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stopping, "AT_WORST", stopping.AT_WORST // 10)
     monkeypatch.setattr(stopping, "OF_ROBOTS", stopping.OF_ROBOTS // 10)
     monkeypatch.setattr(missed, "EACH", missed.EACH // 10)
+    monkeypatch.setattr(missed, "WEAKEST_M", missed.WEAKEST_M[:1])
 
 
 def run(*words: str | Path) -> int:
@@ -178,6 +182,7 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
     assert "--size" in error_of(capsys, "--size", "1x1")
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_without_a_grid_damage_is_called_and_certified(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, browser: Any
 ) -> None:
@@ -245,17 +250,8 @@ def test_a_robot_with_another_gain_is_not_certified(
         for start, _, value in (row.rpartition(",") for row in rows)
     ]
     (tmp_path / "plate.csv").write_text("\n".join([head, *rows]))
-    given = [
-        "--laws",
-        example / "reference.csv",
-        "--size",
-        "1x1",
-        "--replicates",
-        "19",
-        "--out",
-        tmp_path / "out",
-    ]
-    assert run("inspect", tmp_path / "plate.csv", *given) == 0
+    given = ["--laws", example / "reference.csv", "--size", "1x1", "--contrasts", "1", "--replicates", "19"]
+    assert run("inspect", tmp_path / "plate.csv", *given, "--out", tmp_path / "out") == 0
     assert "Not certified: the samples contradict the law of the sensor" in " ".join(
         capsys.readouterr().out.split()
     )
@@ -360,13 +356,14 @@ def test_a_plan_says_how_many_surfaces_were_drawn(
     assert "not all inspections have a sample after 0.6 s" in error_of(capsys, *none)
 
 
+@pytest.mark.usefixtures("empty_pictures", "few_draws")
 def test_samples_of_one_time_have_one_map(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """They had 60, all of that time: the page of their map was a traceback."""
     head, *lines = (ROOT / "examples" / "inspection" / "plate.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines[:100]]
     (tmp_path / "once.csv").write_text("\n".join([head, *(f"{r},7,{x},{y},{v}" for r, _, x, y, v in rows)]))
-    asked = ("--tiles", "5x5", "--damage", "--replicates", "19", "--out", str(tmp_path / "out"))
-    assert run("inspect", *small(tmp_path / "once.csv", *asked)) == 0
+    asked = ("--tiles", "5x5", "--damage", "--contrasts", "1", "--replicates", "19")
+    assert run("inspect", *small(tmp_path / "once.csv", *asked, "--out", str(tmp_path / "out"))) == 0
     assert "tiles vibrate" in capsys.readouterr().out
     for name, cells in (("map", 25), ("raster", 40 * 40)):
         table = pl.read_parquet(tmp_path / "out" / f"{name}.parquet")
@@ -444,7 +441,7 @@ def test_a_beam_is_asked_of_what_can_lie_on_it(capsys: pytest.CaptureFixture[str
     text = "\n".join([head, *(f"{r},{t},{x},{int(y) // 20},{v}" for r, t, x, y, v in rows)])
     (tmp_path / "beam.csv").write_text(text)
     laws = ("--laws", ROOT / "examples" / "inspection" / "reference.csv", "--size", "1x0.05")
-    given = (tmp_path / "beam.csv", *laws, "--replicates", "19")
+    given = (tmp_path / "beam.csv", *laws, "--contrasts", "1", "--replicates", "19")
     assert "squares: at most 5 cm" in error_of(capsys, *given)
     assert "--least-cm: squares of 10 cm" in error_of(capsys, *given, "--sizes", "5,20x2")
     assert run("inspect", *given, "--sizes", "5,20x2", "--least-cm", "5", "--shapes", "crack") == 0

@@ -101,7 +101,8 @@ def test_work_that_is_saved_is_not_done_again(here, monkeypatch, capsys):
     assert main(command) == 0
     assert "0-first" not in added
     assert "0-third" in added
-    assert main([*command, "--force"]) == 0
+    stop_after(1, monkeypatch)
+    assert main([*command, "--force"]) == 130
     assert "0-first" in added, "anew"
 
 

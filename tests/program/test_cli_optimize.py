@@ -176,10 +176,10 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     short.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 20\n')
     long = tmp_path / "q.toml"
     long.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 100\n')
-    options = ["optimize", "compare", str(short), str(long), "--runs", "150"]
-    assert main(options) == 0
+    options = ["optimize", "compare", str(short), str(long), "--runs"]
+    assert main([*options, "20"]) == 0
     assert "on other seeds" in " ".join(capsys.readouterr().out.split())
-    assert main([*options, "--cost", "decision_time", "--json"]) == 0
+    assert main([*options, "150", "--cost", "decision_time", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     first, second = found["tables"]["differences"]
     assert first["confirmed"]
@@ -190,7 +190,7 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert figures["decision_time_s"]["difference_high"] < 0
     floors = tmp_path / "floors.toml"
     floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n')
-    assert main([*options, "--search", str(floors), "--json"]) == 0
+    assert main([*options, "20", "--search", str(floors), "--json"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
     cases = [row["score"] for row in tables["cases"] if row["name"] == str(short)]
     assert len(cases) == 2

@@ -85,7 +85,7 @@ def drawn_alike_once(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(study, name, some)
 
 
-@pytest.mark.usefixtures("svg_alone", "drawn_alike_once")
+@pytest.mark.usefixtures("svg_alone", "without_layout", "drawn_alike_once")
 def test_a_study(tmp_path: Path) -> None:
     (tmp_path / "hostile").mkdir()
     (tmp_path / "plain").mkdir()
@@ -144,7 +144,7 @@ def test_a_recording(logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFix
     Markup(Recording.read(folder)._repr_html_()).check_inert()
 
 
-@pytest.mark.usefixtures("svg_alone")
+@pytest.mark.usefixtures("svg_alone", "without_layout")
 def test_the_columns_and_names_of_a_csv(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = {}
     for root, text in (("hostile", HOSTILE), ("plain", "name")):
@@ -219,7 +219,7 @@ asked = Task(name="asked", truth=truth, answers=(TEXT, TEXT + "!"), about=TEXT)
 """
 
 
-@pytest.mark.usefixtures("svg_alone", "drawn_alike_once")
+@pytest.mark.usefixtures("svg_alone", "without_layout", "drawn_alike_once")
 def test_code_with_its_reports_units_answers_and_what_it_is_about(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -252,7 +252,7 @@ def test_code_with_its_reports_units_answers_and_what_it_is_about(
     check(folders["hostile"], folders["plain"], IMAGE)
 
 
-@pytest.mark.usefixtures("svg_alone")
+@pytest.mark.usefixtures("svg_alone", "without_layout")
 def test_a_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     body = SMALL_SEARCH.read_text(encoding="utf-8")
     for root, text in (("hostile", HOSTILE), ("plain", "name")):
@@ -302,7 +302,7 @@ def in_a_comment(text: str) -> str:
     return "".join(filter(str.isprintable, text))
 
 
-@pytest.mark.usefixtures("svg_alone")
+@pytest.mark.usefixtures("svg_alone", "without_layout")
 def test_a_league(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     league_played(tmp_path / "hostile", f"{' '.join(TEXTS)}{CONTROL}", capsys)
     league_played(tmp_path / "plain", "name", capsys)

@@ -22,6 +22,8 @@ from vibroswarm.paper.items import all_items, items_named
 from vibroswarm.paper.reproduce import ITEMS, reproduce
 from vibroswarm.scenario.scenario import preset
 
+pytestmark = pytest.mark.usefixtures("without_layout")
+
 RUNS = 40
 NAMES = ["difficulty", "fill_ratios"]
 

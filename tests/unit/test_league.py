@@ -42,6 +42,8 @@ from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
 from vibroswarm.study import executors
 
+pytestmark = pytest.mark.usefixtures("without_layout")
+
 BASE = preset("paper").with_values({"decision.min_observations": 40, "run.t_end_s": 400.0})
 GUESSES = '''"""Strategies that read nothing."""
 from vibroswarm.strategies import strategy_in, u
@@ -358,6 +360,7 @@ def test_few_runs_and_robots_leave_gaps_and_no_error(
     assert (tmp_path / "few" / "report.html").exists()
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_a_league_of_one_entry_is_compared_with_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,6 +38,8 @@ from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.scenario.scenario import FieldNames, field_names
 
+pytestmark = pytest.mark.usefixtures("without_layout")
+
 ROOT = Path(__file__).parents[2]
 STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))
 MORE = ("plots", "networks", "tasks", "strategies", "testing", "league.standings", "league.entries", "league.tuning",

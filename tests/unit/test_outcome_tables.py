@@ -174,7 +174,7 @@ scenarios = st.builds(
 
 
 @settings(
-    deadline=None, max_examples=120, derandomize=True, suppress_health_check=[HealthCheck.too_slow], database=None
+    deadline=None, max_examples=60, derandomize=True, suppress_health_check=[HealthCheck.too_slow], database=None
 )  # fmt: skip
 @given(scenarios, st.integers(0, 2**63 - 1), st.sampled_from([[0], [3, 4, 2**32 - 1], list(range(7))]))
 def test_robots_and_runs_are_what_the_queries_say(scenario: Scenario, seed: int, runs: list[int]) -> None:
@@ -208,7 +208,7 @@ def test_the_examples_hold_what_they_are_meant_to() -> None:
 outcome_of_a_robot = st.tuples(st.sampled_from([-1, 0, 1]), st.floats(0, 1200), st.floats(0, 1))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(
     st.integers(1, 4).flatmap(
         lambda robots: st.lists(

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots import draw_boxes, draw_error_bars, draw_outcomes
+from vibroswarm.plots import draw_boxes, draw_error_bars, draw_outcomes, picture
 from vibroswarm.plots.layout import fitted, fitted_names, number, plain, share, width_pt
 from vibroswarm.plots.picture import FORMATS, SVG_UP_TO, picture_bytes, save_figure, themed_svg, write_picture
 from vibroswarm.plots.style import (
@@ -209,15 +209,17 @@ def test_hatched_grounds_are_themed_too():
     assert ' fill="#' not in svg
 
 
-def test_very_many_marks_become_an_image():
+def test_very_many_marks_become_an_image(monkeypatch):
+    """Here 1,400 are very many."""
+    monkeypatch.setattr(picture, "SVG_UP_TO", SVG_UP_TO // 10)
     with settings():
         figure = Figure()
         axes = figure.add_subplot()
         rng = np.random.default_rng(1)
-        marks = axes.scatter(*rng.random((2, 14_000)), s=rng.random(14_000))
-    assert len(picture_bytes(figure, "svg")) > SVG_UP_TO
+        marks = axes.scatter(*rng.random((2, 1400)), s=rng.random(1400))
+    assert len(picture_bytes(figure, "svg")) > picture.SVG_UP_TO
     svg = themed_svg(figure)
-    assert len(svg) < 700_000
+    assert len(svg) < 100_000
     assert "data:image/png;base64," in svg
     assert not marks.get_rasterized()  # the figure is as it was
 

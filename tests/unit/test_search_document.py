@@ -48,6 +48,8 @@ from vibroswarm.study.runner import run_batch
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 
+pytestmark = pytest.mark.usefixtures("without_layout")
+
 SMALL = (Path(__file__).parents[1] / "helpers" / "small_search.toml").read_text()
 START = 'start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]\n'
 RACE = "[search]\nbudget = 90\nfinal = 60\nfinalists = 2\n"

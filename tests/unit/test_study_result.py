@@ -26,6 +26,8 @@ from vibroswarm.study.cell_comparison import comparisons
 from vibroswarm.study.equal_error import at_equal_error, pairs_at_equal_error, reached, why_not_at_equal_error
 from vibroswarm.study.summary import outcome_of
 
+pytestmark = pytest.mark.usefixtures("without_layout")
+
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
 
