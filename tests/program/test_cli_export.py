@@ -443,10 +443,8 @@ int main(void)
 @pytest.mark.parametrize("precision", [1, 2])
 def test_readings_that_are_not_finite_end_no_walk_and_are_not_logged(precision: int, tmp_path: Path) -> None:
     sources = written(scenario_for("soft"), tmp_path)
-    (tmp_path / "failing.c").write_text(FAILING_SENSORS)
-    run_with(sources, tmp_path / "failing.c", QUICKLY, f"-DVS_PRECISION={precision}")
-    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
-    legs, line = done.stdout.split(" ")
+    printed = printed_by(FAILING_SENSORS, sources, precision)
+    legs, line = printed.split(" ")
     assert int(legs) > 10  # a turn that never ends has no next leg
     assert line.split(",")[4] == ""  # the energy
 
@@ -455,10 +453,8 @@ def test_readings_that_are_not_finite_end_no_walk_and_are_not_logged(precision: 
 @pytest.mark.parametrize("precision", [1, 2])
 def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path) -> None:
     sources = written(scenario_for("places"), tmp_path)
-    (tmp_path / "packets.c").write_text(PACKETS)
-    run_with(sources, tmp_path / "packets.c", QUICKLY, f"-DVS_PRECISION={precision}")
-    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
-    packet, reads, *found, short, layout, program, unknown = done.stdout.split()
+    printed = printed_by(PACKETS, sources, precision)
+    packet, reads, *found, short, layout, program, unknown = printed.split()
     identity = re.search(
         r"VS_PROGRAM_ID UINT32_C\((\w+)\)", (sources / "vibroswarm_parameters.h").read_text()
     )
@@ -486,6 +482,14 @@ def run_with(sources: Path, around: Path, *flags: str) -> None:
     """Compile a program around the library to ``a.out`` beside it."""
     command = ["gcc", *STRICT, *flags, "-I", str(sources), *map(str, sources.glob("*.c")), str(around)]
     subprocess.run([*command, "-o", str(around.parent / "a.out"), "-lm"], check=True)
+
+
+def printed_by(around: str, sources: Path, precision: int) -> str:
+    """Compile a program around the library, run it, and return what it prints."""
+    file = sources.parent / "around.c"
+    file.write_text(around)
+    run_with(sources, file, QUICKLY, f"-DVS_PRECISION={precision}")
+    return subprocess.run([file.with_name("a.out")], capture_output=True, text=True, check=True).stdout
 
 
 SELF_TEST = """

@@ -11,6 +11,8 @@ import pytest
 
 from vibroswarm import preset, tasks
 from vibroswarm.cli import main
+from vibroswarm.core.user_code import errors_in
+from vibroswarm.errors import CodeError
 from vibroswarm.motion import source
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
@@ -338,3 +340,9 @@ def test_what_needs_a_task_that_is_not_loaded_says_how_to_load_it(
     capsys.readouterr()
     assert main(["show", out]) == 2
     assert "is not loaded; add --trust to run the file" in capsys.readouterr().err
+
+
+def test_lines_of_another_file_of_the_same_name_are_not_named() -> None:
+    file = f"/elsewhere/{Path(__file__).name}"
+    with pytest.raises(CodeError, match=f"^{file}: ValueError: no$"), errors_in(f"{file}:init"):
+        raise ValueError("no")

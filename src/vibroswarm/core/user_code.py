@@ -15,7 +15,7 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
     """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line.
 
     Args:
-        code: ``FILE.py:NAME``, or empty for code of this package, whose errors pass unchanged.
+        code: ``FILE.py:NAME``, with or without its folder; empty for code of this package, whose errors pass unchanged.
         otherwise: the place that is named if no line of the file was being run; empty: the file.
     Raises:
         CodeError: the file raised an error.
@@ -28,7 +28,7 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
         if not code:
             raise
         file = code.partition(":")[0]
-        frames, name = traceback.extract_tb(error.__traceback__), Path(file).name
-        lines = [line for line in frames if Path(line.filename).name == name]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [line for line in frames if file in (line.filename, Path(line.filename).name)]
         place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else otherwise or file
         raise CodeError(f"{place}: {type(error).__name__}: {error}") from None

@@ -39,7 +39,8 @@ def pairs_at_equal_error(
     """Return the pairs of cells that can be compared at equal error, by the numbers of cell and reference.
 
     These are cells with different strategies. Strategies that steer are left out, since their motion changes with the
-    settings. There are no pairs if ``_why_none`` has a reason.
+    settings. There are no pairs if the cells are more than ``MATCHED_CELLS``, if one has fewer than ``LEAST_RUNS``
+    runs, or if the study's source of motion is not one of ``ENGINES``.
 
     Args:
         compared: result of ``comparisons``.
