@@ -90,6 +90,19 @@ def test_runs_in_any_order_and_alone(motion: str) -> None:
         equal(row(together, k), alone)
 
 
+@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
+@pytest.mark.parametrize(("strategy", "revise"), [("none", False), ("soft", True)])
+def test_searches_judge_as_tables_do(strategy: str, revise: bool, stop: str) -> None:
+    """The floor counts as it is at the end of the run, by which time most robots have long decided, and may revise."""
+    scenario = replace(Draw(), strategy=strategy, revise=revise, stop=stop).scenario()
+    scenario = scenario.with_values({"change.at_s": [18.0, 120.0], "change.to": "invert"})
+    expected = by_tables(scenario, 2, list(range(8)))
+    (found,) = outcomes_of([scenario], 2, list(range(8)))
+    assert (found.end_s < 120.0).any()
+    for name in ("truth", "decision", "decision_time_s", "right", "wrong"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
 def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
     for name in ("PIECE_S", "MARGIN_S"):

@@ -68,10 +68,11 @@ class Outcomes(NotebookView):
     end_s: Array
     """End of the run for the cost, (runs,)."""
     fill_ratio: Array
-    """True fill ratio of the floor inside the arena, (runs,)."""
+    """True fill ratio of the floor inside the arena at ``end_s``, as that is when the estimates were made, (runs,)."""
     truth: Array
     """The right decision by the scenario's task, 0 or 1, (runs,); nan where no decision is right. With the task
-    ``fill_ratio`` it is 1 where the fill ratio lies above the boundary."""
+    ``fill_ratio`` it is 1 where the fill ratio lies above the boundary. On a floor that changes it is that at the end
+    of the run as ``run.stop`` has it, as in tables."""
     tiles: int
     """Number of tiles of the floor."""
     t_end_s: float
@@ -188,7 +189,7 @@ def outcomes_of(
 ) -> list[Outcomes]:
     """Simulate runs of each scenario and return their outcomes, in the order of the scenarios.
 
-    The setting ``run.stop`` is not read: a run stops when its outcome is final.
+    Whatever the setting ``run.stop``, a run stops when its outcome is final.
 
     Args:
         scenarios: one or several. seed: of all runs. runs: numbers of the runs, at least one.
@@ -289,11 +290,8 @@ class _ScenarioRuns:
         """
         floors = floors_of(scenario, seed, runs)
         self.scenario, self.loop = scenario, _take_loop(scenario, seed)
-        self.tick_s, self.t_end_s, self.may_change = (
-            scenario.tick_s,
-            scenario.run.t_end_s,
-            self.loop.may_change,
-        )
+        self.tick_s, self.t_end_s = scenario.tick_s, scenario.run.t_end_s
+        self.stops_early, self.may_change = scenario.run.stop == "all_decided", self.loop.may_change
         self.runs = runs
         self.grounds = sensed_floors(scenario, seed, runs, floors)
         """The floor and the sensors of each run, in the order of ``runs``."""
@@ -302,7 +300,7 @@ class _ScenarioRuns:
         shape = (len(runs), scenario.swarm.robots)
         self.decision = np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
-        self.end_s = np.empty(len(runs))
+        self.end_s, self.judged_s = np.empty(len(runs)), np.full(len(runs), self.t_end_s)
         self.ends_s = sorted(self.loop.ends_s[-MANY:])
         """Ends of up to ``MANY`` runs of earlier calls and of the runs so far, s, rising; ``next_check_s`` estimates
         from them when a run ends."""
@@ -311,16 +309,23 @@ class _ScenarioRuns:
         """Return the time up to which the motion must be simulated before the next check, s.
 
         ``now_s`` is the time up to which it has been simulated. The result is at most ``now_s`` once the outcome of the
-        run is final: all robots have decided, their decisions cannot change, and the motion has reached the end of the
-        run. At the start (``now_s`` 0) the decisions of the closed loop are not read: ``ClosedLoop.begin`` leaves those
-        of the run before, until the first replay of the new run.
+        run is final: all robots have decided, their decisions cannot change or the run ends with them, and the motion
+        has reached the end of the run. At the start (``now_s`` 0) the decisions of the closed loop are not read:
+        ``ClosedLoop.begin`` leaves those of the run before, until the first replay of the new run.
         """
-        if now_s > 0.0 and not self.may_change:
-            decided_s = self.loop.all_decided_s
+        if now_s > 0.0:
+            decided_s = self.final_s
             if decided_s is not None:
                 # one tick more, so that the samples taken at the very end are included
                 return min(end_s(decided_s, self.t_end_s) + self.tick_s, self.t_end_s)
         return min(self.next_check_s(now_s), self.t_end_s)
+
+    @property
+    def final_s(self) -> float | None:
+        """Time of the last decision that counts, s; None while decisions are missing or may change."""
+        if not self.may_change:
+            return self.loop.all_decided_s
+        return self.loop.first_all_decided_s if self.stops_early else None
 
     def next_check_s(self, now_s: float) -> float:
         """Choose when to check next whether all robots have decided, s; no result depends on the choice.
@@ -341,19 +346,27 @@ class _ScenarioRuns:
 
     def finish(self, r: int) -> None:
         """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
-        loop, decided_s = self.loop, self.loop.all_decided_s
-        self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.scenario.run.t_end_s)
+        loop, first_s = self.loop, self.loop.first_all_decided_s if self.stops_early else None
+        decided_s = loop.all_decided_s if self.final_s is None else self.final_s
+        self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.t_end_s)
         # Read before the rewind. A decision by opinions has the time since which the opinions agree, but is only made
         # when they have agreed for ``decision.hold_s``, possibly after ``end_s``: the rewind would undo it.
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
         self.estimate[r] = loop.estimate
+        if first_s is not None:
+            self.judged_s[r] = min(first_s + self.tick_s, self.t_end_s)
+            if self.may_change:  # up to here, and no later
+                loop.rewind_to(float(self.judged_s[r]))
+                self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         insort(self.ends_s, float(self.end_s[r]))
         self.loop.ends_s.append(float(self.end_s[r]))  # for later calls that take this loop out of the cache
 
     def outcomes(self) -> Outcomes:
         """Return the outcomes of all runs, once they are finished."""
-        fills, truth = fills_and_truth(self.scenario, self.floors, list(self.runs), self.end_s)
+        fills, truth = fills_and_truth(self.scenario, self.floors, self.runs, self.end_s)
+        if self.scenario.change.is_given:
+            _, truth = fills_and_truth(self.scenario, self.floors, self.runs, self.judged_s)
         return Outcomes(
             run=np.array(self.runs, dtype=np.int64),
             decision=self.decision,
