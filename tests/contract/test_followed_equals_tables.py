@@ -22,6 +22,7 @@ from vibroswarm.motion.event.event_run import EVENT, EventRun
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Source, source
 from vibroswarm.optimize import outcomes as simulated
+from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import PIECE_S, Outcomes, outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -101,6 +102,19 @@ def test_searches_judge_as_tables_do(strategy: str, revise: bool, stop: str) -> 
     assert (found.end_s < 120.0).any()
     for name in ("truth", "decision", "decision_time_s", "right", "wrong"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
+@pytest.mark.parametrize("strategy", ["mcp", "averaging"])
+def test_estimates_other_than_a_posterior_s_are_those_of_tables(strategy: str) -> None:
+    """The strategy's own, or from its shares of kinds; of a task without decisions, so that runs go on to T_end."""
+    values = {"strategy.name": strategy, "task.name": "share", "run.t_end_s": 60.0, "network.name": "ideal"}
+    scenario = Scenario().with_values(values)
+    (found,) = outcomes_of([scenario], 2, [0, 1])
+    expected = simulate(scenario, 2, [0, 1]).robots["estimate"].to_numpy().reshape(2, -1)
+    assert np.isfinite(expected).all()
+    np.testing.assert_array_equal(found.estimate, expected)
+    error = Objective("estimate_error").figures(found)
+    np.testing.assert_array_equal(error[:, 0], np.abs(expected - found.fill_ratio[:, None]).mean(axis=1))
 
 
 def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -353,19 +353,11 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     # A strategy may return to -1 after a decision; ``decided_s`` and ``belief_at_decision`` are then those of that
     # change.
     decided = agents["decision"] != -1
-    fields = states.dtype.names or ()
-    counts = {
-        name: states[name].astype(np.float64) if name in fields else np.full(agents.size, np.nan)
-        for name in ("alpha", "beta")
-    }
+    counts = dict(zip(("alpha", "beta"), _counts_of(states), strict=True))
     refuse_values(scenario, counts)
-    of_kind, of_others = counts["alpha"], counts["beta"]
-    if shares := strategy_used(scenario).shares:
-        of_kinds = getattr(swarm.arrays, shares).astype(np.float64)
-        of_kind = of_kinds[:, getattr(scenario.task.params, "kind", 1)]
-        of_others = of_kinds.sum(axis=1) - of_kind
-    estimate, spread = estimate_of(of_kind, of_others), spread_of(of_kind, of_others)
-    if "estimate" in fields and "estimate_spread" in fields:  # the strategy's own
+    posterior = posterior_of(scenario, swarm, strategy_used(scenario))
+    estimate, spread = estimate_of(*posterior), spread_of(*posterior)
+    if has_own_estimate(states):
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     claimed = {
         # A copy, as all other columns are: ``swarm`` is overwritten by the next replay.
@@ -384,6 +376,35 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
         "sent": agents["sent"].astype(np.uint32),
         "messages_received": agents["received"].astype(np.uint32),
     }
+
+
+def has_own_estimate(states: NDArray[np.void]) -> bool:
+    """Return whether a strategy with these states estimates by other means than a posterior."""
+    return {"estimate", "estimate_spread"} <= set(states.dtype.names or ())
+
+
+def posterior_of(
+    scenario: Scenario, swarm: Swarm, used: Strategy
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return alpha and beta of each robot's posterior of the share that its task asks for; nan if it has none.
+
+    Args:
+        used: the strategy (``strategy_used``), which takes long to look up.
+    """
+    if not used.shares:
+        return _counts_of(swarm.states)
+    of_kinds = getattr(swarm.arrays, used.shares).astype(np.float64)
+    of_kind = of_kinds[:, getattr(scenario.task.params, "kind", 1)]
+    return of_kind, of_kinds.sum(axis=1) - of_kind
+
+
+def _counts_of(states: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    fields = states.dtype.names or ()
+    alpha, beta = (
+        states[name].astype(np.float64) if name in fields else np.full(states.size, np.nan)
+        for name in ("alpha", "beta")
+    )
+    return alpha, beta
 
 
 def refuse_values(scenario: Scenario, values: Mapping[str, NDArray[Any]]) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import address_of, entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.core.kernel_call import call
-from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.agents import estimate_of, has_own_estimate, posterior_of, strategy_used
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replay_arrays import DONE, Readings, Rows, Stops
@@ -489,11 +489,11 @@ class ClosedLoop:
 
     @property
     def estimate(self) -> NDArray[np.float64]:
-        """Each robot's posterior mean of the fill ratio, (robots,); nan if the strategy has no posterior."""
-        states = self.replayer.swarm.states
-        if not {"alpha", "beta"} <= set(states.dtype.names or ()):
-            return np.full(states.size, np.nan)
-        return np.asarray(states["alpha"] / (states["alpha"] + states["beta"]))
+        """Each robot's estimate, as in tables (``final_columns``), (robots,); nan if the strategy has none."""
+        swarm = self.replayer.swarm
+        if has_own_estimate(swarm.states):
+            return np.array(swarm.states["estimate"])
+        return estimate_of(*posterior_of(self.scenario, swarm, self.strategy))
 
     @property
     def steers(self) -> bool:

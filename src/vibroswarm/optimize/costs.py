@@ -30,6 +30,7 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.analysis.figures import FIGURES, RunFigure
+from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.outcomes import Outcomes
@@ -191,10 +192,16 @@ def _error(outcomes: Outcomes, cost: str) -> Array:
     Raises:
         InputError: the robots of this strategy do not estimate the fill ratio.
     """
-    if np.isnan(outcomes.estimate).any():
+    lacking = np.isnan(outcomes.estimate)
+    if lacking.any():
         strategy = f"strategy '{outcomes.strategy}'" if outcomes.strategy else "the strategy"
+        has = (
+            "keeps none"
+            if lacking.all()
+            else f"gave none for {lacking.sum()} of {count(lacking.size, 'robot')}"
+        )
         raise InputError(
-            f"'{cost}' needs each robot's estimate of the fill ratio, and {strategy} keeps none; "
+            f"'{cost}' needs each robot's estimate of the fill ratio, and {strategy} {has}; "
             "choose decision_time, errors, expected_time_to_right or time_at_error",
             field="objective.cost",
         )

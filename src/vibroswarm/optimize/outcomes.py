@@ -63,8 +63,8 @@ class Outcomes(NotebookView):
     decision_time_s: Array
     """Time of the current decision; nan if undecided, (runs, robots)."""
     estimate: Array
-    """Posterior mean of the fill ratio at the last own sample before ``end_s``, (runs, robots); nan where the strategy
-    keeps none."""
+    """Estimate of the fill ratio, or of the number that the task asks for, at the last own sample before ``end_s``,
+    (runs, robots): the strategy's own, or the mean of its posterior; nan where it has neither."""
     end_s: Array
     """End of the run for the cost, (runs,)."""
     fill_ratio: Array
