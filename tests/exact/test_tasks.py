@@ -152,7 +152,7 @@ def test_on_a_symmetric_floor_no_side_is_right() -> None:
     assert "truth_undefined" in result.runs["consensus"].to_list()
     three = {**THREE, "task.name": "agree", "floor.source": "random:0.32,0.36,0.32"}
     assert PAPER.with_values(three).task.name == "agree"  # 8, 9 and 8 of 25
-    with pytest.raises(InputError, match="10 of kind 0, 9 of kind 1, 6 of kind 2 tiles"):
+    with pytest.raises(InputError, match="10 tiles of kind 0, 9 tiles of kind 1 and 6 tiles of kind 2"):
         PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
     with pytest.raises(InputError, match="choose majority"):
         PAPER.with_values({"task.name": "agree", "floor.source": "random:0.4"})
