@@ -79,7 +79,7 @@ def readings_boundary(scenario: Scenario) -> float:
     # Sums of shares of tiles may be off by rounding.
     if is_neutral_at_half_only(scenario) and not math.isclose(tested, 0.5, rel_tol=1e-12):
         raise InputError(
-            f"{scenario.strategy.name} feedback is neutral at a boundary of 0.5 only, and this one is tested at "
+            f"'{scenario.strategy.name}' is neutral at a boundary of 0.5 only, and this one is tested at "
             f"{tested:.4f} of the readings; "
             'set decision.boundary_of = "readings", or another strategy',
             field="strategy.name",

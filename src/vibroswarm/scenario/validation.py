@@ -431,7 +431,7 @@ def _check_boundary(s: Sections) -> None:
     at_face_value = decision.boundary_of == "readings"
     if is_neutral_at_half_only(s) and at_face_value and decision.decision_boundary != 0.5:
         raise InputError(
-            f"{s.strategy.name} feedback is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
+            f"'{s.strategy.name}' is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
             f"{decision.decision_boundary:g}; choose another strategy",
             field="strategy.name",
         )
