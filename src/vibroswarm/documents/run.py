@@ -225,7 +225,7 @@ def fault_sentences(result: Result, run: int) -> list[str]:
     of_run = result.faults.filter(pl.col("run") == run)
     robots = result.scenario.swarm.robots
     if of_run.is_empty():
-        return [f"Faults: none of {robots} robots failed."]
+        return [f"Faults: none of {count(robots, 'robot')} failed."]
     each = [
         f"robot {row['robot']} {fault_words(row['fault'])}"
         + ("" if row["from_s"] == 0 else f" from {number(row['from_s'], digits=4)} s")

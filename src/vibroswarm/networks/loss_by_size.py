@@ -60,8 +60,8 @@ def check(params: Any, robots: int) -> None:
     """
     if not FEWEST <= robots <= MOST:
         raise InputError(
-            f"network 'loss_by_size' is fitted to swarms of {FEWEST} to {MOST}, not of {robots}; choose such a size, or "
-            "network 'loss' with a share of your own",
+            f"network 'loss_by_size' is fitted to swarms of {FEWEST} to {MOST}, not of {robots}; choose such a size, "
+            "or network 'loss' with a share of your own",
             field="swarm.robots",
         )
 

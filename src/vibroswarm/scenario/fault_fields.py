@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError, shown
 
 OF_TWO_KINDS: Final = (
@@ -212,7 +212,7 @@ def check_faults(faults: Faults, robots: int) -> None:
             raise InputError(f"lists {len(affected)} robots, and there are {robots}", field=f"faults.{kind}")
         if affected and affected[-1] >= robots:  # the last is the greatest
             raise InputError(
-                f"there is no robot {affected[-1]}: {robots} robots have the numbers 0 to {robots - 1}",
+                f"there is no robot {affected[-1]}; the numbers of robots are 0 to {robots - 1}",
                 field=f"faults.{kind}",
             )
     # Robots listed as stuck, at 0, at 1 and at ``stuck_class``.
@@ -243,9 +243,10 @@ def fault_warnings(faults: Faults, robots: int, t_end_s: float) -> Iterator[str]
         # Differences up to 1e-6 are rounding errors of the product.
         if isinstance(affected, float) and abs(affected * robots - robots_of_share(affected, robots)) > 1e-6:
             rounded = robots_of_share(affected, robots)
+            exactly, have = number(affected * robots, digits=4), "has" if rounded == 1 else "have"
             yield (
-                f"faults.{kind}: {stated(affected)} of {robots} robots is {number(affected * robots, digits=4)}; "
-                f"{rounded or 'none'} of them {'has' if rounded == 1 else 'have'} the fault"
+                f"faults.{kind}: {stated(affected)} of {count(robots, 'robot')} is {exactly}; "
+                f"{rounded or 'none'} of them {have} the fault"
             )
         since = getattr(faults, SINCE[kind])
         from_s = since if isinstance(since, float) else since[0]

@@ -30,7 +30,9 @@ def check(floor: Floor, asked: Asked, p: Any) -> None:
     majority.check_kinds(floor, "'agree' asks for a side between kinds of tile")
     tiles = np.bincount(floor.tiles.ravel(), minlength=asked.kinds)
     if tiles.max() - tiles.min() > 1:
-        counts = listed(f"{count(number, 'tile')} of kind {kind}" for kind, number in enumerate(tiles.tolist()))
+        counts = listed(
+            f"{count(number, 'tile')} of kind {kind}" for kind, number in enumerate(tiles.tolist())
+        )
         raise InputError(
             f"'agree' asks on which side a swarm ends where no side is right, and this floor has {counts}; "
             "give as many of each, as random:0.5 does, or choose majority",
