@@ -320,8 +320,9 @@ def headline(found: Verdict) -> str:
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":
         return f"SPLIT: all {robots} robots decided, but differently: {sides}."
-    undecided = f"{found.undecided} of {count(robots, 'robot')} undecided"
-    return f"INCOMPLETE: {undecided} after {stated(found.end_s)} s ({sides})."
+    return (
+        f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {stated(found.end_s)} s ({sides})."
+    )
 
 
 def _estimates(found: Verdict) -> str:

@@ -231,7 +231,7 @@ def fault_sentences(result: Result, run: int) -> list[str]:
         + ("" if row["from_s"] == 0 else f" from {number(row['from_s'], digits=4)} s")
         for row in of_run.to_dicts()
     ]
-    return [f"Faults: {of_run['robot'].n_unique()} of {robots} robots failed: {'; '.join(each)}."]
+    return [f"Faults: {of_run['robot'].n_unique()} of {count(robots, 'robot')} failed: {'; '.join(each)}."]
 
 
 def failure_sentences(result: Result) -> list[str]:
