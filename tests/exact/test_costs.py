@@ -179,6 +179,14 @@ def test_a_case_in_which_no_robot_decides_hides_no_error_of_another(order: tuple
     assert scored.near["robot_error"].startswith("beyond the limit of 5 %")
 
 
+def test_a_mistake_that_costs_less_is_a_part_of_an_error() -> None:
+    """The score counted a quarter of an error for each, the share beside it none."""
+    rows = np.array([[500.0, 0.25, 5.0, 5.0, 1200.0]] * 60)[:, None, :]
+    parts = scored_of("made", {}, Objective("time_at_error"), rows, np.arange(60)).parts
+    assert parts is not None
+    assert parts["robot_error"].estimate == pytest.approx(0.05)
+
+
 def test_no_decision_is_right_on_the_boundary() -> None:
     found = made([[0]], [[1.0]], [[0.5]], fill=0.5)
     for cost in (costs.intended, costs.errors, costs.consensus, costs.at_error):
@@ -306,6 +314,18 @@ def test_limits_of_a_mean_plus_sd_allow_for_skew_costs(over: str) -> None:
     found = Objective("intended", over=over).interval(costs_of_runs)
     assert found.high - found.estimate > 1.4 * (found.estimate - found.low)
     assert math.isinf(Objective("intended", over=over).interval(costs_of_runs[:49]).high)
+
+
+def test_limits_of_the_worst_of_equal_cases_hold_its_score() -> None:
+    """The highest of five estimates is too high, and the bootstrap of it is above the truth (the control)."""
+    random, objective, low = np.random.default_rng(5), Objective("decision_time", "mean"), [0, 0]
+    for k in range(100):
+        rows = random.normal(600.0, 100.0, (60, 5, 1))
+        found = objective.interval(rows)
+        assert found.high > 600.0
+        low[0] += found.low > 600.0
+        low[1] += bootstrap(objective.score, rows, seed=k, draws=300).low > 600.0
+    assert low[0] <= binom.ppf(1 - 1e-4, 100, 0.025) < low[1]
 
 
 @pytest.mark.parametrize("runs", [2, 3, 10])

@@ -24,6 +24,7 @@ from vibroswarm.analysis.intervals import (
 )
 from vibroswarm.analysis.paired import (
     COMPARED,
+    Test,
     compare,
     confirmed,
     difference,
@@ -116,6 +117,14 @@ def test_the_same_in_all_runs_is_not_shown_to_be_the_same() -> None:
     assert right.p_value == 1.0
     later = same.with_columns(pl.col("decision_time_s") + 20.0)
     assert compare(later, same)[0].difference.low == pytest.approx(20.0 - 519 * most)
+
+
+@pytest.mark.parametrize("test", [sign_flip, student_test])
+def test_limits_of_differences_stay_within_what_runs_can_differ_by(test: Test) -> None:
+    """Always right against always wrong was 100.0 points [67.6, 132.4] in 8 runs."""
+    found = difference(np.ones(8), np.zeros(8), test=test, most=1.0).interval
+    assert found[:3] == (1.0, pytest.approx(0.676, abs=5e-4), 1.0)
+    assert math.isinf(difference([1.0], [0.0], test=test, most=1.0).interval.high), "no limits are none"
 
 
 def test_where_half_of_the_runs_differ_limits_are_those_of_sign_flips() -> None:

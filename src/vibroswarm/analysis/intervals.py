@@ -365,19 +365,19 @@ def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: in
     number is the number of runs, as if each run were a single robot. Without robots, share and limits are nan.
 
     Args:
-        count: number of robots with an outcome, such as wrong, in each run, (runs,).
+        count: number of robots with an outcome, such as wrong, in each run, (runs,); it need not be whole, where the
+            outcome of a robot counts in part.
         of: number of robots of the run, (runs,). level: confidence level. seed: seed of the bootstrap.
     """
-    numerator, denominator = np.asarray(count, dtype=np.int64), np.asarray(of, dtype=np.int64)
-    # Each pair is encoded as one number, whose distinct values are found faster than those of pairs.
-    width = int(denominator.max(initial=0)) + 1
-    pairs, counts = np.unique(numerator * width + denominator, return_counts=True)
-    return cluster_share_of_distinct(pairs // width, pairs % width, counts, level, seed)
+    # Each pair is one complex number, whose distinct values are found faster than those of pairs.
+    pairs = np.asarray(count, dtype=np.float64) + 1j * np.asarray(of, dtype=np.float64)
+    distinct, runs = np.unique(pairs, return_counts=True)
+    return cluster_share_of_distinct(distinct.real, distinct.imag, runs, level, seed)
 
 
 def cluster_share_of_distinct(
-    count: NDArray[np.int64],
-    of: NDArray[np.int64],
+    count: NDArray[Any],
+    of: NDArray[Any],
     runs: NDArray[np.int64],
     level: float = 0.95,
     seed: int = 0,

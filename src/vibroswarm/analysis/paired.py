@@ -52,6 +52,7 @@ from vibroswarm.analysis.intervals import (
     generator,
     plain,
     sign_flip,
+    within,
     without_nan,
 )
 from vibroswarm.errors import InputError, nearest
@@ -159,13 +160,16 @@ def difference(
     The other arguments are those of ``compare``.
 
     Args:
-        most: by how much runs can differ; nan: as much as the values of all runs here, and 0.
+        most: by how much runs can differ, and so their mean, whose limits it clips; nan: not known, then a difference
+            that was not seen is as large as the values of all runs here, and 0, are apart.
     """
     d = differences(first, second)
-    found = test(d, level, seed)
+    found, unseen = test(d, level, seed), most
     if math.isnan(most):
-        most = float(np.ptp(np.append(without_nan(np.asarray((first, second), dtype=np.float64)), 0.0)))
-    return found._replace(interval=allowing_for_rare(found.interval, d, most))
+        unseen = float(np.ptp(np.append(without_nan(np.asarray((first, second), dtype=np.float64)), 0.0)))
+    interval = allowing_for_rare(found.interval, d, unseen)
+    # Too few pairs have no limits, and keep none.
+    return found._replace(interval=within(interval, -most, most) if math.isfinite(interval.low) else interval)
 
 
 def _compare_one(

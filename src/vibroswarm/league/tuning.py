@@ -18,7 +18,7 @@ There are three rounds, each with fresh motion and floors, so that luck in one r
 1. ``points`` settings **for each tuned field** of a strategy, spread evenly over its space (Sobol sequence), with
    ``runs`` runs each;
 2. the best settings at each aim, half as many new ones around them, and the default, with twice as many runs.
-   A strategy that has the fields of one that was tuned before, and more (soft feedback has those of no feedback), is
+   A strategy that has the fields of another one that is tuned, and more (soft feedback has those of no feedback), is
    also tried with what was chosen for that one: otherwise more fields would be a handicap;
 3. the best ``FINALISTS`` at each aim, and the default again, with sixteen times as many runs. These runs choose.
 
@@ -160,7 +160,9 @@ def tune(
         )
         return league.play(None if folder is None else folder / part, **how)
 
-    for done, entry in enumerate(tuned):
+    # Those with fewer fields first, in whatever order they are named: others begin with what was chosen for them.
+    by_fields = sorted(tuned, key=lambda entry: len(_ranges(known_spaces[entry.strategy])))
+    for done, entry in enumerate(by_fields):
         progress(done / len(tuned))  # share of the strategies that are tuned
         space = known_spaces[entry.strategy]
         candidates, default = _candidates(entry, space, points, seed)
@@ -183,7 +185,8 @@ def tune(
         f"runs, the best {FINALISTS} for each forced error and half as many new ones around them; then the best "
         f"{FINALISTS} with {ROUNDS[2] * runs} fresh runs (seeds {seed} to {seed + 2})."
     )
-    return Tuned(settings, pl.concat(tables), found_by)
+    in_order = {entry.strategy: settings[entry.strategy] for entry in tuned}
+    return Tuned(in_order, pl.concat(tables), found_by)
 
 
 def _best(found: Standings, most: int) -> list[Entry]:

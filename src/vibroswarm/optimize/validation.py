@@ -30,7 +30,14 @@ from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.objective import LEAST_DIFFERING, Objective, Rows, bootstrap, without_limits
+from vibroswarm.optimize.objective import (
+    LEAST_DIFFERING,
+    Objective,
+    Rows,
+    bootstrap,
+    without_limits,
+    worst_case,
+)
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import FreshFolder
@@ -343,23 +350,17 @@ def _parts(rows: Rows) -> dict[str, Interval]:
     """Compute the parts of ``time_at_error`` from its figures, (runs, cases, columns).
 
     These are the mean decision time, s, the share of wrong robots among those that decided, and the share of undecided
-    robots. Of several cases, each part is that of the case in which this part is worst. The intervals of the shares
-    treat each run as a cluster of robots, since robots of a run are not independent.
+    robots. Of several cases, each part is that of the case in which this part is worst (``worst_case``). The intervals
+    of the shares treat each run as a cluster of robots, since robots of a run are not independent.
     """
-    worst: dict[str, Interval] = {}
-    for case in range(rows.shape[1]):
-        time_s, wrong, decided, robots, t_end_s = rows[:, case].T
-        parts = {
-            "decision_time_s": time_interval(time_s, float(t_end_s[0])),
-            "robot_error": cluster_share(wrong, decided),
-            "robots_undecided": cluster_share(robots - decided, robots),
-        }
-        for name, value in parts.items():
-            # In a case in which no robot decided, the share of wrong robots is nan, and any other case replaces it. The
-            # part ``robots_undecided`` covers such a case.
-            if name not in worst or math.isnan(worst[name].estimate) or value.estimate > worst[name].estimate:
-                worst[name] = value
-    return worst
+    time_s, wrong, decided, robots, t_end_s = np.moveaxis(rows, 2, 0)  # (runs, cases) each
+    of_cases: dict[str, Callable[[int, float], Interval]] = {
+        "decision_time_s": lambda k, at: time_interval(time_s[:, k], float(t_end_s[0, k]), at),
+        # nan in a case in which no robot decided; ``robots_undecided`` covers such a case
+        "robot_error": lambda k, at: cluster_share(wrong[:, k], decided[:, k], at),
+        "robots_undecided": lambda k, at: cluster_share(robots[:, k] - decided[:, k], robots[:, k], at),
+    }
+    return {name: worst_case(of_case, rows.shape[1]) for name, of_case in of_cases.items()}
 
 
 MIN_FRESH_RUNS: Final = 200
