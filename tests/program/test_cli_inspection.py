@@ -235,6 +235,10 @@ def test_a_certificate_of_many_shapes_and_a_long_name_prints_on_one_sheet(
     assert len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(prefer_css_page_size=True))) == 1
     page.set_viewport_size({"width": 700, "height": 1000})
     assert page.evaluate("document.documentElement.scrollWidth") == 700
+    page.emulate_media(media="print")
+    letters = """Math.min(...[...document.querySelectorAll("svg text")].map((e) =>
+        parseFloat(getComputedStyle(e).fontSize) * Math.hypot(e.getScreenCTM().a, e.getScreenCTM().b)))"""
+    assert page.evaluate(letters) > 6.5
     page.close()
 
 

@@ -178,7 +178,7 @@ def test_robots_that_fail_are_named(capsys):
 def test_nothing_is_sampled_before_the_first_stop(capsys):
     assert run("--set", "run.t_end_s=2", "--robots", "1") == 0
     said = capsys.readouterr().out
-    assert "INCOMPLETE: 1 of 1 robots undecided" in said
+    assert "INCOMPLETE: the robot is undecided" in said
     assert "No robot took a sample." in said
 
 

@@ -164,6 +164,23 @@ def test_without_javascript_only_the_reason_is_shown(tabs: Tabs, page_path: Path
     assert page.locator(".page, .player").locator("visible=true").count() == 0
 
 
+def test_it_is_printed_light(open_page: Open) -> None:
+    """Also what canvases draw; without backgrounds, light words on paper could not be read."""
+    page = open_page(color_scheme="dark")
+    drawn = "document.getElementById('belief').toDataURL()"
+    dark = page.evaluate(drawn)
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert (state(page)["theme"], page.evaluate(INK)) == ("light", "rgb(27, 30, 35)")
+    assert page.evaluate(drawn) != dark
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert (state(page)["theme"], page.evaluate(INK)) == ("dark", "rgb(236, 234, 228)")
+    page.emulate_media(color_scheme="light")
+    assert state(page)["theme"] == "light"  # it follows the system as before
+
+
+INK = "getComputedStyle(document.querySelector('h1')).color"
+
+
 def test_in_print_it_has_no_controls(open_page: Open) -> None:
     page = open_page("#t=100")
     page.emulate_media(media="print")

@@ -319,6 +319,34 @@ def test_sentences_and_verdicts_fit_a_printed_page(open_report: Open) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") <= 640
 
 
+def test_tables_of_many_columns_fit_a_screen_and_a_sheet(open_report: Open, tmp_path: Path) -> None:
+    """Those of more than 13 columns stand in pieces, each with the names; a heading is printed on each sheet."""
+    for width, pieces in ((13, 1), (36, 3)):
+        values = {
+            f"figure {k}{end}": [0.512, 0.25] for k in range(width - 1) for end in ("", "_low", "_high")
+        }
+        columns = {f"figure {k}": Column(f"robots wrong {k}", share=True) for k in range(width - 1)}
+        table = Table(pl.DataFrame({"name": ["none", "soft"], **values}), columns, name="all")
+        file = tmp_path / f"{width}.html"
+        write_page(file, Document("Wide", (), parts=(Section("All", (table,)),)))
+        page = open_report(file=file, viewport={"width": 1920, "height": 800})
+        tables = page.locator("table")
+        assert tables.count() == pieces
+        assert {tables.nth(k).locator("td").first.inner_text() for k in range(pieces)} == {"none"}
+        headings = page.locator("th").all_inner_texts()
+        assert (headings.count("name"), len({*headings})) == (pieces, width)
+        assert page.get_by_role("rowheader", name="soft").count() == pieces
+        assert page.evaluate(SIDEWAYS) == []
+        page.set_viewport_size({"width": 718, "height": 1000})  # A4 without its margins
+        assert page.evaluate(SIDEWAYS) != []
+        page.emulate_media(media="print")
+        assert page.evaluate(SIDEWAYS) == []
+        assert page.evaluate("getComputedStyle(document.querySelector('th button')).display") == "contents"
+
+
+SIDEWAYS = """[...document.querySelectorAll('.sideways')].filter((e) => e.scrollWidth > e.clientWidth)
+    .map((e) => e.scrollWidth)"""
+
 WHERE = "nav [aria-current]"
 
 

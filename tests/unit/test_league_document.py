@@ -165,6 +165,7 @@ def test_every_table_and_figure_is_in_the_document(standings: Standings) -> None
         assert said["tables"][name] == frame.fill_nan(None).to_dicts()
     assert set(document.tables) == {*tables, "costs", "tolerated", "settings"} - {"fronts", "best"}
     assert set(document.figures) == {"front", "beliefs", "faults-stuck_at_1", "floors"}
+    assert "1 robot stuck at 1" in document.figures["faults-stuck_at_1"].drawn.numbers["series"].to_list()
     text = page_html(document)
     assert "Smallest forced error" in text
     assert "strategy.soft.eta = 321.0" in text

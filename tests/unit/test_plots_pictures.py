@@ -673,6 +673,8 @@ def test_heat_puts_each_value_at_its_place_and_finds_the_best():
     assert "Hatched: 1 of 6 cells have no value" in picture.caption
     told = [words for words, _ in texts_of(picture.figure)]
     assert {"900", "893", "886", "911", "904"} <= set(told)
+    shares = pl.DataFrame({"x": [1, 2, 3], "y": 1, "value": [29.17, 25.0, 0.417]})
+    assert {"29.2", "25.0", "0.4"} <= {words for words, _ in texts_of(draw_heat(shares).figure)}
 
 
 def test_heat_leaves_numbers_out_where_they_do_not_fit():

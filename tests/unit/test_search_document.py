@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from helpers.manifests import resealed
@@ -40,6 +41,7 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import LUCK, Front, Member, Truth, front_of, is_too_short, truth_of
 from vibroswarm.plots.labels import setting_words
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.cells import written
 from vibroswarm.show.document import Document, Text, walk, without_pictures
 from vibroswarm.show.page import page_html
 from vibroswarm.simulation import versions
@@ -140,6 +142,11 @@ def test_the_winner_stands_beside_the_start_and_the_bounds(found: Found, truth: 
     values = {row["field"]: row for row in rows_of(report, "values")}
     gate = values["decision.min_observations"]
     assert gate["winner"] == found.values["decision.min_observations"]
+    table = report.tables["values"]
+    of_two = replace(table, frame=table.frame.with_columns(winner=pl.Series([3778.0, 0.95])))
+    assert [row[1].text for row in written(of_two).rows] == ["3778", "0.95"]  # not 4 and 1
+    headings = [head.title for head in written(report.tables["best-candidates"]).headings]
+    assert headings[-2:] == ["sample interval τ", "minimum of observations O_c"]  # as pictures say
     assert (gate["other 0"], gate["low"], gate["high"]) == (20, 0, 60)
     text = seen(page_html(report))
     assert "vibroswarm run --scenario best.toml" in text
@@ -268,7 +275,7 @@ def test_a_winner_at_a_bound_is_a_warning(found: Found, truth: Truth) -> None:
     key = archive.new(np.array([0.5, 1.0]), "made")
     try:
         there = page_of(replace(found, best=key), truth)
-        assert warned(there, "at a bound of the space: `min_observations` 60 (upper bound 60)")
+        assert warned(there, "at a bound of the space: minimum of observations O_c 60 (upper bound 60)")
         archive[key].values["decision.min_observations"] = 30
         assert not warned(page_of(replace(found, best=key), truth), "bound")
     finally:
@@ -415,7 +422,7 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
         others > 0
     )
     eta = nodes.best.cell.point["strategy.soft.eta"]
-    assert warned(report, "edge of the grid", "`eta`") == (eta in (10.0, 1000.0))
+    assert warned(report, "edge of the grid", "feedback η") == (eta in (10.0, 1000.0))
     assert not warned(report, "`kappa`")  # two values have no middle
     write_grid(nodes, tmp_path)
     again = Grid.read(tmp_path / "grid.toml")

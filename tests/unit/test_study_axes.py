@@ -21,10 +21,10 @@ def test_the_numeric_field_with_most_values_lies_along_x() -> None:
     assert layout.x is not None
     assert [layout.x[n] for n in (0, 4, 8)] == [5.0, 6.0, 7.0]
     assert [layout.series[n] for n in range(4)] == [
-        "none, η 0",
-        "none, η 1",
-        "soft, η 0",
-        "soft, η 1",
+        "none, feedback η 0",
+        "none, feedback η 1",
+        "soft, feedback η 0",
+        "soft, feedback η 1",
     ]
 
 
@@ -66,6 +66,6 @@ def test_labels_have_units(field: str, words: str) -> None:
 def test_cells_are_named_with_symbols_and_units_but_labels_stay() -> None:
     fields = {"sample__sample_interval_ms": [5000.0, 6000.0], "decision__gate": ["total", "own"]}
     study = Study.of(PAPER, 1, strategy__name=["none"], **fields)
-    assert name_of(study.cells[1]) == "none, τ 5000 ms, gate own"
+    assert name_of(study.cells[1]) == "none, sample interval τ 5000 ms, gate own"
     labelled = Study(base=PAPER, vary={"list": [{"label": "sample_interval_ms 1"}, {"label": "B"}]}, runs=1)
     assert [name_of(cell) for cell in labelled.cells] == ["sample_interval_ms 1", "B"]

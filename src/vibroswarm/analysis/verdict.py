@@ -320,9 +320,8 @@ def headline(found: Verdict) -> str:
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":
         return f"SPLIT: all {robots} robots decided, but differently: {sides}."
-    return (
-        f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {stated(found.end_s)} s ({sides})."
-    )
+    open_ones = "the robot is" if robots == 1 else f"{found.undecided} of {robots} robots"
+    return f"INCOMPLETE: {open_ones} undecided after {stated(found.end_s)} s ({sides})."
 
 
 def _estimates(found: Verdict) -> str:

@@ -78,9 +78,9 @@ def _where(found: Inspection) -> tuple[Text | Table | Figure, ...]:
     """Return the map of a certificate: of the tiles, if there is a grid, or else the called patches and the raster."""
     assert found.assessment is not None
     scan = found.assessment.scan
-    if found.pooled is not None:
-        return map_figure(found, own=False), scan_words(scan)
-    return raster_figure(found), scan_words(scan), *_patches(scan)
+    figure = raster_figure(found) if found.pooled is None else map_figure(found, own=False)
+    patches = _patches(scan) if found.pooled is None else ()
+    return replace(figure, on_page="column"), scan_words(scan), *patches  # it is printed 80 mm wide
 
 
 def _patches(scan: Scan) -> tuple[Table, ...]:
@@ -98,7 +98,7 @@ def _patches(scan: Scan) -> tuple[Table, ...]:
         "centre": Column("called patch", "m"),
         "size": Column("size", "cm"),
         "contrast": Column(),
-        "area": Column("centres", "cm2", decimals=0),
+        "area": Column("centres", "cm²", decimals=0),
     }
     return (Table(pl.DataFrame(rows, list(columns), orient="row"), columns),) if rows else ()
 

@@ -148,7 +148,7 @@ def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
         "patch": Column("called patch"),
         "x_m": Column("x", "m", decimals=2),
         "y_m": Column("y", "m", decimals=2),
-        "centre_cm2": Column("centres", "cm2", decimals=0),
+        "centre_cm2": Column("centres", "cm²", decimals=0),
         "size_from_cm": Column("size from", "cm", decimals=0),
         "size_to_cm": Column("to", "cm", decimals=0),
         "contrast_from": Column("contrast from", decimals=2),
@@ -265,7 +265,7 @@ def weakest_parts(found: Assessment) -> tuple[Table, ...]:
     shown = found.weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
     columns = {
         "side_m": Column("square", "cm", decimals=0),
-        "area_m2": Column("area", "cm2", decimals=0),
+        "area_m2": Column("area", "cm²", decimals=0),
         "c90": Column("contrast at 90 %", decimals=2),
         "c90_95": Column("95 % limit", decimals=2),
     }

@@ -78,15 +78,13 @@ def name_of(cell: Cell) -> str:
 
 
 def _words(cell: Cell, fields: Sequence[str]) -> str:
-    """Write a cell's values of these fields, with symbols and units: ``random:0.44, soft, η 1250``.
+    """Write a cell's values of these fields, with symbols and units: ``random:0.44, soft, feedback η 1250``.
 
     Values of the fields ``PLAIN``, such as the floor and the strategy, are written without symbol and unit.
     Fields that the cell does not set are left out.
     """
     return ", ".join(
-        cell.words[field]
-        if field in PLAIN
-        else f"{label_of(field).short} {cell.words[field]} {label_of(field).unit}".strip()
+        cell.words[field] if field in PLAIN else label_of(field).of(cell.words[field])
         for field in fields
         if field in cell.words
     )

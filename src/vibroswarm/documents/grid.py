@@ -19,9 +19,9 @@ from vibroswarm.documents.search_words import (
     DIFFERENT_VERSIONS,
     aim,
     best_sentence,
+    labels_of,
     luck_warning,
     score_label,
-    short_names,
     value_text,
     values_text,
 )
@@ -121,19 +121,18 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
 
 
 def _edges(nodes: Nodes) -> list[str]:
-    """Describe the fields in which the lowest cell is at the edge of the grid, such as "`eta` 750 (750 to 2500)".
+    """Describe the fields in which the lowest cell is at the edge of the grid, such as "feedback η 750 (750 to 2500)".
 
     Only fields with at least three values, all of them numbers, are checked: of two values, each is at an edge.
     """
     edges = []
     best = nodes.best.cell.point
-    short = short_names(list(best))
     for name, value in best.items():
         values = {node.cell.point.get(name) for node in nodes.nodes}
         numbers = sorted(v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
         if len(numbers) == len(values) > 2 and value in (numbers[0], numbers[-1]):
             ends = f"{value_text(numbers[0])} to {value_text(numbers[-1])}"
-            edges.append(f"`{short[name]}` {value_text(value)} ({ends})")
+            edges.append(f"{values_text({name: value})} ({ends})")
     return edges
 
 
@@ -150,7 +149,7 @@ def _cell_table(nodes: Nodes) -> Table:
         "robots_undecided", "belief_in_truth", "runs",
     )  # fmt: skip
     decimals = decimals_of(table["score"], 4)
-    columns = {name: Column(end) for name, end in short_names(varied).items()}
+    columns = {name: Column(label.named, label.unit) for name, label in labels_of(varied).items()}
     columns |= {
         "score": Column("score", unit, decimals=decimals),
         "above_best": Column("above the lowest", unit, decimals=decimals, sign=True, wide=True),

@@ -374,9 +374,10 @@ def _tolerated(curves: pl.DataFrame) -> pl.DataFrame:
 
 def _fault_figure(curves: pl.DataFrame, kind: str) -> Figure:
     words = kind.replace("_", " ")
-    marks = curves.filter(pl.col("kind") == kind).select(
+    of_kind = curves.filter(pl.col("kind") == kind)
+    marks = of_kind.select(
         x="name",
-        series=pl.format("{} robots " + words, "faulty"),
+        series=pl.Series([f"{count(faulty, 'robot')} {words}" for faulty in of_kind["faulty"]]),
         estimate="forced_error",
         low="forced_error_low",
         high="forced_error_high",
@@ -429,7 +430,9 @@ def _all_figures(summary: pl.DataFrame | None) -> tuple[Section, ...]:
     shown = [name for name in summary.columns if name in formats and name not in SIZES]
     means = summary.group_by(name=LABEL, maintain_order=True).agg(pl.col(shown).mean())
     caption = "Means over floors and swarm sizes. `summary.csv` has each of them, with intervals."
-    table = Table(means, {**formats, "name": ENTRY}, name="figures", caption=caption, names=1)
+    table = Table(
+        means, {**formats, "name": ENTRY, "sent": FIGURES["sent"]}, name="figures", caption=caption, names=1
+    )
     return (Section("All figures of an entry", (table,), folded=True),)
 
 

@@ -15,8 +15,8 @@ from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import Estimate, count, decimals_of
 from vibroswarm.documents.search_words import (
     bound_of,
+    labels_of,
     place_of,
-    short_names,
     standing,
     value_text,
 )
@@ -187,10 +187,11 @@ def value_table(search: Search, values: Mapping[str, Any], others: Mapping[str, 
             "place": None if d.choices else place_of(d, values[d.name]),
             "note": f"at the {which} bound" if which else choices,
         })  # fmt: skip
-    columns = {f"other {k}": Column(name) for k, name in enumerate(others)}
+    columns = {f"other {k}": Column(name, mixed=True) for k, name in enumerate(others)}
     columns |= {
-        "low": Column("lower bound"),
-        "high": Column("upper bound"),
+        "winner": Column(mixed=True),
+        "low": Column("lower bound", mixed=True),
+        "high": Column("upper bound", mixed=True),
         "place": Column("place between them", share=True, wide=True),
         "note": Column(tones={"at the": "fair"}),
     }
@@ -208,7 +209,7 @@ def front_table(front: Front, names: Sequence[str]) -> Table:
     frame = front.table.with_columns(
         stays=pl.Series(["stays" if member.stays else "beaten" for member in front.members])
     )
-    columns = {name: Column(end) for name, end in short_names(names).items()}
+    columns = {name: Column(label.named, label.unit) for name, label in labels_of(names).items()}
     columns["stays"] = Column("on fresh runs", tones={"stays": "good", "beaten": "bad"})
     columns["failed"] = Column("failed runs", wide=True)
     columns["fresh runs"] = Column(wide=True)
@@ -234,7 +235,7 @@ def best_table(found: Found) -> Table:
     Candidates of the race are sorted by their estimate, since the runs of the race played no part in choosing them. The
     other candidates are sorted by estimate plus standard error, as a candidate with few runs may only look good.
     """
-    archive, short = found.archive, short_names(found.search.space.names)
+    archive, labels = found.archive, labels_of(found.search.space.names)
     order = archive.in_order()  # by estimate plus standard error
     of_race = sorted(
         (k for k in order if _stage(archive[k]) == "race"), key=lambda k: (archive.estimate(k)[0], k)
@@ -251,7 +252,7 @@ def best_table(found: Found) -> Table:
     columns = {
         "key": Column("candidate"), "origin": Column("made by"), "error": Column("standard error"),
         "score": Column("score in the search", found.search.objectives[0].unit, decimals=decimals_of(scores, 4)),
-    } | {name: Column(end) for name, end in short.items()}  # fmt: skip
+    } | {name: Column(label.named, label.unit) for name, label in labels.items()}  # fmt: skip
     caption = "By score plus its standard error; candidates were selected by it, so they were partly lucky."
     if of_race:
         caption = (
@@ -277,7 +278,7 @@ def history_of(found: Found) -> Table:
         for iteration in history
     ]  # fmt: skip
     columns = {"runs": Column("runs so far")}
-    columns |= {name: Column(end, share=True) for name, end in short_names(names).items()}
+    columns |= {name: Column(label.named, share=True) for name, label in labels_of(names).items()}
     caption = (
         "Scores during the search, and the mean of each field over the candidates of an iteration, in its bounds (of "
         "the race: of the best). More is in `history.csv`."

@@ -18,7 +18,7 @@ from vibroswarm.optimize.objective import AIMS, Objective
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
-from vibroswarm.plots.labels import label_of
+from vibroswarm.plots.labels import Label, label_of
 
 ENOUGH: Final = 0.9
 """Share of the budget from which a search counts as finished."""
@@ -44,17 +44,18 @@ def values_text(values: Mapping[str, Any]) -> str:
     Args:
         values: by the full names of the fields.
     """
-    phrases = []
-    for name, value in values.items():
-        label, text = label_of(name), number(value, digits=4) if isinstance(value, float) else str(value)
-        phrases.append(" ".join(part for part in (label.words, label.symbol, text, label.unit) if part))
-    return ", ".join(phrases)
+    return ", ".join(
+        label_of(name).of(number(value, digits=4) if isinstance(value, float) else str(value))
+        for name, value in values.items()
+    )
 
 
-def short_names(names: Sequence[str]) -> dict[str, str]:
-    """Map full names of fields to their last parts; a name whose last part occurs twice keeps its full form."""
-    last = [name.rpartition(".")[2] for name in names]
-    return {name: end if last.count(end) == 1 else name for name, end in zip(names, last, strict=True)}
+def labels_of(names: Sequence[str]) -> dict[str, Label]:
+    """Return the labels of fields, which pictures have too; fields with the same label keep their full names."""
+    labels = [label_of(name) for name in names]
+    return {
+        name: one if labels.count(one) == 1 else Label(name) for name, one in zip(names, labels, strict=True)
+    }
 
 
 def bound_of(dimension: Dimension, value: Any) -> str:
@@ -271,14 +272,12 @@ def beaten(search: Search, truth: Truth) -> Iterator[str]:
 
 def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
     """Warn of values of the winner at a bound of the space."""
-    short, words = short_names(search.space.names), []
+    words = []
     for dimension in search.space:
         value = values[dimension.name]
         if which := bound_of(dimension, value):
             bound = dimension.low if which == "lower" else dimension.high
-            words.append(
-                f"`{short[dimension.name]}` {value_text(value)} ({which} bound {value_text(float(bound))})"
-            )
+            words.append(f"{values_text({dimension.name: value})} ({which} bound {value_text(float(bound))})")
     return (
         f"The winner lies at a bound of the space: {', '.join(words)}. Better values may lie beyond."
         if words

@@ -208,7 +208,7 @@ def _finish(axes: Any, style: Style, parts: list[pl.DataFrame], end: float) -> N
     for kind, y, align in (("right", 0.98, "top"), ("wrong", 0.02, "bottom")):
         axes.annotate(
             kind, (0.015, y), xycoords="axes fraction", va=align, ha="left", fontsize=style.small_pt,
-            color=INK if len(parts) > 1 else OUTCOMES[kind], fontweight="bold", zorder=4,
+            color=INK, fontweight="bold", zorder=4,
         )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import decimals_of
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import check_once, run_counts, tidy
 from vibroswarm.plots.layout import (
@@ -231,12 +232,15 @@ def _write_numbers(
     Args:
         grid: (rows, columns); nan: no value. limits: values at the ends of the scale of colours, which is dark at the
             lower end: letters are light in its lower half, and dark in the upper.
-        digits: significant digits of the numbers.
+        digits: significant digits of the largest number.
     """
     rows, columns = grid.shape
     width, height = axes_size_pt(figure, axes)
     wide, high = width / columns, height / rows  # size of a cell, points
-    texts = [[number(value, digits) if np.isfinite(value) else "" for value in line] for line in grid]
+    decimals = decimals_of(grid.flat, digits)
+    texts = [
+        [number(value, digits, decimals) if np.isfinite(value) else "" for value in line] for line in grid
+    ]
     widest = max(width_pt(text, style.small_pt) for line in texts for text in line)
     # Letters take at most 0.9 of the width of a cell and 0.85 of its height. ``widest`` is 0 if no cell has a value.
     shrink = min(1.0, 0.9 * wide / max(widest, 1e-9), 0.85 * high / (style.small_pt * LINE_SPACING))

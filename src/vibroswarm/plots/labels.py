@@ -33,8 +33,16 @@ class Label(NamedTuple):
     @property
     def text(self) -> str:
         """Words, symbol and unit: ``sample interval τ (ms)``."""
-        named = f"{self.words} {self.symbol}".strip()
-        return f"{named} ({self.unit})" if self.unit else named
+        return f"{self.named} ({self.unit})" if self.unit else self.named
+
+    @property
+    def named(self) -> str:
+        """Words and symbol: ``sample interval τ``."""
+        return f"{self.words} {self.symbol}".strip()
+
+    def of(self, value: str) -> str:
+        """A value in words: ``sample interval τ 4750 ms``."""
+        return f"{self.named} {value} {self.unit}".strip()
 
     @property
     def short(self) -> str:

@@ -133,9 +133,12 @@ def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
         letters = max(1, min(letters - 1, int(max(map(len, lines)) * room_pt / widest_pt)))
 
 
-def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with ``digits`` significant digits, as everywhere, with a real minus; a dash if it is missing."""
-    return "–" if is_missing(value) else written(value, digits=digits).replace("-", "−")
+def number(value: float | None, digits: int = 3, decimals: int | None = None) -> str:
+    """Write a number with ``decimals``, by default with ``digits`` significant digits, and a real minus.
+
+    A number that is missing becomes a dash.
+    """
+    return "–" if is_missing(value) else written(value, decimals, digits=digits).replace("-", "−")
 
 
 def share(part: float, whole: float) -> str:

@@ -74,7 +74,7 @@ def written(table: Table, rows_up_to: int | None = None, *, wide: bool = True) -
 def _decimals(frame: pl.DataFrame, head: Heading) -> int | None:
     """Return with how many decimals all numbers of a column and their limits are written."""
     column = head.column
-    if column.decimals is not None:
+    if column.decimals is not None or column.mixed:
         return column.decimals
     if column.share:
         return 1

@@ -79,6 +79,8 @@ class Column(NotebookView):
     """Whether numbers are p-values."""
     decimals: int | None = None
     """Decimals of all numbers; by default one of shares, otherwise as many as suit all numbers of the column."""
+    mixed: bool = False
+    """Whether its numbers are of different quantities, and each is written with decimals of its own."""
     sign: bool = False
     """Whether positive numbers have a plus sign."""
     limits: tuple[str, str] | None = None

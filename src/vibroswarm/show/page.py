@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 ROWS_UP_TO: Final = 500
 """Rows of a table on a page; its CSV has all."""
+COLUMNS_UP_TO: Final = 13
+"""Columns of a table on a page; those beyond stand in tables below it, each with the names of the rows."""
 ROWS_IN_FRAGMENT: Final = 20
 """Rows of a table in a fragment."""
 WORDY_FROM: Final = 26
@@ -176,14 +178,28 @@ def _markup(html: str) -> Markup:
 
 
 def _cells(table: Table, rows_up_to: int = ROWS_UP_TO) -> dict[str, Any]:
-    """Return the cells of a table, and the scale of each column of strips: its largest absolute value."""
+    """Return the cells of a table, its pieces, and the scale of each column of strips: its largest absolute value."""
     laid: Written = written(table, rows_up_to)
     scales: dict[str, float] = {}
     for place, head in enumerate(laid.headings):
         cells = [row[place] for row in laid.rows] if head.column.strip else []
         sizes = [abs(v) for cell in cells for v in (cell.value, *(cell.ends or ())) if v is not None]
         scales[head.name] = max((size for size in sizes if math.isfinite(size)), default=0.0)
-    return laid._asdict() | {"scales": scales}
+    return laid._asdict() | {"scales": scales, "pieces": _pieces(laid, table.names)}
+
+
+def _pieces(laid: Written, names: int) -> list[Written]:
+    """Split a table of more than ``COLUMNS_UP_TO`` columns into pieces of about as many; each has the names."""
+    width = len(laid.headings)
+    count = 1 if width <= COLUMNS_UP_TO else math.ceil((width - names) / max(COLUMNS_UP_TO - names, 1))
+    step = max(math.ceil((width - names) / count), 1)
+    chosen = [
+        [*range(names), *range(names, width)[start : start + step]] for start in range(0, count * step, step)
+    ]
+    return [
+        Written([laid.headings[c] for c in columns], [[row[c] for c in columns] for row in laid.rows], 0)
+        for columns in chosen
+    ]
 
 
 def _classes(head: Heading, cell: Cell | None = None) -> str:

@@ -36,6 +36,20 @@ function toggleTheme() {
   applyTheme();
 }
 
+// On paper it is always light.
+function printLight() {
+  const { dataset } = document.documentElement;
+  const onScreen = dataset.theme;
+  dataset.theme = "light";
+  applyTheme();
+  addEventListener("afterprint", () => {
+    if (onScreen) dataset.theme = onScreen;
+    else delete dataset.theme;
+    applyTheme();
+  }, { once: true });
+}
+
 byId("theme").addEventListener("click", toggleTheme);
+addEventListener("beforeprint", printLight);
 systemDark.addEventListener("change", applyTheme);
 readColours();

@@ -120,5 +120,5 @@ function drawVerdict(t) {
   const count = robots.filter((robot) => hasDecided(robot, t)).length;
   if (byId("now-decided").textContent === String(count)) return;
   say(byId("now-decided"), String(count));
-  say(byId("announce"), `${count} of ${robots.length} robots have decided.`);
+  say(byId("announce"), `${count} of ${robots.length} decided.`);
 }
