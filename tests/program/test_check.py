@@ -272,6 +272,11 @@ BAD = {
         NETWORK.replace("n.count % 40", "(sender + 2**40) * 2**40 % 97"),
         "FAIL  compiled as in plain Python: five robots, none: compiled and plain Python results differ: ",
     ),
+    "network: a probability": (
+        "from vibroswarm.networks import Network\n\n\n"
+        "mine = Network(name='mine', lost=lambda sender, receiver, d, p, w: 0.3)\n",
+        "FAIL  compiled as in plain Python: lost: returned 0.3; return True or False",
+    ),
     "network: cannot be compiled": (
         NETWORK.replace("tick + 1 + n.count % 40", "'soon'"),
         "FAIL  it compiles and runs: ",

@@ -166,3 +166,20 @@ def test_a_program_that_imports_the_package_keeps_its_own_ctrl_c(signals):
     code = f"import signal; signal.signal(signal.SIGINT, {signals}); import vibroswarm\n"
     code += f"assert signal.getsignal(signal.SIGINT) == {signals}"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_ctrl_c_ends_a_function_that_never_returns():
+    """A user's, say, which is compiled: Python calls no handler of signals meanwhile. This one is of the library."""
+    code = (
+        "import hashlib, vibroswarm.cli as cli\n"
+        "def forever(argv): print('begun', flush=True); hashlib.pbkdf2_hmac('sha256', b'', b'', 2**31 - 1)\n"
+        "cli._code = forever\n"
+        "cli.main()\n"
+    )
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", code], stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, "vibroswarm: interrupted\n")

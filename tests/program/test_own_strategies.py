@@ -269,6 +269,13 @@ BAD = {
         "from random import getrandbits\n" + GOOD.replace("s.n = 0", "s.n = getrandbits(1)"), 2, "draws random numbers"
     ),
     "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 18.*draws random numbers"),
+    "draws in a function of Numba": (
+        "from numba import njit\n\n@njit\ndef noise():\n    return np.random.random()\n\n\n"
+        + GOOD.replace("s.n = 0", "s.n = int(noise())"), 2, "line 5.*draws random numbers"
+    ),
+    "a default that is not used": (
+        GOOD.replace("    n: int\n", "    n: int\n    choice: int = -1\n"), 2, "choice = -1 has no effect.*begin"
+    ),
     "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 22.*the global count"),
     "changes a parameter": (GOOD.replace("s.n += 1", "p.decides += 1"), 2, "line 22.*changes p.decides, which others"),
     "changes a message": (

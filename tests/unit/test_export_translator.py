@@ -309,6 +309,17 @@ def products(a: int, b: int) -> tuple[float, float, float, float]:
     return (a * b) % 1.5, -(a * b) / 3, smaller, int(a * b) / 3
 
 
+def beyond_32_bits(a: int, b: int) -> tuple[float, float, float, float, float]:
+    larger = 1.0 if a * a + b * b > 2_000_000_000 else 0.0
+    return (
+        (a * b) // 1000 / 1,
+        a * 16807 % 2147483647 / 1,
+        (a * b - 7) / 2,
+        larger,
+        abs(a * b - b * b) % 97 / 1,
+    )
+
+
 def swapped_pairs(x: float, y: float) -> tuple[float, float]:
     one, other = Pair(x, 1), Pair(y, 2)
     one, other = other, one
@@ -317,7 +328,7 @@ def swapped_pairs(x: float, y: float) -> tuple[float, float]:
 
 FUNCTIONS = (
     (integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (swapped_pairs, REAL, 2), (choices, INT, 2),
-    (products, INT, 4),
+    (products, INT, 4), (beyond_32_bits, INT, 5),
 )  # fmt: skip
 
 
@@ -369,6 +380,8 @@ def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, 
 def test_products_do_not_overflow(compiled: Any) -> None:
     assert compiled(choices, INT, 2, 2_000_000_000, 2_000_000_000)[1] == 4e18 / 3
     assert compiled(products, INT, 4, 1_000_000, 3_001) == list(products(1_000_000, 3_001))
+    for a, b in ((70_001, -90_000), (-1_234_567, 7_654_321), (46_341, 1)):
+        assert compiled(beyond_32_bits, INT, 5, a, b) == list(beyond_32_bits(a, b))
 
 
 def several_through_an_alias(r: Any) -> None:
@@ -457,6 +470,7 @@ def test_names_of_c_are_avoided() -> None:
     assert "double_ =" in made.text
     assert "short_ = " in made.text
     assert "short__ = " in made.text
+    assert "log_ = vs_log(short__);" in made.text  # whose ``log`` is the C library's
 
 
 def test_fields_with_names_of_c_are_renamed_everywhere() -> None:
@@ -482,7 +496,8 @@ def with_keywords(x: float) -> float:
     double = 2.0 * x
     short = double
     short_ = short + x
-    return short_
+    log = math.log(short_)
+    return log
 
 
 def test_files_of_users_are_named(tmp_path: Path) -> None:

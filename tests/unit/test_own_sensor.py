@@ -31,10 +31,15 @@ BAD = {
         "return np.random.random(u.shape)",
         "line 6, in measure: draws random numbers",
     ),
+    "measure has one that is no number": (
+        "return u + kind",
+        "return np.where(u > 0.999, np.nan, u + kind)",
+        "measure: returned nan; return",
+    ),
     "measure has another shape": ("return u + kind", "return 1.0", "measure: returned"),
     "reading raises": ("return value > 1.0", "return 1 / 0", "line 9, in reading: ZeroDivisionError"),
     "reading falls": ("return value > 1.0", "return abs(value - 0.5) > 0.2", "reading falls as u grows"),
-    "reading is no class": ("return value > 1.0", "return 7 * (value > 1.0)", "reading: returned"),
+    "reading is no class": ("return value > 1.0", "return 7 * (value > 1.0)", "reading: returned 7; return"),
     "kinds are not whole": (
         "likelihood=likelihood",
         "kinds=lambda p: 2.5",

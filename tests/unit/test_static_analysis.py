@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import linecache
 from dataclasses import replace
+from functools import partial
 from hashlib import sha256
 
 import pytest
@@ -115,6 +116,45 @@ placed = strategy_in(__name__, "placed")
 """
 
 
+@pytest.mark.parametrize(
+    "how",
+    [
+        "q = x\n    return q.x_m",
+        "(q := x)\n    return q.x_m",
+        "q = (x, 1)\n    return q[0].x_m",
+        "return x[3]",
+        "return (lambda y: y.x_m)(x)",
+        "def f(y):\n        return y.x_m\n    return f(x)",
+        "return among(x)",
+    ],
+)
+def test_a_place_that_is_read_in_another_way_is_read(how):
+    """Robots are else given their true places, and nobody is told."""
+    text = f"def among(*rows):\n    return rows[0].x_m\n\n\ndef hook(s, a, x, out, d, p, w):\n    {how}\n"
+    assert reads_places(replace(soft.soft, on_sample=typed(text)))
+    assert not reads_places(soft.soft)
+
+
+@pytest.mark.parametrize(
+    ("how", "line", "words"),
+    [
+        ("q = p\n    q.lead += 1", 8, r"changes q\.lead"),
+        ("bump(p)", 2, r"in bump: changes row\.lead"),
+        ("bump(row=p)", 2, r"in bump: changes row\.lead"),
+        ("m.shares[2] = 1", 7, r"changes m\.shares\[2\]"),
+        ("again(m)", 4, r"in again: changes row\.shares\[0\]"),
+    ],
+)
+def test_what_others_read_is_not_changed_by_other_names(how, line, words):
+    text = "def bump(row):\n    row.lead += 1\ndef again(row):\n    row.shares[0] = 1\n"
+    hook = typed(f"{text}\ndef hook(s, a, m, sender, t_s, d, p, w):\n    {how}\n")
+    fields = {"p": ("lead",), "m": ("shares",), "s": ("lead",)}
+    with pytest.raises(InputError, match=rf"line {line}, .*{words}, which others read too"):
+        check_function("on_message", hook, fields)
+    changes_its_own = typed(f"{text}\ndef hook(s, a, m, sender, t_s, d, p, w):\n    bump(s)\n")
+    check_function("on_message", changes_its_own, fields)
+
+
 def test_files_of_one_name_are_not_taken_for_each_other():
     """A worker process knows only their names, and whether places are read decides how robots find them."""
     other = PLACED.replace("x.x_m > 0.5", "1").replace("placed", "unplaced")
@@ -134,8 +174,29 @@ def test_files_of_one_name_are_not_taken_for_each_other():
         code_files([], *codes.values())
 
 
+@pytest.mark.parametrize(
+    ("hook", "words"),
+    [
+        (partial(soft.soft.decision), "is not a plain function"),
+        (
+            typed("def hook(s, a, p, w):\n    if w.robots:\n        return None\n    return\n"),
+            "returns nothing",
+        ),
+    ],
+)
+def test_what_is_no_hook_is_refused_in_words(hook, words):
+    with pytest.raises(InputError, match=words):
+        check_function("decision", hook, {})
+
+
 def test_a_function_without_a_source_has_no_nodes():
     space = {}
     exec("def hook(s, a, p, w): return s.wrong", space)  # noqa: S102  (our own text)
     assert list(nodes_of(space["hook"])) == []
     check_function("decision", space["hook"], {"s": ("right",)})
+
+
+def test_a_place_is_read_in_a_function_without_a_source():
+    space = {}
+    exec("def hook(s, a, x, out, d, p, w): return x.y_m", space)  # noqa: S102  (our own text)
+    assert reads_places(replace(soft.soft, on_sample=space["hook"]))

@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         if argv is None:
-            interruption.listen()
+            interruption.listen(_end_interrupted)
             # Threads of linear algebra would take a tenth of a short command to start. Ours is small, our workers
             # already use all cores, and its last bits would depend on the number of cores.
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -58,10 +58,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             gc.freeze()
         return code
     except KeyboardInterrupt:
-        _failed(_resume_hint(), INTERRUPTED)
         if argv is None:  # this process runs nothing but this command, so it may be ended
-            _leave_at_once(INTERRUPTED)
-        return INTERRUPTED
+            _end_interrupted()
+        return _failed(_resume_hint(), INTERRUPTED)
+
+
+def _end_interrupted() -> NoReturn:
+    """End the process after Ctrl-C, with what is saved and how to resume."""
+    _failed(_resume_hint(), INTERRUPTED)
+    _leave_at_once(INTERRUPTED)
 
 
 def _code(argv: Sequence[str] | None) -> int:
@@ -104,7 +109,8 @@ def _leave_at_once(code: int) -> NoReturn:
 
     A thread may be compiling for up to a minute; if the interpreter were shut down meanwhile, LLVM would crash.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the clean-up
+    with suppress(ValueError):  # only the main thread may
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the clean-up
     with suppress(Exception):  # the process must end, even if a part of the clean-up fails
         import multiprocessing  # here, since --help needs none of it
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import _thread
+import os
 import shlex
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -17,6 +18,8 @@ from vibroswarm.errors import InputError
 
 AGAIN_AFTER_S: Final = 0.05
 """Time after which a lost Ctrl-C is repeated."""
+STUCK_AFTER_S: Final = 2.0
+"""Time after which a Ctrl-C that the main thread has not seen, because it runs compiled code, ends the process."""
 _came = threading.Event()
 """Set when Ctrl-C was pressed since ``listen`` was called."""
 
@@ -26,8 +29,12 @@ def came() -> bool:
     return _came.is_set()
 
 
-def listen() -> None:
+def listen(end: Callable[[], object]) -> None:
     """Record from now on whether Ctrl-C is pressed in this process (``came``), and repeat a Ctrl-C that is lost.
+
+    Args:
+        end: ends the process; called in another thread if the main thread does not see Ctrl-C within ``STUCK_AFTER_S``,
+            as in a user's function that never returns.
 
     If the process ignores Ctrl-C, or the program that imports this package handles it, nothing is recorded or repeated.
 
@@ -56,8 +63,20 @@ def listen() -> None:
         timer.daemon = True
         timer.start()
 
+    def end_if_stuck() -> None:
+        while os.read(reading, 1) != bytes([signal.SIGINT]) or _came.wait(STUCK_AFTER_S):
+            pass
+        end()
+
     signal.signal(signal.SIGINT, interrupt)
     sys.unraisablehook = repeat_if_interrupt
+    if os.name == "posix":
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        signal.set_wakeup_fd(
+            writing
+        )  # which gets the numbers of signals at once, whatever the main thread does
+        threading.Thread(target=end_if_stuck, daemon=True).start()
 
 
 def ignore() -> None:

@@ -31,6 +31,7 @@ from vibroswarm.export.c_types import (
     is_by_reference,
     joined,
     literal,
+    widened,
 )
 from vibroswarm.export.source import MATH, is_function, math_name, plain
 
@@ -109,6 +110,8 @@ class Calls(Expressions):
                 found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
             return found
         (value,) = self.arguments(node, 1)
+        if name == "abs" and value.wide:
+            return widened(f"vs_abs_l({bare(value.wide)})")
         if name == "abs":
             kind = joined(value.type, INT)  # a truth value counts as a whole number
             return Value(f"vs_abs{SUFFIX[kind]}({bare(value.text)})", kind)

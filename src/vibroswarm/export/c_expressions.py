@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
@@ -33,6 +34,7 @@ from vibroswarm.export.c_types import (
     is_by_reference,
     joined,
     literal,
+    widened,
 )
 from vibroswarm.export.source import Source, math_name, number_of
 
@@ -304,8 +306,10 @@ class Expressions:
                 f"({left.text} * {right.text})",
                 INT,
                 real=f"({as_real(left)} * {as_real(right)})",
-                wide=f"((int64_t){left.text} * {right.text})",
+                wide=f"({left.wide or f'(int64_t){left.text}'} * {as_type(right, LONG)})",
             )
+        if both in INTEGERS and (left.wide or (right.wide and kind in BINARY)) and kind is not ast.Div:
+            return self.of_products(kind, left, right, both)
         if kind in BINARY and both == REAL:
             return Value(f"({as_real(left)} {BINARY[kind]} {as_real(right)})", REAL)
         if kind in BINARY:
@@ -325,6 +329,24 @@ class Expressions:
         if kind is ast.Pow:
             self.refuse(node, "a power of whole numbers (write x * x, or x ** 2.0)")
         self.refuse(node, f"the operator {kind.__name__} on such numbers")
+
+    def of_products(self, kind: type[ast.operator], left: Value, right: Value, both: str) -> Value:
+        """Return the result of an operator of whole numbers one of which might overflow 32 bits, in 64 bits.
+
+        A sum or difference also has a text of 32 bits, for uses where it is short, as an index.
+        """
+        texts = [as_type(value, LONG) for value in (left, right)]
+        if kind in BINARY:
+            wide = f"({texts[0]} {BINARY[kind]} {texts[1]})"
+        else:
+            name = "vs_mod_l" if kind is ast.Mod else "vs_floordiv_l"
+            wide = f"{name}({', '.join(map(bare, texts))})"
+        if both == LONG:
+            return Value(wide, LONG)
+        found = widened(wide)
+        if kind in (ast.Add, ast.Sub):
+            return replace(found, text=f"({left.text} {BINARY[kind]} {right.text})")
+        return found
 
     def on_boolop(self, node: ast.BoolOp) -> Value:
         """Translate ``and`` and ``or``; operands that are constant and do not decide the result are left out."""
@@ -396,4 +418,4 @@ def compared(left: Value, operator: str, right: Value) -> str:
     if joined(left.type, right.type) == REAL:
         return f"({as_real(left)} {operator} {as_real(right)})"
     # Products are compared in 64 bits, where 32 bits might overflow.
-    return f"({left.wide or left.text} {operator} {right.wide or right.text})"
+    return f"({as_type(left, LONG)} {operator} {as_type(right, LONG)})"

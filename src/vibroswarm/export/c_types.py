@@ -14,7 +14,7 @@ from typing import Any, Final, get_type_hints
 
 import numpy as np
 
-from vibroswarm.export.source import Number
+from vibroswarm.export.source import MATH, Number
 from vibroswarm.strategies.base import Array as DeclaredArray
 from vibroswarm.strategies.base import arrays_of
 
@@ -210,6 +210,8 @@ OMITTED: Final = "omitted"
 """Type of a field that the program does not have."""
 SUFFIX: Final = {REAL: "", INT: "_i", LONG: "_l"}
 """Suffixes of the names of the runtime's functions, by the type of their arguments."""
+CALLED: Final = (*MATH, "fabs", "fmod", "rint", "pow")
+"""Functions of the C library that the runtime calls."""
 KEYWORDS: Final = frozenset(
     (
         "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern",
@@ -221,9 +223,11 @@ KEYWORDS: Final = frozenset(
         "mutable", "namespace", "new", "noexcept", "nullptr", "operator", "private", "protected", "public",
         "reinterpret_cast", "static_assert", "static_cast", "template", "this", "throw", "typeid", "typename", "using",
         "virtual", "wchar_t", "xor", "compl", "bitand", "bitor",
+        # Functions that the program calls, in double and in single precision.
+        *CALLED, *(f"{name}f" for name in CALLED),
     )
 )  # fmt: skip
-"""Names that are avoided in C: its keywords, macros of its headers, and keywords of C++."""
+"""Names that are avoided in C: its keywords, macros of its headers, functions of its library, keywords of C++."""
 
 
 @dataclass(frozen=True)
@@ -261,6 +265,11 @@ def literal(number: Number) -> Value:
     if math.isinf(number):
         return Value("VS_INFINITY" if number > 0 else "(-VS_INFINITY)", REAL, number)
     return Value(f"VS_R({number!r})", REAL, number)
+
+
+def widened(text: str) -> Value:
+    """Return a whole number, computed in 64 bits, that might overflow 32 bits."""
+    return Value(f"((vs_int){text})", INT, real=f"((vs_real){text})", wide=text)
 
 
 def identifier(name: str) -> str:
@@ -303,7 +312,9 @@ def bare(text: str) -> str:
 
 def as_type(value: Value, kind: Any) -> str:
     """Return the text of a value where one of a type is needed that holds it: whole numbers become floating-point."""
-    return as_real(value) if kind == REAL else value.text
+    if kind == REAL:
+        return as_real(value)
+    return value.wide if kind == LONG and value.wide else value.text
 
 
 def as_real(value: Value) -> str:

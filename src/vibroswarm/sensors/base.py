@@ -272,7 +272,8 @@ class SensorModel(Plugin):
             values = np.asarray(self.measure(kind, read_only(u), p), dtype=np.float64)
         if values.shape != u.shape or not np.isfinite(values).all():
             raise CodeError(
-                f"sensor '{self.name}', measure: returned {shown(values)}; return one finite number for each of u"
+                f"sensor '{self.name}', measure: returned {_wrong(values, np.isfinite(values))}; return one finite "
+                "number for each of u"
             )
         return values
 
@@ -295,7 +296,8 @@ class SensorModel(Plugin):
         shape = (samples.x_m.size, len(self.names_of_numbers(p)))
         if values.shape != shape or not np.isfinite(values).all():
             raise CodeError(
-                f"sensor '{self.name}', sense: returned {shown(values)}; return finite numbers of the shape {shape}"
+                f"sensor '{self.name}', sense: returned {_wrong(values, np.isfinite(values))}; return finite numbers "
+                f"of the shape {shape}"
             )
         return values
 
@@ -336,14 +338,11 @@ class SensorModel(Plugin):
         with errors_in(self.code):
             found = np.asarray(self._read(value, p))
             classes = found.astype(np.int64)
-        if (
-            found.shape != (value.shape if self.sense is None else value.shape[:1])
-            or (classes != found).any()
-            or not ((classes >= 0) & (classes < count)).all()
-        ):
+        is_class = (classes == found) & (classes >= 0) & (classes < count)
+        if found.shape != (value.shape if self.sense is None else value.shape[:1]) or not is_class.all():
             raise CodeError(
-                f"sensor '{self.name}', {'reading' if self.class_of is None else 'class_of'}: returned {shown(found)}; "
-                f"return a class from 0 to {count - 1} for each value"
+                f"sensor '{self.name}', {'reading' if self.class_of is None else 'class_of'}: returned "
+                f"{_wrong(found, is_class)}; return a class from 0 to {count - 1} for each value"
             )
         return classes
 
@@ -464,3 +463,9 @@ register, forget, names, known, sensor = (
     _registry.known,
     _registry.get,
 )
+
+
+def _wrong(values: NDArray[Any], is_right: NDArray[np.bool_]) -> str:
+    """Return the first value that is not right, for a message; if all are, the whole array, whose shape is wrong."""
+    wrong = values[~is_right]
+    return str(wrong[0]) if wrong.size else shown(values)

@@ -444,6 +444,10 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     for name in fields:
         if hasattr(np.record, name):  # without Numba, row.name would be NumPy's attribute, not the field
             raise InputError(f"'{name}' is an attribute of NumPy's records; choose another name", field=what)
+        if what != "params" and isinstance(value := getattr(declared, name, 0), int | float) and value != 0:
+            raise InputError(
+                f"{name} = {value} has no effect, all fields are 0 at first; set it in begin", field=what
+            )
     parts: list[Any] = [(name, KINDS[kind]) for name, kind in fields.items()]
     # Sizes are empty, so only arrays whose size is a number are allowed here.
     parts += [(name, value.kind, (value.size({}),)) for name, value in arrays_of(declared).items()]

@@ -7,7 +7,8 @@ every start (``is_shipped``).
 
 A robot counts as told everything that its hooks read: fields of ``World``, and the places of readings. These are found
 by reading the source of the hooks and of all functions that they call, so no author of a strategy can forget to state
-one. A function whose source cannot be read counts as reading nothing.
+one. A row that is used in a way that this analysis does not follow counts as read in whole, and a function whose source
+cannot be read as reading all fields whose names are in its code.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ import inspect
 import linecache
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache, lru_cache
+from itertools import chain
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.core.compiled_code import is_known
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, shown
 
 if TYPE_CHECKING:
     from vibroswarm.strategies.base import Strategy
@@ -58,8 +60,11 @@ NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
 """Arguments of the hooks of networks, by name of the hook; ``networks.base`` explains them."""
 PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
 """Arguments of each hook. Their number and order are checked; a hook may give them other names."""
-ANSWERS: Final = {"decision": "0, 1 or -1 (undecided)", "belief": "a probability, or math.nan"}
-"""What hooks return whose result is a number, in words."""
+ANSWERS: Final = {
+    "decision": "0, 1 or -1 (undecided)", "belief": "a probability, or math.nan", "lost": "True or False",
+    "on_sample": "True or False",
+}  # fmt: skip
+"""What hooks return whose result is used, in words."""
 READ_ONLY: Final = ("m", "x", "p", "w")
 """Arguments that a hook must not change; other robots and calls are given the same. (``opposite`` changes its own.)"""
 TEXT: Final = "__text__"
@@ -81,10 +86,12 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
         name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
             argument's name in ``PARAMETERS``, such as ``s``.
     Raises:
-        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, or changes one
-            that it may only read, has no number to return and has to, or the hook or a function that it calls changes a
-            variable outside of itself or draws random numbers that the seed does not determine.
+        InputError: it is no plain function, the number of arguments is wrong, it uses a field that a row has not, has
+            no number to return and has to, or the hook or a function that it calls changes a row that it may only read
+            or a variable outside of itself, or draws random numbers that the seed does not determine.
     """
+    if not isinstance(_plain(function), FunctionType):
+        raise InputError(f"{shown(function)} is not a plain function", field=name)
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
     if len(given) != len(wanted):
         raise InputError(
@@ -102,10 +109,12 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
                 f"{row}.{node.attr}: no such field{nearest(node.attr, known)} (there are {', '.join(known) or 'none'})",
                 field=where(function, node.lineno),
             )
-        if isinstance(node.ctx, ast.Store) and rows[row] in READ_ONLY and name != "opposite":
+    shared = frozenset(mine for mine, ours in rows.items() if ours in READ_ONLY and name != "opposite")
+    for user, use in _uses(function, shared, set()):
+        if isinstance(use.ctx, ast.Store):
             raise InputError(
-                f"changes {row}.{node.attr}, which others read too; copy it, or keep it in State",
-                field=where(function, node.lineno),
+                f"changes {ast.unparse(use)}, which others read too; copy it, or keep it in State",
+                field=where(user, use.lineno),
             )
     tree = next(nodes_of(function), None)
     if name in ANSWERS and isinstance(tree, ast.FunctionDef) and not _returns(tree):
@@ -115,8 +124,9 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
 
 
 def _returns(tree: ast.AST) -> bool:
-    """Return whether a function returns a value somewhere."""
-    return any(isinstance(node, ast.Return) and node.value is not None for node in ast.walk(tree))
+    """Return whether a function returns a value other than None somewhere."""
+    values = [node.value for node in ast.walk(tree) if isinstance(node, ast.Return)]
+    return any(value is not None and ast.unparse(value) != "None" for value in values)
 
 
 def _refuse_side_effects(function: Callable[..., Any]) -> None:
@@ -187,7 +197,7 @@ def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> 
 
 
 def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Callable[..., Any]]:
-    """Yield the function, and the users' plain Python functions that it calls, directly or through each other.
+    """Yield the function, and the users' Python functions that it calls, directly or through each other.
 
     Functions of its own module are among them, whosever it is. ``seen`` holds those already yielded; it grows in place.
     """
@@ -196,7 +206,7 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
     seen.add(function)
     yield function
     for name in function.__code__.co_names:
-        value = function.__globals__.get(name)
+        value = _plain(function.__globals__.get(name))
         if isinstance(value, FunctionType) and (
             value.__module__ == function.__module__ or not is_known(value.__module__)
         ):
@@ -273,6 +283,8 @@ OF_RATES: Final = ("false_positive", "false_negative")
 """Fields of error rates. ``boundary``, the boundary of readings, may be computed from error rates as well."""
 PLACE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_x_m", "lagged_y_m")
 """Fields of ``Reading`` that say where this reading, or the lagged one, was taken."""
+OF_WORLD: Final = (*OF_RATES, *chain.from_iterable(FACTS.values()))
+"""Fields of ``World`` that tell a robot something of its task."""
 WORLD, READING = "w", "x"
 """Names of these arguments in ``STRATEGY_HOOKS``."""
 
@@ -302,10 +314,11 @@ def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
 @cache
 def reads_places(strategy: Strategy) -> bool:
     """Return whether the hooks of a strategy read where a reading was taken (``PLACE``)."""
-    # Names are looked up in compiled code first, because parsing the source takes a hundred times as long.
+    # Names are looked up in compiled code first, because parsing the source takes a hundred times as long. A user's
+    # hook may read a place without its name.
     seen: set[Any] = set()
-    hooks = (getattr(strategy, hook) for hook in STRATEGY_HOOKS)
-    if not any(_names_place(hook, seen) for hook in hooks if hook is not None):
+    hooks = [hook for hook in (getattr(strategy, name) for name in STRATEGY_HOOKS) if hook is not None]
+    if is_shipped(*hooks) and not any(_names_place(hook, seen) for hook in hooks):
         return False
     return not fields_read(strategy).isdisjoint(PLACE)
 
@@ -331,19 +344,23 @@ def _names_place(function: Callable[..., Any], seen: set[Any]) -> bool:
 def fields_read(strategy: Strategy) -> frozenset[str]:
     """Return the fields of ``World`` and ``Reading`` that the strategy's hooks, and functions called by them, read.
 
-    A hook may give its arguments any names, so the names under which it gets the world and the reading are found first.
+    A hook may give its arguments any names, so the name under which it gets the world or the reading is found first.
     """
     read: set[str] = set()
-    # Functions analysed already, each with the names of its arguments that are the world or the reading.
-    seen: set[tuple[Any, frozenset[str]]] = set()
-    for hook, parameters in STRATEGY_HOOKS.items():
-        function = getattr(strategy, hook)
-        if function is None:
-            continue
-        given = list(inspect.signature(_plain(function)).parameters)
-        # rows: the names that this hook gives to the world and to the reading, such as {"w", "x"}.
-        rows = {mine for mine, ours in zip(given, parameters, strict=True) if ours in (WORLD, READING)}
-        read |= set(_read(function, frozenset(rows), seen))
+    for row, every in ((WORLD, OF_WORLD), (READING, PLACE)):
+        # Functions analysed already, each with the names of its arguments that are this row.
+        seen: set[tuple[Any, frozenset[str]]] = set()
+        for hook, parameters in STRATEGY_HOOKS.items():
+            function = getattr(strategy, hook)
+            if function is None:
+                continue
+            given = inspect.signature(_plain(function)).parameters
+            mine = frozenset(name for name, ours in zip(given, parameters, strict=True) if ours == row)
+            for _, node in _uses(function, mine, seen):
+                if isinstance(node, ast.Attribute):
+                    read.add(node.attr)
+                elif isinstance(node, ast.Name):  # the row as a whole: any field of it may be read
+                    read.update(every)
     return frozenset(read)
 
 
@@ -351,36 +368,69 @@ def _plain(function: Any) -> Any:
     return getattr(function, "py_func", function)
 
 
-def _read(
+def _uses(
     function: Callable[..., Any], rows: frozenset[str], seen: set[tuple[Any, frozenset[str]]]
-) -> Iterator[str]:
-    """Yield the fields that a function reads of its arguments ``rows``, itself or in functions that it passes them to.
+) -> Iterator[tuple[Callable[..., Any], ast.Attribute | ast.Subscript | ast.Name]]:
+    """Yield how a function uses its arguments ``rows``, itself or in functions that it passes them to.
+
+    Yields:
+        The function that uses one, and the expression: a field, an element of a field that is an array, or the row's
+        name where it is neither read by its fields, given another name, nor passed to a function that is known.
 
     Args:
-        rows: names of the function's arguments whose fields are wanted: those that are the world or the reading. seen:
+        rows: names of the arguments: those that are the world or the reading, or that must not be changed. seen:
             functions analysed already, each with its ``rows``; it grows in place.
     """
     plain = _plain(function)
+    nodes = list(nodes_of(plain))
+    rows |= {
+        other.id
+        for node in nodes
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name) and node.value.id in rows
+        for other in node.targets
+        if isinstance(other, ast.Name)
+    }
     if not rows or (plain, rows) in seen:
         return
     seen.add((plain, rows))
-    for node in nodes_of(plain):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in rows:
-            yield node.attr
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            callee = plain.__globals__.get(node.func.id)
-            if callee is not None and isinstance(_plain(callee), FunctionType):
-                names = list(inspect.signature(_plain(callee)).parameters)
-                # Arguments of the called function that are given the world or the reading: by position, then by
-                # keyword.
-                passed = {
-                    name
-                    for name, given in zip(names, node.args, strict=False)
-                    if isinstance(given, ast.Name) and given.id in rows
-                }
-                passed |= {
-                    word.arg
-                    for word in node.keywords
-                    if word.arg and isinstance(word.value, ast.Name) and word.value.id in rows
-                }
-                yield from _read(callee, frozenset(passed), seen)
+    if not nodes:  # without source: by the names in its code
+        yield from (
+            (plain, ast.Attribute(ast.Name("row"), name, ast.Load())) for name in plain.__code__.co_names
+        )
+
+    def is_row(node: ast.expr) -> bool:
+        return isinstance(node, ast.Name) and node.id in rows
+
+    known = set[int]()  # of the names of rows, those whose use is known
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and is_row(node.value):
+            known.add(id(node.value))
+            yield plain, node
+        elif (
+            isinstance(node, ast.Subscript)
+            and isinstance(node.value, ast.Attribute)
+            and is_row(node.value.value)
+        ):
+            yield plain, node
+        elif isinstance(node, ast.Assign) and all(isinstance(other, ast.Name) for other in node.targets):
+            known.add(id(node.value))
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            callee = _plain(plain.__globals__.get(node.func.id))
+            if isinstance(callee, FunctionType):
+                # Arguments of the called function that are given a row: by position, then by keyword.
+                names = list(inspect.signature(callee).parameters)
+                given = [
+                    *zip(names, node.args, strict=False),
+                    *((word.arg, word.value) for word in node.keywords),
+                ]
+                passed = {name: item for name, item in given if name in names and is_row(item)}
+                known |= {id(item) for item in passed.values()}
+                yield from _uses(callee, frozenset(passed), seen)
+    for node in nodes:
+        if (
+            isinstance(node, ast.Name)
+            and isinstance(node.ctx, ast.Load)
+            and is_row(node)
+            and id(node) not in known
+        ):
+            yield plain, node

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.compiled_types import as_compiled, new_row
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
+from vibroswarm.errors import InputError, shown
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.inference.replay import classes_and_values
 from vibroswarm.networks import network as network_of
@@ -304,7 +305,9 @@ class _Plain:
             return False
         sender, number = message.sender, message.number
         draws = self.draws(robot.number, Purpose.LOSS, number, sender, PEER_BITS)
-        return bool(self.network.lost(sender, robot.number, draws, self.network_params, robot.world))
+        return is_true(
+            "lost", self.network.lost(sender, robot.number, draws, self.network_params, robot.world)
+        )
 
     def read(self, robot: PlainRobot, tick: int) -> None:
         """Pass the messages that have arrived by ``tick`` to the robot's strategy, and remove them from ``unread``.
@@ -366,7 +369,7 @@ class _Plain:
                 content.bit = 1 - content.bit
             else:
                 content.kind = (content.kind + 1) % robot.world.kinds
-        return bool(sends) and not self.is_silent(robot, tick)
+        return is_true("on_sample or on_timer", sends or False) and not self.is_silent(robot, tick)
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
         """Call the strategy's ``on_sample`` and ``steer``, and record a row; return the message that is sent, or [].
@@ -452,3 +455,10 @@ class _Plain:
                 continue
             robot.decision, robot.decided_s = robot.opinion, self.agreed_since * self.tick_ms / 1000.0
             robot.belief_at_decision = robot.belief
+
+
+def is_true(hook: str, value: object) -> bool:
+    """Return what a hook returned as a truth value; a probability, or None, is an error that compiled code hides."""
+    if value not in (0, 1):
+        raise InputError(f"returned {shown(value)}; return True or False", field=hook)
+    return bool(value)
