@@ -155,8 +155,13 @@ def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> Fi
         )
     found = dataset_of([recording])
     rest = [session for session in found.sessions if session != runs.index(run)]
-    others = f"the other {count(len(rest), 'session')} of the recording, whose floor is known"
-    words = f"fitted to {others if rest else 'this session itself, on its known floor'}"
+    others = "other session" if len(rest) == 1 else f"other {count(len(rest), 'session')}"
+    known = (
+        f"the {others} of the recording, whose floor is known"
+        if rest
+        else "this session itself, on its known floor"
+    )
+    words = f"fitted to {known}"
     return law_of_sessions(found, rest or found.sessions, words, draws=draws)
 
 
