@@ -147,7 +147,9 @@ def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
     files: dict[str, str] = {}
     codes = [*others, *(code for scenario in scenarios for code in scenario.codes)]
     for code, text in plugins.texts_of(codes):
-        name = code.partition(":")[0]  # a reference to code is "file.py:Name sha256:..."
+        name = code.partition(plugins.HASH)[0].rpartition(":")[
+            0
+        ]  # a reference to code is "file.py:Name sha256:..."
         if files.setdefault(name, text) != text:
             raise InputError("two different files have this name; rename one, as a copy is kept", field=name)
     return files

@@ -273,7 +273,8 @@ def _check_changes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
     if "changes" not in tables:
         return
     changes, name = tables["changes"], _file(folder, "changes")
-    if not changes.select(pl.struct("run", "time_s", "tile").is_sorted()).item():
+    order = changes.select("run", "time_s", "tile")
+    if not order.equals(order.sort(order.columns)):
         raise InputError("rows are not in the order of run, time and tile", field=name)
     sizes = tables["floors"].select(
         "run", size=pl.col("rows").cast(pl.Int64) * pl.col("columns").cast(pl.Int64)

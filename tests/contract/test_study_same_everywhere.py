@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import polars as pl
@@ -487,3 +488,23 @@ def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
     while Path(f"/proc/{child}").exists() and "zombie" not in Path(f"/proc/{child}/status").read_text():
         assert time.monotonic() < until_s
         time.sleep(0.05)
+
+
+def test_what_dies_while_its_versions_are_asked_is_not_taken_for_a_wrong_installation() -> None:
+    comm = pytest.importorskip("distributed.comm")
+    own = executors.versions()
+
+    def client(replies: Any) -> Any:
+        def run(*_: object, **__: object) -> Any:
+            if isinstance(replies, Exception):
+                raise replies
+            return replies
+
+        return SimpleNamespace(run=run)
+
+    executors._check_dask_versions(client({"a": own, "b": comm.CommClosedError("closed")}), mixed=False)
+    with pytest.raises(RunError, match="the Dask scheduler is gone"):
+        executors._check_dask_versions(client(comm.CommClosedError("closed")), mixed=False)
+    for wrong in (ImportError("no vibroswarm"), own | {"numpy": "1"}):  # the negative control
+        with pytest.raises(InputError, match=r"cannot import vibroswarm|other versions"):
+            executors._check_dask_versions(client({"a": own, "b": wrong}), mixed=False)

@@ -11,6 +11,7 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.documents.study_figures import time_figures
+from vibroswarm.study.evaluation import evaluate
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of
@@ -125,6 +126,21 @@ def test_pictures_are_files_on_request_and_in_the_report_anyway(
     # Pictures that exist do not stay behind when the study grows.
     assert main([*FEW[:2], "6", *FEW[3:], "--out", str(tmp_path / "a")]) == 0
     assert pl.read_csv(outcomes)["runs"].unique().to_list() == [6]
+    # Without new pictures, a page and pictures of the same numbers stay, and those of others do not.
+    for runs, stays in (("6", True), ("8", False)):
+        assert main([*FEW[:2], runs, *FEW[3:], "--out", str(tmp_path / "a"), "--no-pictures"]) == 0
+        for name in ("report.html", "pictures"):
+            assert (tmp_path / "a" / name).exists() is stays, name
+
+
+@pytest.mark.usefixtures("one_picture", "empty_pictures")
+def test_pictures_of_older_numbers_do_not_stay_beside_a_page_made_in_python(tmp_path: Path) -> None:
+    assert main([*FEW, "--out", str(tmp_path / "a"), "--pictures"]) == 0
+    study = Study.read(tmp_path / "a" / "study.toml")
+    for runs, stays in ((4, True), (6, False)):
+        evaluate(study.with_runs(runs), tmp_path / "a", confirm=False)
+        assert (tmp_path / "a" / "report.html").is_file()
+        assert (tmp_path / "a" / "pictures").exists() is stays
 
 
 def test_pictures_and_none_conflict(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm.cli import main
+from vibroswarm.cli import commands, main
+from vibroswarm.core.folders import matching
+from vibroswarm.errors import InputError
 
 LINE = [sys.executable, "-m", "vibroswarm", "scenario"]
 
@@ -33,6 +35,7 @@ def started(line: str) -> tuple[int, str]:
         ("SCENARIO >&-", 1, "stdout is closed"),
         ("SCENARIO | head -1 > /dev/null; exit ${PIPESTATUS[0]}", None, ""),
         ("SCENARIO --robots x 2>&-", 2, ""),
+        ("SCENARIO --verbose 2> /dev/full", 0, ""),  # what it is doing is lost, what it does is not
     ],
 )
 def test_outputs_that_cannot_be_written(line: str, code: int | None, said: str) -> None:
@@ -106,6 +109,25 @@ def locked() -> Iterator[Path]:
             if root:
                 os.seteuid(0)
             folder.chmod(0o700)
+
+
+def test_a_folder_that_cannot_be_read_does_not_count_as_empty(locked: Path) -> None:
+    """One of shards or steps: of a study there would seem to be no runs."""
+    assert matching(locked.parent, "lock*") == [locked]
+    assert matching(locked.parent / "none", "*") == []
+    with pytest.raises(InputError, match="cannot be read: Permission denied"):
+        matching(locked, "*")
+
+
+def test_a_library_that_cannot_be_loaded_is_not_taken_for_the_output(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: object) -> int:
+        raise OSError("could not load libllvmlite.so")
+
+    monkeypatch.setattr(commands, "call", fails)
+    assert main(["scenario"]) == 1
+    assert capsys.readouterr().err == "vibroswarm: error: could not load libllvmlite.so\n"
 
 
 @pytest.mark.parametrize("command", ["show", "lab replay", "evaluate", "evaluate merge out"])

@@ -342,7 +342,8 @@ def test_what_needs_a_task_that_is_not_loaded_says_how_to_load_it(
     assert "is not loaded; add --trust to run the file" in capsys.readouterr().err
 
 
-def test_lines_of_another_file_of_the_same_name_are_not_named() -> None:
-    file = f"/elsewhere/{Path(__file__).name}"
+@pytest.mark.parametrize("folder", ["elsewhere", "day 2: noon"])
+def test_lines_of_another_file_of_the_same_name_are_not_named(folder: str) -> None:
+    file = f"/{folder}/{Path(__file__).name}"
     with pytest.raises(CodeError, match=f"^{file}: ValueError: no$"), errors_in(f"{file}:init"):
         raise ValueError("no")

@@ -9,6 +9,7 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.core.untrusted_files import parsed_toml
+from vibroswarm.documents import shown_file
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario, parse_setting
 
@@ -90,6 +91,15 @@ def test_a_table_of_very_many_columns(tmp_path, capsys):
 def test_a_table_in_utf_16_is_not_shown_as_zeros(tmp_path, capsys):
     path = tmp_path / "spreadsheet.csv"
     path.write_text("robot,time_s\n1,2\n", encoding="utf-16")
+    assert main(["show", str(path)]) == 2
+    assert "is binary or UTF-16; give a CSV in UTF-8" in capsys.readouterr().err
+
+
+def test_a_binary_file_is_refused_before_all_of_it_is_read(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "zeros.csv"
+    with path.open("wb") as file:
+        file.truncate(2**30)
+    monkeypatch.setattr(shown_file, "read_bytes", None)
     assert main(["show", str(path)]) == 2
     assert "is binary or UTF-16; give a CSV in UTF-8" in capsys.readouterr().err
 

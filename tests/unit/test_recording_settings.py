@@ -11,6 +11,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.fit import contradictions
+from vibroswarm.documents.recording import _inferred_value
 from vibroswarm.recordings.export import write_rugbot, write_webots
 from vibroswarm.recordings.infer_settings import infer_gate, infer_settings
 from vibroswarm.recordings.inferred import Inferred
@@ -197,3 +198,15 @@ def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:
     tau = {one.name: one for one in infer_settings([log])}["sample.sample_interval_ms"]
     assert (tau.value, tau.low, tau.high) == (None, None, None)
     assert tau.evidence == "24 undisturbed intervals: too different from each other"
+
+
+def test_an_inferred_number_has_six_digits_and_is_compared_with_all_it_has() -> None:
+    value = 0.0015344999999999998
+    setting = {"name": "sensor.rms_threshold", "value": value, "low": None, "high": None}
+    recording = SimpleNamespace(stated=(), scenario={"sensor.rms_threshold": value})
+    assert _inferred_value(recording, setting) == "0.0015345"
+    assert _inferred_value(recording, setting | {"value": "soft"}) == "soft"
+    recording.stated = ("sensor.rms_threshold",)
+    assert _inferred_value(recording, setting) == f"0.0015345 (stated: {value})"
+    recording.scenario = {"sensor.rms_threshold": 0.0015345001}
+    assert "WHICH DOES NOT FIT" in _inferred_value(recording, setting)

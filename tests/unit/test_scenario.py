@@ -187,8 +187,6 @@ def test_a_file_needs_to_say_only_what_differs(tmp_path: Path) -> None:
     assert Scenario.read(path) == Scenario().with_values({"walk.leg_min_ms": 500.0})
     path.write_text("\ufeff[walk]\nleg_min_ms = 500\n", encoding="utf-8")  # as some editors save it
     assert Scenario.read(path) == Scenario().with_values({"walk.leg_min_ms": 500.0})
-    path.write_text("", encoding="utf-8")
-    assert Scenario.read(path) == Scenario()
 
 
 def test_a_preset_may_be_the_base() -> None:
@@ -755,6 +753,19 @@ def test_wrong_values_of_a_file_are_told_with_the_file(kind: Any, tmp_path: Path
         InputError, match=rf"^swarm\.robots: 'many' is wrong: .* \(in {re.escape(str(file))}\)$"
     ):
         kind.read(file)
+
+
+@pytest.mark.parametrize("kind", [Scenario, Study, Search])
+def test_a_file_without_text_is_refused(kind: Any, tmp_path: Path) -> None:
+    """One that was cut off when it was written: it would count as all default values."""
+    file = tmp_path / "mine.toml"
+    for text in ("", "\ufeff", " \n\n"):
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=r"is empty; a .* has at least one field or comment") as caught:
+            kind.read(file)
+        assert str(file) in str(caught.value)
+    file.write_text("# as in the paper\n", encoding="utf-8")
+    kind.read(file)
 
 
 def test_defaults_of_parameters_are_what_the_same_values_become() -> None:

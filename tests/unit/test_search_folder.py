@@ -190,6 +190,21 @@ def test_a_step_of_other_requests_is_refused(folder: Path) -> None:
     run_search(search, folder)  # control
 
 
+@pytest.mark.parametrize("damage", ["", "[search\n", "seed = 4\n", None])
+def test_a_damaged_definition_is_refused_when_its_search_is_resumed(
+    tmp_path: Path, whole: pl.DataFrame, damage: str | None
+) -> None:
+    search, file = Search.from_toml(SMALL), tmp_path / "search.toml"
+    assert candidate_table(run_search(search, tmp_path)).equals(whole)
+    text = file.read_text(encoding="utf-8")
+    file.unlink() if damage is None else file.write_text(damage, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        run_search(search, tmp_path)
+    assert str(file) in str(caught.value)
+    file.write_text(text, encoding="utf-8")
+    assert candidate_table(run_search(search, tmp_path)).equals(whole)  # control
+
+
 @pytest.mark.parametrize("name", ["search.toml", "vibroswarm.json"])
 def test_a_folder_in_place_of_a_file_of_a_search_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).mkdir()

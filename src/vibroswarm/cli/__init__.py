@@ -147,7 +147,9 @@ def _failed_with(error: OSError) -> int:
     if error.filename is not None:
         code = 2 if error.errno in USER_ERRORS else 1
         return _failed(f"{shown_name(error.filename)}: cannot be used: {cause}", code)
-    # `atomic_io` names the files it writes, so an error without a name is about this process's output.
+    if error.errno is None:  # raised by a library, such as one that cannot be loaded
+        return _failed(cause, 1)
+    # `atomic_io` names the files it writes, so an error of the system without a name is about this process's output.
     _silence_stdout()
     return _failed(f"the output could not be written: {cause}", 1)
 

@@ -128,14 +128,13 @@ def save_requested_pictures(
         arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
     """
     from vibroswarm.cli.options import STYLES
-    from vibroswarm.core.atomic_io import remove_folder
     from vibroswarm.core.folders import PICTURES
-    from vibroswarm.show.figures import CAPTIONS, write_figures
+    from vibroswarm.show.figures import remove_figures, write_figures
 
     if wants_pictures(arguments):
         write_figures(folder / PICTURES, document, arguments.style or STYLES[0], progress)
-    elif (folder / PICTURES / CAPTIONS).is_file():
-        remove_folder(folder / PICTURES)
+    else:
+        remove_figures(folder / PICTURES)
 
 
 def print_document(document: Document, *, as_json: bool = False) -> None:

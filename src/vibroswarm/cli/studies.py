@@ -72,16 +72,21 @@ def _print_outcome(outcome: Outcome, output: Drawn) -> None:
 
     print_document(study_document(outcome), as_json=output.json)
     terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
-    if output.out is not None and not output.no_pictures:
+    if output.out is not None:
         _write_page(outcome, output.out, output)
     print_saved(output, None if output.no_pictures else REPORT)
 
 
 def _write_page(outcome: Outcome, folder: Path, output: Drawn) -> None:
-    """Write the page of a study and its pictures, unless all that is wanted is there."""
+    """Write the page of a study and its pictures, unless all that is wanted is there; remove pictures of another."""
+    from vibroswarm.core.folders import PICTURES
+    from vibroswarm.show.figures import remove_figures
     from vibroswarm.study.evaluation import has_report, write_report
 
-    if wants_pictures(output) or not has_report(outcome, folder):
+    is_reported = has_report(outcome, folder)
+    if output.no_pictures and not is_reported:
+        remove_figures(folder / PICTURES)
+    elif not output.no_pictures and (wants_pictures(output) or not is_reported):
         document = write_report(outcome, folder, STAGES)
         with STAGES.share("writing pictures") as progress:
             save_requested_pictures(document, output, folder, progress)

@@ -90,8 +90,9 @@ def plain(text: str) -> str:
 
 
 def say(text: str) -> None:
-    """Print a line on stderr, such as a warning."""
-    print(plain(text), file=sys.stderr, flush=True)
+    """Print a line on stderr, such as a warning; if it cannot be written, it is lost, and the work goes on."""
+    with suppress(OSError):
+        print(plain(text), file=sys.stderr, flush=True)
 
 
 def report(text: str) -> None:

@@ -29,6 +29,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
 
@@ -201,6 +202,19 @@ def write_described(
     return {table: folder / file for table, file in names.items()}
 
 
+def matching(folder: Path, pattern: str) -> list[Path]:
+    """Return what in a folder has a name of a pattern, sorted; nothing if there is no such folder.
+
+    Raises:
+        InputError: the folder cannot be read; ``Path.glob`` would find nothing in it.
+    """
+    try:
+        found = list(folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", field=str(folder)) from None
+    return sorted(path for path in found if fnmatchcase(path.name, pattern))
+
+
 def check_places(folder: Path) -> None:
     """Refuse a folder of described tables in which a folder, a pipe or a device has the name of a file of them.
 
@@ -209,7 +223,7 @@ def check_places(folder: Path) -> None:
     Raises:
         InputError: there is one; the message names it.
     """
-    for path in sorted(folder.glob("[!.]*")):
+    for path in matching(folder, "[!.]*"):
         if path.suffix in (".json", ".parquet") and path.exists() and not path.is_file():
             raise InputError("is in the place of a file: move it away", field=str(path))
 

@@ -70,16 +70,22 @@ def read_bytes(path: Path, most: int, what: str) -> bytes:
     return data
 
 
-def read_text(path: Path, what: str, most: int = MAX_TEXT) -> str:
+def read_text(path: Path, what: str, most: int = MAX_TEXT, *, filled: bool = False) -> str:
     """Read a regular file of at most ``most`` bytes as UTF-8 text; ``what`` names the kind of file, for errors.
 
+    Args:
+        filled: whether to refuse a file without text: of a file that was cut off when it was written, all values would
+            be defaults.
     Raises:
-        InputError: the file does not pass ``check_plain``, or is not UTF-8 text.
+        InputError: the file does not pass ``check_plain``, is not UTF-8 text, or has none.
     """
     try:
-        return read_bytes(path, most, what).decode("utf-8-sig")  # some editors write a byte order mark
+        text = read_bytes(path, most, what).decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError:
         raise InputError(f"is not text in UTF-8; {what} is", field=_named(path)) from None
+    if filled and not text.strip():
+        raise InputError(f"is empty; {what} has at least one field or comment", field=_named(path))
+    return text
 
 
 def read_json(path: Path, what: str) -> Any:

@@ -27,7 +27,7 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
     except (Exception, SystemExit) as error:  # a user's function may raise anything
         if not code:
             raise
-        file = code.partition(":")[0]
+        file = code.partition(" sha256:")[0].rpartition(":")[0]
         frames = traceback.extract_tb(error.__traceback__)
         lines = [line for line in frames if file in (line.filename, Path(line.filename).name)]
         place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else otherwise or file

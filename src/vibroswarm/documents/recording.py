@@ -103,14 +103,15 @@ def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:
     name, value = setting["name"], setting["value"]
     if value is None:
         return "inconclusive"
+    text = stated(value) if isinstance(value, float) else f"{value}"
     if name not in recording.stated:
-        return f"{value}"
-    stated = recording.scenario[name]
+        return text
+    given = recording.scenario[name]
     # 1e-9: a stated value that equals a limit fits, even if the limit was rounded
-    fits = stated == value or (
-        setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9
+    fits = given == value or (
+        setting["low"] is not None and setting["low"] - 1e-9 <= given <= setting["high"] + 1e-9
     )
-    return f"{value} (stated: {stated}{'' if fits else ', WHICH DOES NOT FIT'})"
+    return f"{text} (stated: {given}{'' if fits else ', WHICH DOES NOT FIT'})"
 
 
 def _import_data(

@@ -144,10 +144,12 @@ def _frame(path: Path) -> pl.DataFrame:
     if path.suffix != ".csv":
         check_written(path, PRINTED)
         return read_frame(path, path.stem)
+    check_plain(path, MOST_CSV, "a table")
+    with path.open("rb") as stream:
+        if b"\0" in stream.read(10_000):  # before all of it is read
+            raise InputError("is binary or UTF-16; give a CSV in UTF-8", field=str(path))
     data = read_bytes(path, MOST_CSV, "a table")
     head = data.partition(b"\n")[0]
-    if b"\0" in head:
-        raise InputError("is binary or UTF-16; give a CSV in UTF-8", field=str(path))
     if head.count(b",") >= MOST_COLUMNS:
         raise InputError(f"has more than {MOST_COLUMNS:,} columns; that is not a table", field=str(path))
     try:

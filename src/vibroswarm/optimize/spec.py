@@ -288,7 +288,7 @@ class Search(NotebookView):
             InputError: the file cannot be read, or something in it is wrong.
         """
         path = Path(path)
-        text = read_text(path, "a search")
+        text = read_text(path, "a search", filled=True)
         with in_file(path):
             return cls.from_toml(
                 text,

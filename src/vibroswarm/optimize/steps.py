@@ -50,6 +50,7 @@ from vibroswarm.core.folders import (
     check_places,
     has_manifest,
     manifest_text,
+    matching,
     read_described,
     read_manifest,
     write_described,
@@ -245,22 +246,20 @@ class SearchFolder:
         """Check that the folder holds the given search, and that this version of the programs may continue it.
 
         Raises:
-            InputError: the folder holds another search, has another format or a damaged manifest, or was begun by other
-                versions of the programs and ``mixed`` is false.
+            InputError: the folder holds another search, has another format, a damaged manifest or a damaged definition,
+                or was begun by other versions of the programs and ``mixed`` is false.
         """
         path = self.folder / MANIFEST
         saved_hash = entry(read_manifest(self.folder, "search"), "hash", str, path)
-        made_by = versions_of(self.folder)
-        if saved_hash != search.hash:
-            saved = saved_search(self.folder)
-            # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
-            other = search.with_settings(fresh=saved.settings.fresh)
-            if saved_hash != other.hash:
-                different = differences(saved, other)
-                raise InputError(
-                    f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
-                    field=str(self.folder),
-                )
+        made_by, saved = versions_of(self.folder), saved_search(self.folder)
+        # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
+        other = search.with_settings(fresh=saved.settings.fresh)
+        if saved_hash not in (search.hash, other.hash):
+            different = differences(saved, other)
+            raise InputError(
+                f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
+                field=str(self.folder),
+            )
         check_registered([made_by], self.folder, *search.code_used)
         if not mixed:
             check_begun_by(made_by, self.folder)
@@ -386,7 +385,7 @@ def held(folder: Path) -> dict[str, Any]:
         InputError: the search is damaged.
     """
     search = saved_search(folder)
-    paths = sorted((folder / STEPS).glob("[!.]*.json"))
+    paths = matching(folder / STEPS, "[!.]*.json")
     steps = [table for table in (intact_step(path, search) for path in paths) if table is not None]
     runs = [table.filter(pl.col("case") == 0) for table in steps]
     return {

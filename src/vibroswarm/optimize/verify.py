@@ -16,7 +16,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.atomic_io import MANIFEST
-from vibroswarm.core.folders import KINDS, read_manifest
+from vibroswarm.core.folders import KINDS, matching, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -188,7 +188,7 @@ def _of_study(folder: Path) -> _Part:
 
 def _of_search(folder: Path) -> _Part:
     search, damaged = saved_search(folder), []
-    for path in sorted((folder / STEPS).glob("*.json")):
+    for path in matching(folder / STEPS, "*.json"):
         try:
             read_step(path, search)
         except InputError as error:

@@ -139,7 +139,7 @@ class Scenario(Sections, NotebookView):
             InputError: the file cannot be read, or something in it is wrong.
         """
         path = path_of(path)
-        text = read_text(path, "a scenario")
+        text = read_text(path, "a scenario", filled=True)
         with in_file(path):
             return cls.from_toml(text, name=str(path), folder=path.parent)
 

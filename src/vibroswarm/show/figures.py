@@ -8,12 +8,22 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.atomic_io import remove_folder, whole_folder
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.show.document import Document
 
 CAPTIONS: Final = "captions.csv"
 """A folder of figures that contains this file was written here, and may be replaced."""
+
+
+def remove_figures(folder: Path) -> None:
+    """Remove a folder of figures, if one is there.
+
+    Raises:
+        InputError: another process works in it. RunError: it cannot be removed.
+    """
+    if (folder / CAPTIONS).is_file():
+        remove_folder(folder)
 
 
 def write_figures(

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from vibroswarm.core.displayed import document_of
-from vibroswarm.core.folders import REPORT
+from vibroswarm.core.folders import PICTURES, REPORT
 from vibroswarm.core.stages import SILENT, Stages
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Document
+from vibroswarm.show.figures import remove_figures
 from vibroswarm.show.page import write_page
 from vibroswarm.show.page_origin import is_made_from, origin
 from vibroswarm.study.baselines import references_of
@@ -23,7 +24,7 @@ from vibroswarm.study.run import run
 from vibroswarm.study.runner import Job, failures_in_words
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.summary import Outcome, outcome_of, write_outcome
+from vibroswarm.study.summary import Outcome, outcome_of, remove_file, write_outcome
 
 
 def evaluate(
@@ -55,6 +56,7 @@ def evaluate(
         result, folder, reference=reference, confirm=confirm, equal_error=equal_error, stages=stages, **how
     )
     if folder is not None and not has_report(outcome, folder):
+        remove_figures(folder / PICTURES)
         write_report(outcome, folder, stages)
     raise_failures(result, outcome, kept=folder is not None)
     return outcome
@@ -72,6 +74,8 @@ def outcome_after(
 ) -> Outcome:
     """Repeat the comparisons of a finished study on other seeds, and summarise it; in a folder, write its tables.
 
+    A page of an older outcome is removed from the folder.
+
     Args:
         reference: see ``cell_comparison.pairs_of``. confirm: whether compared cells run again on other seeds.
         equal_error: whether strategies are also compared at equal error. how: as of ``evaluate``.
@@ -84,8 +88,11 @@ def outcome_after(
     with stages.share("at equal error") as replayed:
         outcome = outcome_of(result, second, reference, replayed, equal_error=equal_error)
     if folder is not None:
-        # The page in the folder may be of this outcome, with its references.
-        write_outcome(outcome, folder, kept=("references",))
+        is_reported = has_report(outcome, folder)
+        if not is_reported:
+            remove_file(folder / REPORT)
+        # A page of this outcome has its references.
+        write_outcome(outcome, folder, kept=("references",) if is_reported else ())
     return outcome
 
 

@@ -304,12 +304,16 @@ class _DaskWorkers(Workers):
         try:
             threads = sum(self.client.nthreads().values())
         except Exception as error:  # a closed or disconnected client may raise anything
-            raise RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}") from error
+            raise _gone(error) from error
         self.count, self.checked_s = max(threads, 1), time.monotonic()
         if threads:
             self.with_workers_s = self.checked_s
         elif self.checked_s - self.with_workers_s > WITHOUT_WORKERS_S:
             raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
+
+
+def _gone(error: Exception) -> RunError:
+    return RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}")
 
 
 def _dask(address: str, mixed: bool) -> Iterator[Workers]:
@@ -374,8 +378,19 @@ def _check_dask_versions(client: Any, mixed: bool) -> None:
     """Refuse a cluster if a worker has no vibroswarm, or other versions unless they may be ``mixed``.
 
     Workers that join later are checked when their first batch comes back.
+
+    Raises:
+        InputError: a worker is refused. RunError: the scheduler has ended.
     """
-    for worker, reply in client.run(versions, on_error="return").items():
+    from distributed.comm.core import CommClosedError
+
+    try:
+        replies = client.run(versions, on_error="return")
+    except CommClosedError as error:
+        raise _gone(error) from error
+    for worker, reply in replies.items():
+        if isinstance(reply, CommClosedError):  # it has died since
+            continue
         if isinstance(reply, Exception):
             raise InputError(
                 f"worker {worker} cannot import vibroswarm ({type(reply).__name__}: {reply}); install the same version",

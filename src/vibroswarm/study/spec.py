@@ -389,7 +389,7 @@ class Study(NotebookView):
         """
         path = path_of(path)
         with in_file(path):
-            study = cls.from_toml(read_text(path, "a study"), name=str(path), folder=path.parent)
+            study = cls.from_toml(read_text(path, "a study", filled=True), name=str(path), folder=path.parent)
             study.check_effects()
             return study
 

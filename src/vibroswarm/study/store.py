@@ -31,6 +31,7 @@ from vibroswarm.core.folders import (
     check_places,
     has_manifest,
     manifest_text,
+    matching,
     read_described,
     read_manifest,
     write_described,
@@ -39,7 +40,7 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import scan_frame
 from vibroswarm.core.untrusted_files import entry, read_text, texts
 from vibroswarm.errors import InputError, RunError, in_file
-from vibroswarm.result import write_code
+from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, check_shard
 from vibroswarm.study.executors import check_begun_by
@@ -140,7 +141,7 @@ class Store:
 
         Raises:
             InputError: the folder holds something else, another study, or a study of another format; a folder or a
-                pipe is in the place of a file; or the folder cannot be made.
+                pipe is in the place of a file; the folder cannot be made; or two files of users' code have one name.
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
@@ -149,6 +150,8 @@ class Store:
         check_places(folder / SHARDS)
         store = cls.existing(folder, study)
         if store is None:
+            # Two different files of one name are refused before anything is written.
+            code_files((cell.scenario for cell in study.cells), study.motion)
             make_folder(folder / SHARDS)
             store = cls(folder, study)
         store.write_head()
@@ -190,7 +193,7 @@ class Store:
         """
         self.shards, self.broken, self.left_over = [], {}, 0
         described = set()  # the tables of all shards that can be used
-        for path in sorted((self.folder / SHARDS).glob("*")):
+        for path in matching(self.folder / SHARDS, "*"):
             if path.name.startswith("."):  # a temporary file
                 self.left_over += 1
             elif path.suffix == ".json":
@@ -205,7 +208,7 @@ class Store:
                     described |= set(shard.files.values())
         # A table that no usable shard has is not left over if its description exists: the description is broken, or
         # another writer has just written it.
-        tables = set((self.folder / SHARDS).glob("[!.]*.parquet"))
+        tables = set(matching(self.folder / SHARDS, "[!.]*.parquet"))
         descriptions = [path.with_name(f"{path.name.partition('.')[0]}.json") for path in tables - described]
         self.left_over += sum(not description.is_file() for description in descriptions)
 
@@ -260,7 +263,7 @@ class Store:
     def failures(self) -> list[dict[str, Any]]:
         """The recorded failures of batches (``FAILURE``) of which some runs are still missing."""
         failures = []
-        for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
+        for path in matching(self.folder / FAILURES, "[!.]*.json"):
             # An unreadable record is skipped without harm: the shards show which runs are missing.
             with suppress(InputError):
                 failure = read_manifest(path, "failure")

@@ -273,10 +273,19 @@ def write_outcome(outcome: Outcome, folder: Path, kept: Container[str] = ()) -> 
         write_table(table, folder / name)
     others = [name for name in OF_SOME if name not in outcome.tables and name not in kept]
     for path in (folder / f"{name}.{suffix}" for name in others for suffix in ("csv", "parquet")):
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
+        remove_file(path)
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file, if it is there.
+
+    Raises:
+        RunError: it cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
 def write_table(table: pl.DataFrame, path: Path) -> dict[str, Any]:
