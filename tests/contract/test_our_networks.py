@@ -289,8 +289,8 @@ def test_load_is_what_loses_messages_in_a_tree() -> None:
     ("network", "robots", "params", "words"),
     [
         ("range", 5, {"range_m": 0.0}, r"network\.range\.range_m: 0\.0 is wrong: input should be greater than 0"),
-        ("loss_by_size", 4, {}, r"swarm\.robots: 4 robots: .* fitted to swarms of 5 to 10"),
-        ("loss_by_size", 11, {}, r"swarm\.robots: 11 robots"),
+        ("loss_by_size", 4, {}, r"swarm\.robots: .* fitted to swarms of 5 to 10, not of 4"),
+        ("loss_by_size", 11, {}, r"swarm\.robots: .*, not of 11"),
         ("tree", 3, {"parents": (1, 2, 0)}, r"parents: robots 0 -> 1 -> 2 -> 0 form a circle"),
         ("tree", 4, {"parents": (1, 2, 1, -1)}, r"parents: robots 1 -> 2 -> 1 form a circle"),
         ("tree", 3, {"parents": (0, -1, -1)}, r"parents: robots 0 -> 0 form a circle"),
