@@ -117,6 +117,16 @@ def test_estimates_other_than_a_posterior_s_are_those_of_tables(strategy: str) -
     np.testing.assert_array_equal(error[:, 0], np.abs(expected - found.fill_ratio[:, None]).mean(axis=1))
 
 
+@pytest.mark.parametrize("t_end_s", [0.01, 0.02, 0.04])
+@pytest.mark.parametrize("together", [1, 2])
+def test_a_run_that_ends_at_once_is_not_the_one_before(t_end_s: float, together: int) -> None:
+    scenario = Draw(strategy="positive").scenario()
+    outcomes_of([scenario], 1, [0])
+    for found in outcomes_of([scenario.with_values({"run.t_end_s": t_end_s})] * together, 1, [0, 1]):
+        assert found.undecided.all()
+        assert (found.estimate == 0.5).all()
+
+
 def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
     for name in ("PIECE_S", "MARGIN_S"):

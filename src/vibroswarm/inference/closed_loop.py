@@ -311,6 +311,7 @@ class ClosedLoop:
         self.moves: list[NDArray[np.void]] = []
         self.tracks = NO_TRACKS
         # is_new: whether the next ``catch_up`` replays the run from its start: in a new run, or after ``_enlarge``.
+        # Until then decisions and states are those of the run before.
         # located: number of samples that ``catch_up`` has handled.
         self.is_new, self.located = True, 0
         if self.localisation is not None:
@@ -407,7 +408,7 @@ class ClosedLoop:
             tick = self.following(self.calls, *arguments)
         self.replayer.refuse(max(-tick, DONE))
         state.tick = tick
-        self.located, self.is_new = int(self.bounds[1]), False
+        self.located, self.is_new = int(self.bounds[1]), tick <= 1  # a run of a single tick is not replayed
 
     def can_follow(self, state: MotionState) -> TypeGuard[EventRun]:
         """Return whether ``follow`` can simulate this run, which must not record segments or moves.

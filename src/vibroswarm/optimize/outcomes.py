@@ -237,7 +237,8 @@ def _simulated_together(
         if len(loops) == 1 and loops[0].can_follow(state):
             loops[0].follow(state, POLL_S)
         until_s = max(course.until_s(state.time_s) for course in courses)
-        while not reached(state.time_s, until_s, loops[0].tick_ms):
+        # A run of a single tick is at its end from the start, and is replayed all the same.
+        while loops[0].is_new or not reached(state.time_s, until_s, loops[0].tick_ms):
             if loops[0].steers:  # then it is the only one
                 steer_on(steerable(state, motion), loops[0], until_s)
             else:
