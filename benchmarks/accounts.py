@@ -27,10 +27,11 @@ from polars.testing import assert_frame_equal
 from vibroswarm import InputError, Result, Scenario, Study, networks, replay, simulate, strategies, tasks
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.optimize.outcomes import from_tables, outcomes_of
+from vibroswarm.scenario.scenario import differences
 from vibroswarm.simulation import steers
 from vibroswarm.study.run import run as run_study
 from vibroswarm.testing import plain_run
-from vibroswarm.testing.runs import differences
+from vibroswarm.testing.runs import differences as differing
 
 SEED, RUNS = 9, [0, 1, 3]
 PLAIN_SAMPLES = 900
@@ -137,10 +138,8 @@ def tell_differences(scenario: Scenario, number: int) -> Any:
         except InputError as error:  # such as a search over a strategy that it refuses
             print(f"{number}, {account.__name__}: refused: {error}", flush=True)
         except Exception:
-            print(
-                f"{number}, {account.__name__}: {scenario.to_toml()}\n{traceback.format_exc(limit=-3)}",
-                flush=True,
-            )
+            values = differences(scenario, Scenario())
+            print(f"{number}, {account.__name__}: {values}\n{traceback.format_exc(limit=-3)}", flush=True)
             yield account.__name__
 
 
@@ -174,7 +173,7 @@ def plain(scenario: Scenario, together: Result) -> None:
     found = simulate(scenario, SEED, RUNS[:1], moves=True)
     if not is_estimated(scenario) and found.motion.height <= PLAIN_SAMPLES:
         made = plain_run(scenario, SEED, found.motion, found.ends, found.observations, found.moves)
-        assert list(differences(found, made)) == []
+        assert list(differing(found, made)) == []
 
 
 def search(scenario: Scenario, together: Result) -> None:
