@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.spectrum import acceleration_frame, periodograms, spectra_of
+from vibroswarm.recordings.spectrum import _left_out, acceleration_frame, periodograms, spectra_of
 
 RATE_HZ = 350.0
 Floats = NDArray[np.float64]
@@ -71,6 +71,8 @@ def test_groups_with_too_few_samples_are_named(tmp_path: Path) -> None:
     assert few.warnings == ("no spectrum of groups with fewer than 5 samples (by robot): robot 1",)
     enough = spectra_of(file_of(recorded([(61.3, 1.0)], [], count=10), tmp_path), axis="z")
     assert enough.warnings == ()
+    named = [("tile", name, np.arange(1)) for name in ("tile 1, 4", "tile 2, 5")]
+    assert next(_left_out(named)).endswith("(by tile): tile 1, 4; tile 2, 5")
 
 
 def test_noise_has_no_lines(tmp_path: Path) -> None:

@@ -120,6 +120,36 @@ def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) 
     assert "0 of 1 tiles vibrate and 1 is still, each" in capsys.readouterr().out
 
 
+def test_results_that_cannot_be_saved_are_printed(
+    plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """They were lost, and the code was that of a failure. With a certificate, too."""
+    (tmp_path / "file").write_text("")
+    given = [
+        plate / "plate.csv",
+        "--laws",
+        plate / "reference.csv",
+        "--size",
+        "1x1",
+        "--out",
+        tmp_path / "file" / "sub",
+    ]
+    for rest, answer in ((("--tiles", "5x5"), "tiles vibrate"), (("--replicates", "19"), "DAMAGE")):
+        assert run("inspect", *given, *rest) == 2
+        printed = capsys.readouterr()
+        assert answer in printed.out
+        assert "Saved" not in printed.out
+        assert "cannot be made" in printed.err
+
+
+def test_without_samples_the_error_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Nobody gave --run."""
+    settings = ("--set", "sample.sample_interval_ms=100000000", "--set", "run.t_end_s=60")
+    error = error_of(capsys, *settings)
+    assert "no robot took a sample in run 0" in error
+    assert "--run" not in error
+
+
 def test_what_a_csv_does_not_have_is_refused_and_repeated_rows_are_warned_of(
     plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -26,6 +26,7 @@ def test_it_draws(open_page: Open, scheme: str) -> None:
     for canvas in ("floor", "past", "actors", "belief"):
         assert not page.evaluate(BLANK, canvas), canvas
     assert page.locator(".card canvas").count() == 5
+    assert page.evaluate("document.querySelector('h1, h2').tagName") == "H1"
 
 
 def test_it_plays_when_opened_and_can_be_paused(open_page: Open) -> None:

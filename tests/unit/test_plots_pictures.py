@@ -863,3 +863,9 @@ def test_borders_and_words_of_tiles_know_all_kinds() -> None:
     assert [len(line.get_xdata()) for line in of_kind] == [1, 1]
     # each of the tiles (0, 1) and (1, 0) has four sides, of which they share none
     assert len(three.figure.axes[0].collections[-1].get_segments()) == 8
+
+
+def test_a_spectrum_speaks_of_bands_only_where_lines_are() -> None:
+    """Groups have no lines in their picture: it spoke of the "intervals of 0 lines"."""
+    for lines, words in ((0, "over frequency."), (1, "intervals of 1 line."), (2, "intervals of 2 lines.")):
+        assert draw_spectrum(spectra(["still"]), LINES_HZ.head(lines)).caption.endswith(words)

@@ -7,6 +7,7 @@ from importlib.resources import files
 
 import polars as pl
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
 from vibroswarm.plots.picture import themed_svg
@@ -67,6 +68,21 @@ def test_a_map_speaks_of_wrong_tiles_only_where_the_truth_is_known(
     assert len(figure.axes[0].lines[0].get_xdata()) == crosses
     assert figure.get_supxlabel().startswith(words)
     assert bool(figure.get_supxlabel()) == bool(words)
+
+
+def test_a_dark_page_changes_all_colours_of_a_map_or_none() -> None:
+    """Its ends alone became dark, so that 0 was black beside a white 0.05; and crosses stand out on both ends."""
+    tiles = {
+        "run": [0] * 3,
+        "robot": [None] * 3,
+        "row": [0] * 3,
+        "column": [0, 1, 2],
+        "vibrating": [0.0, 0.5, 1.0],
+    }
+    figure = maps_figure(pl.DataFrame({**tiles, "vibrates": pl.Series([1, 1, 0], dtype=pl.Int8)}))
+    svg = themed_svg(figure)
+    assert not re.search(r"var\(--fig-(tile-)?(still|vibrating)", svg)
+    assert sum(to_rgb(figure.axes[0].lines[0].get_color())) < 0.3  # darker than both ends
 
 
 def test_marks_are_those_of_the_replay_page(result: Result) -> None:

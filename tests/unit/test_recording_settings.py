@@ -13,7 +13,7 @@ import pytest
 from vibroswarm.calibrate.fit import contradictions
 from vibroswarm.documents.recording import _inferred_value
 from vibroswarm.recordings.export import write_rugbot, write_webots
-from vibroswarm.recordings.infer_settings import infer_gate, infer_settings
+from vibroswarm.recordings.infer_settings import infer_gate, infer_settings, infer_tau
 from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
@@ -185,6 +185,15 @@ def test_gates_are_inconclusive_without_beliefs(told: Scenario, tmp_path: Path) 
     unsure = replace(log, samples=log.samples.with_columns(belief_below=pl.lit(None, pl.Float64)))
     inferred = {one.name: one.evidence for one in infer_settings([unsure])}
     assert "decisions, beliefs or numbers of messages sent are not logged" in inferred["decision.gate"]
+
+
+def test_tau_is_found_where_rows_cut_its_intervals(tmp_path: Path) -> None:
+    """Rows every 0.22 s: an interval of 4.78 s is logged as 4.84 or 4.62 s, and a late row makes 5.06 s of one."""
+    spacings_s = ([4.84] * 3 + [4.62]) * 30 + [5.06] * 2
+    columns = {"whole": True, "spacing_s": spacings_s, "avoid_s": 0.0, "stop_s": 1.0}
+    tau = infer_tau(pl.DataFrame(columns))
+    assert tau.low <= 3778 <= tau.high
+    assert tau.evidence.startswith("122 of 122 intervals without avoidance are 4.79")
 
 
 def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:

@@ -96,6 +96,7 @@ def _small_caches() -> Iterator[None]:
 def seen(text: str) -> str:
     """What is read on a page, in one line."""
     body = re.sub(r"<(style|script)>.*?</\1>", "", text, flags=re.DOTALL)
+    body = re.sub(r'<span class="option">(.*?)</span>', r"\1", body)
     return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", body)).replace("\u00a0", " ").split())
 
 

@@ -25,7 +25,7 @@ from vibroswarm.plots.style import NAMES
 from vibroswarm.show.data import document_data, document_from, document_values
 from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
 from vibroswarm.show.figures import write_figures
-from vibroswarm.show.markup import escape, inline_svg
+from vibroswarm.show.markup import code_html, escape, inline_svg
 from vibroswarm.show.page import fragment_html, page_html, write_page
 
 NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
@@ -381,6 +381,16 @@ def test_answers_come_before_what_follows_and_before_the_contents() -> None:
         for words in ("They were told.", "It does.", ">before<", '<nav class="contents"', "part 0</h2>")
     ]
     assert places == sorted(places)
+
+
+def test_options_are_not_broken_at_their_hyphens() -> None:
+    """In texts, in code and in tables; a dash between words, or a double one within a word, is no option."""
+    option = '<span class="option">--spread-mm</span>'
+    assert (
+        code_html("state it: --spread-mm, `--spread-mm 5`") == f"state it: {option}, <code>{option} 5</code>"
+    )
+    assert code_html("a -- b, c--d-e") == "a -- b, c--d-e"
+    assert option in page_of(Table(pl.DataFrame({"advice": ["--spread-mm"]})))
 
 
 def test_strips_of_a_column_share_their_scale() -> None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.output import print_json, print_line, print_saved
+from vibroswarm.core.atomic_io import make_folder
+from vibroswarm.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -34,9 +36,14 @@ class Destination:
         self.work = hash_of(*settings) if settings else ""
         claim(output, lambda folder: refuse_other(folder, command, self.work), at_once=at_once)
 
-    def deliver(self, document: Document, tables: Mapping[str, DataFrame] | None = None) -> None:
+    def deliver(
+        self,
+        document: Document,
+        tables: Mapping[str, DataFrame] | None = None,
+        also: Callable[[Path], object] | None = None,
+    ) -> None:
         """Save a document and tables, as ``deliver`` does, and print it."""
-        deliver(document, self.output, self.command, tables, self.work)
+        deliver(document, self.output, self.command, tables, self.work, also)
 
 
 def deliver(
@@ -45,29 +52,51 @@ def deliver(
     command: str,
     tables: Mapping[str, DataFrame] | None = None,
     work: str = "",
+    also: Callable[[Path], object] | None = None,
 ) -> None:
     """Save tables and a document in the folder of ``--out``, if it is given; print the document, and where it is.
+
+    If they cannot be saved, the document is printed before the error is raised, so that no result is lost.
 
     With ``--pictures`` its pictures are files too, with ``--no-pictures`` its page has none.
 
     Args:
         output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "league".
         tables: by name; they become CSV and Parquet. work: hash of the command's settings (``Destination``).
+        also: writes further files into the folder.
     """
     from vibroswarm.core.folders import REPORT
-    from vibroswarm.documents.saved import begin
 
     if output.out is not None:
-        # first, so that the command can be given again if a table cannot be written
-        begin(output.out, command, work)
-        files: dict[str, Any] = {}
-        if tables:
-            from vibroswarm.study.summary import write_table
-
-            for name, table in tables.items():
-                files |= write_table(table, output.out / name)
-        save_with_pictures(document, output, output.out, command, work, files)
+        try:
+            _save(document, output, command, tables or {}, work, also)
+        except (InputError, RunError):
+            print_document(document, as_json=output.json)
+            raise
     print_with_place(document, output, REPORT)
+
+
+def _save(
+    document: Document,
+    output: Any,
+    command: str,
+    tables: Mapping[str, DataFrame],
+    work: str,
+    also: Callable[[Path], object] | None,
+) -> None:
+    """Save a document, tables and further files; the arguments are those of ``deliver``."""
+    from vibroswarm.documents.saved import begin
+    from vibroswarm.study.summary import write_table
+
+    make_folder(output.out)
+    # first, so that the command can be given again if a table cannot be written
+    begin(output.out, command, work)
+    files: dict[str, Any] = {}
+    for name, table in tables.items():
+        files |= write_table(table, output.out / name)
+    if also is not None:
+        also(output.out)
+    save_with_pictures(document, output, output.out, command, work, files)
 
 
 def print_with_place(document: Document, output: Any, page: str | None) -> None:

@@ -12,7 +12,6 @@ from vibroswarm.cli.option_values import number, pair_of, refuse, share
 from vibroswarm.cli.options import PRESETS, Drawn, ScenarioOptions, Seed
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from, words_of
-from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.errors import check_choice
 
 if TYPE_CHECKING:
@@ -212,14 +211,13 @@ def inspect(
         destination.deliver(_plan_document(planned, damage, scenario, seed))
         return
     found = _inspected(source, evidence, damage, scenario, seed)
-    if output.out is not None and found.assessment is not None:
-        make_folder(output.out)
-        write_certificate(output.out / CERTIFICATE, found)
+    has_certificate = found.assessment is not None
+    certificate = (lambda folder: write_certificate(folder / CERTIFICATE, found)) if has_certificate else None
     tables = {
         "samples": found.samples.frame, "map": found.maps, "raster": found.rasters, "scores": found.scores,
     }  # fmt: skip
     written = {name: table for name, table in tables.items() if not table.is_empty()}
-    destination.deliver(inspection_document(found), written)
+    destination.deliver(inspection_document(found), written, certificate)
 
 
 def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evidence | Damage) -> None:

@@ -83,10 +83,14 @@ def _believed_and_true(truth: Truth, believed_runs: int | None, unit: str) -> Ta
         "what": Column("score of the winner"),
         "score": Column("score", unit),
         "share": Column("of the true score", share=True, sign=True),
-        "luck": Column("selection bias", tones=LUCK_TONES),
+        "luck": Column("luck in the search", tones=LUCK_TONES),
     }
     frame = frame_of(rows, ("what", "score", "score_low", "score_high", "share", "runs", "luck"))
-    return Table(frame, columns, "With 95 % intervals; the unit is the run.", "truth")
+    caption = (
+        "With 95 % intervals; the unit is the run. The difference takes the believed score as exact: luck may be "
+        "selection bias or the error of that score."
+    )
+    return Table(frame, columns, caption, "truth")
 
 
 def parts_of(scored: Sequence[Scored], cases: Sequence[str], unit: str) -> tuple[Table, ...]:

@@ -56,7 +56,9 @@ def samples_of_result(
     of_run = pl.col("run") == run
     motion = result.motion.filter(of_run).select(*KEY, "time_s", "x_m", "y_m")
     if motion.is_empty():
-        raise InputError(f"there is no run {run}, or it has no samples", field="--run")
+        if run not in result.runs["run"]:
+            raise InputError(f"there is no run {run}", field="--run")
+        raise InputError(f"no robot took a sample in run {run}, so nothing can be inspected")
     places, are_true = _known_from(result, run)
     if spread_m and (result.places is not None or are_true):
         known = "true" if result.places is None else "estimated by the robots, which say how sure they are"

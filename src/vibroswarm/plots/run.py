@@ -391,7 +391,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
         maps: the table of ``analysis.floor_maps.floor_maps``, in which the pooled map has null as its robot, and the
             tiles of each map are sorted by row, then column. run: number of a run that the table has.
     """
-    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.colors import LinearSegmentedColormap, to_rgb
     from matplotlib.figure import Figure
 
     of_run = maps.filter(pl.col("run") == run)
@@ -402,7 +402,9 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     # about 2 in per map, and room for the scale of colours at the right and the words below
     figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
     axes = panels_of(figure, count, ACROSS)
-    colours: Any = LinearSegmentedColormap.from_list("floor", [STILL, VIBRATING])
+    # Almost the named colours: those a dark page replaces, but not the ones between them, nor the scale's.
+    ends = [tuple(0.99 * part for part in to_rgb(colour)) for colour in (STILL, VIBRATING)]
+    colours: Any = LinearSegmentedColormap.from_list("floor", ends)
     mesh: Any = None
     for ax, robot in zip(axes, [None, *robots], strict=True):  # None: all robots
         own = of_run.filter(pl.col("robot").is_null() if robot is None else pl.col("robot") == robot)
@@ -410,7 +412,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
         belief = own["vibrating"].to_numpy().reshape(shape)
         mesh = ax.pcolormesh(belief, cmap=colours, vmin=0, vmax=1, edgecolors="#8a8578", linewidth=0.4)
         wrong = own.filter((pl.col("vibrating") > 0.5) != (pl.col("vibrates") == 1))
-        ax.plot(wrong["column"].to_numpy() + 0.5, wrong["row"].to_numpy() + 0.5, "x", color="#c2410c", mew=2)
+        ax.plot(wrong["column"].to_numpy() + 0.5, wrong["row"].to_numpy() + 0.5, "x", color="black", mew=2)
         ax.set(aspect="equal", xlim=(0, shape[1]), ylim=(shape[0], 0), xticks=[], yticks=[])
         ax.spines[:].set_visible(True)
         ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)

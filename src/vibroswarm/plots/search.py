@@ -86,7 +86,7 @@ def draw_search(
     caption = f"{label} over {count(frame.height, 'iteration')}: the best so far and the mean of the candidates tried."
     if true is not None:
         caption += (
-            f" On fresh runs the winner's is {number(true, digits=4)}; what lies below it is selection bias."
+            f" On fresh runs the winner's is {number(true, digits=4)}; below it: selection bias or chance."
         )
     return Picture(figure, frame.select("iteration", "best", "mean"), caption)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
+from vibroswarm.core.numbers import count
 from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.inputs import check_bounds, tidy, with_series
 from vibroswarm.plots.layout import few_ticks, legend_below, number, plain_axes
@@ -68,7 +69,6 @@ def draw_spectrum(
             )  # fmt: skip
     if named:
         legend_below(figure, sizes, [series_handle(sizes, look, mark=False) for look in looks], named)
-    caption = (
-        f"Amplitude of sines in the readings over frequency; bands: 95 % intervals of {lines.height} lines."
-    )
+    bands = f"; bands: 95 % intervals of {count(lines.height, 'line')}" if lines.height else ""
+    caption = f"Amplitude of sines in the readings over frequency{bands}."
     return Picture(figure, frame.select("series", "hz", "amplitude"), caption)

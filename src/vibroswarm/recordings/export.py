@@ -4,7 +4,7 @@ All that a log contains of a simulated result is read back equal.
 
 | format | contains | does not contain |
 |---|---|---|
-| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms; None where the result has no value | bits read and sent, headings, times of samples more exact than 0.22 s, times of driving and turning |
+| rugbot | positions every 0.22 s to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms; None where the result has no value | bits read and sent, headings, times and places of samples (those of the next 0.22 s), times of driving and turning |
 | webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; settings that are whole numbers | paths, headings, sessions without bits sent, strategies other than none, positive and soft |
 | csv | every table of the result, one file per table | the additional tables of a recording (rows, tracks) |
 """  # noqa: E501

@@ -206,17 +206,18 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
     for gate in GATES:
         low, high, decisions = -math.inf, math.inf, 0
         for own, decision, belief in _deciding_robots(logs):
-            count = _counts(own, gate)
+            counted = _counts(own, gate)
             # Logged beliefs may be cut to three digits.
             is_sure = (belief > credible + 1e-3) | (belief < 1 - credible - 1e-3)
-            low = max(low, float(count[(decision == -1) & is_sure].max(initial=-math.inf)))
+            low = max(low, float(counted[(decision == -1) & is_sure].max(initial=-math.inf)))
             decided = np.flatnonzero(decision != -1)
             if decided.size:
-                high, decisions = min(high, float(count[decided[0]])), decisions + 1
+                high, decisions = min(high, float(counted[decided[0]])), decisions + 1
         bounds[gate] = (low, high, decisions)
     decisions = bounds["own"][2]  # the same for every kind
     if decisions == 0:
         return [undetermined(name, f"no robot decided, or {NEEDED} are not logged") for name in names]
+    first = count(decisions, "first decision")
     possible = [gate for gate, (low, high, _) in bounds.items() if low < high]
     counts = "; ".join(
         f"{gate}: {_held(low)} while undecided and sure, at least {stated(high)} at a first decision"
@@ -227,11 +228,11 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
         options = ", ".join(possible) or "none"
         if len(possible) == 1:
             options += " only, and it never held a robot back"
-        words = f"{decisions} first decisions; possible: {options} ({counts})"
+        words = f"{first}; possible: {options} ({counts})"
         return [undetermined(name, words) for name in names]
     gate = possible[0]
     low, high, _ = bounds[gate]
-    words = f"{decisions} first decisions; only '{gate}' fits ({counts})"
+    words = f"{first}; only '{gate}' fits ({counts})"
     # The current sample may count only where own readings do (``decision.gate_counts_current``).
     if_current = "" if gate == "received" else f"; {stated(low + 1)} if the current sample counts"
     # O_c is at least the largest count without a decision, and below the smallest count at a first decision.
@@ -299,7 +300,7 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
     value = _roundest(low, high + 1e-9) if low > 0.5 and low <= high else None
     return Inferred(
         name, value, low, high,
-        f"least belief at one of {decisions} first decisions {stated(high)}; largest of a robot past the gate that "
+        f"least belief at {count(decisions, 'first decision')} {stated(high)}; largest of a robot past the gate that "
         f"did not "
         f"decide {stated(low)} (logged beliefs may be cut to three digits)",
     )  # fmt: skip
@@ -320,13 +321,14 @@ def infer_tau(between: pl.DataFrame) -> Inferred:
         which = "without avoidance"
     spacing = calm["spacing_s"].to_numpy()
     if spacing.size < 20:
-        return undetermined(name, f"{spacing.size} undisturbed intervals: too few")
+        return undetermined(name, f"{count(spacing.size, 'undisturbed interval')}: too few")
     # Find the window of width UNDISTURBED_S (two neighbouring bins of a histogram) with the most intervals.
     edges = np.arange(0.0, spacing.max() + UNDISTURBED_S, UNDISTURBED_S / 2)
     in_windows = np.convolve(np.histogram(spacing, edges)[0], [1, 1], "valid")
     middle_s = edges[int(np.argmax(in_windows))] + UNDISTURBED_S / 2
-    # Intervals up to half a window beyond its edges count too, since these edges are those of bins, which may cut the
-    # usual intervals anywhere.
+    # The edges are those of bins, which may cut the usual intervals anywhere. A log with rows every 0.2 s has intervals
+    # on both sides of the true one, of which only the mean is right: so take them around the window's median.
+    middle_s = float(np.median(spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S / 2]))
     usual = spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S]
     if usual.size < 2:  # one interval has no standard deviation
         return undetermined(name, f"{spacing.size} undisturbed intervals: too different from each other")

@@ -397,7 +397,7 @@ def _left_out(groups: Sequence[tuple[str, str, Ints]]) -> Iterator[str]:
     for group in dict.fromkeys(group for group, _, _ in groups):
         few = [name for one, name, rows in groups if one == group and rows.size < FEWEST]
         if few:
-            yield f"no spectrum of groups with fewer than {FEWEST} samples (by {group}): {', '.join(few)}"
+            yield f"no spectrum of groups with fewer than {FEWEST} samples (by {group}): {'; '.join(few)}"
 
 
 def acceleration_frame(robots: Ints, ends_s: Floats, readings: Floats, rate_hz: float) -> pl.DataFrame:

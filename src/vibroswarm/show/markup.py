@@ -21,9 +21,14 @@ def escape(text: object) -> str:
 
 
 def code_html(text: str) -> str:
-    """Escape text, mark words between backticks as code, and keep a number and its unit on one line."""
+    """Escape text, mark words between backticks as code, and keep a number and its unit, or an option, on one line."""
     unbroken = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm)(?!\w))", "\u00a0", text)  # a space that does not break
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(unbroken))
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", unbroken_options(escape(unbroken)))
+
+
+def unbroken_options(markup: str) -> str:
+    """Mark options such as ``--spread-mm`` in HTML, so that the page's style keeps each on one line."""
+    return re.sub(r"(?<![\w-])--[a-z][\w-]*", r'<span class="option">\g<0></span>', markup)
 
 
 def minus_signs(text: str) -> str:

@@ -22,7 +22,7 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.show.cells import Cell, Heading, Written, written
 from vibroswarm.show.document import Document, Figure, Part, Photo, Section, Table
-from vibroswarm.show.markup import code_html, escape, inline_svg, minus_signs
+from vibroswarm.show.markup import code_html, escape, inline_svg, minus_signs, unbroken_options
 from vibroswarm.show.page_origin import with_origin
 
 if TYPE_CHECKING:
@@ -216,7 +216,9 @@ def _classes(head: Heading, cell: Cell | None = None) -> str:
 
 def _breakable(text: object) -> Markup:
     """Escape text, and allow line breaks in long words, since names of fields would widen a column otherwise."""
-    return _markup(re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text)))
+    return _markup(
+        re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), unbroken_options(escape(text)))
+    )
 
 
 def _on_strip(value: float, scale: float) -> str:
