@@ -42,11 +42,18 @@ def test_the_examples_are_short(example: str) -> None:
     assert len((EXAMPLES / f"{example}.py").read_text(encoding="utf-8").splitlines()) < 60
 
 
-def test_a_file_that_imports_another_says_what_to_do(tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore::ImportWarning")  # of a relative import
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("import helper_beside", "No module named 'helper_beside'"),
+        ("from . import helper_beside", "relative import.*"),
+    ],
+)
+def test_a_file_that_imports_another_says_what_to_do(line: str, why: str, tmp_path: Path) -> None:
     (tmp_path / "helper_beside.py").write_text("")
-    (tmp_path / "mine.py").write_text("import math\nimport helper_beside\n")
-    words = r"No module named 'helper_beside'; a file imports installed packages only, .* \(line 2\)"
-    with pytest.raises(InputError, match=words):
+    (tmp_path / "mine.py").write_text(f"import math\n{line}\n")
+    with pytest.raises(InputError, match=rf"{why}; a file imports installed packages only, .* \(line 2\)"):
         load_code(f"{tmp_path / 'mine.py'}:mine")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 
 from helpers.exported_robots import STRICT
 from vibroswarm import preset
@@ -320,6 +321,28 @@ def beyond_32_bits(a: int, b: int) -> tuple[float, float, float, float, float]:
     )
 
 
+def chosen_products(a: int, b: int) -> tuple[float, float, float]:
+    return min(a * b, 7) / 1, max(7, a * b, b) / 1, (a * b if a < b else b) / 1
+
+
+def signs_of_zero(x: float, y: float) -> tuple[float, float, float]:
+    zero, small = x * 0.0, x / 1e7
+    return math.atan2(zero % y, -1.0), math.atan2(-y % y, -1.0), math.atan2(math.ceil(small), -1.0)
+
+
+def powers(x: float, y: float) -> tuple[float, float, float, float]:
+    return x**4, (x - y) ** 3, (1.0 + x * x) ** -7, x ** math.floor(y / 1e5)
+
+
+def generated_names(a: int, b: int) -> tuple[float, float]:
+    held_1, k_1, vs_mod_i, int64_t = b, 0, a, 2
+    for j in (1, 5):
+        for i in range(a * 0 + held_1 % 7):
+            k_1 += i * j
+    a, held_1 = held_1, a % 5
+    return float(k_1 + held_1), a * int64_t / 1 + vs_mod_i
+
+
 def swapped_pairs(x: float, y: float) -> tuple[float, float]:
     one, other = Pair(x, 1), Pair(y, 2)
     one, other = other, one
@@ -328,7 +351,8 @@ def swapped_pairs(x: float, y: float) -> tuple[float, float]:
 
 FUNCTIONS = (
     (integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (swapped_pairs, REAL, 2), (choices, INT, 2),
-    (products, INT, 4), (beyond_32_bits, INT, 5),
+    (products, INT, 4), (beyond_32_bits, INT, 5), (chosen_products, INT, 3), (signs_of_zero, REAL, 3),
+    (generated_names, INT, 2),
 )  # fmt: skip
 
 
@@ -340,11 +364,12 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
     folder = tmp_path_factory.mktemp("c")
     made = program()
-    texts = [made.function(function, [kind, kind]) for function, kind, _ in FUNCTIONS]
+    functions = (*FUNCTIONS, (powers, REAL, 4))
+    texts = [made.function(function, [kind, kind]) for function, kind, _ in functions]
     lines = ["#define VS_PRECISION 3", '#include "vibroswarm_runtime.h"']
     lines += [typedef(kind) for kind in (PAIR, *made.tuples.values())]
     lines += [item.text for item in texts]
-    for (function, kind, count), item in zip(FUNCTIONS, texts, strict=True):
+    for (function, kind, count), item in zip(functions, texts, strict=True):
         values = " ".join(f"out[{k}] = (double)found.v{k};" for k in range(count))
         lines.append(
             f"void call_{function.__name__}({kind} a, {kind} b, double *out) "
@@ -382,6 +407,15 @@ def test_products_do_not_overflow(compiled: Any) -> None:
     assert compiled(products, INT, 4, 1_000_000, 3_001) == list(products(1_000_000, 3_001))
     for a, b in ((70_001, -90_000), (-1_234_567, 7_654_321), (46_341, 1)):
         assert compiled(beyond_32_bits, INT, 5, a, b) == list(beyond_32_bits(a, b))
+        assert compiled(chosen_products, INT, 3, a, b) == list(chosen_products(a, b))
+
+
+def test_whole_powers_are_those_of_the_simulation(compiled: Any) -> None:
+    """Numba multiplies; pow of the C library, which Python calls, differs from it in the last bit."""
+    of_numba, rng = njit(powers), np.random.default_rng(1)
+    for x, y in rng.uniform(-1e6, 1e6, (300, 2)):
+        assert compiled(powers, REAL, 4, x, y) == list(of_numba(x, y))
+    assert any(powers(x, 0.0) != of_numba(x, 0.0) for x in rng.random(100))
 
 
 def several_through_an_alias(r: Any) -> None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import multiprocessing
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from vibroswarm import InputError
+from vibroswarm import InputError, preset
 from vibroswarm.cli import main
 from vibroswarm.optimize import Method, Sampler, Search, run_search
-from vibroswarm.optimize.methods import forget, known, register
+from vibroswarm.optimize.methods import Ask, forget, known, method, register
 from vibroswarm.optimize.search_files import candidate_table
 from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.testing import check_method
@@ -32,7 +33,7 @@ LIBRARIES = {
 @pytest.fixture(autouse=True)
 def _own_methods() -> Iterator[None]:
     yield
-    for name in ("near", "forgetful", "lavish", "blind"):
+    for name in ("near", "forgetful", "lavish", "blind", "early", "twice", "moving"):
         forget(name)
 
 
@@ -68,9 +69,36 @@ class Blind(Sampler):
         return 0
 
 
+class Early(Lavish):
+    name = "early"
+
+    def propose(self, count: int) -> Sequence[np.ndarray]:
+        return super().propose(count)[:count]
+
+    def ask(self) -> list[Ask]:
+        return super().ask() if self.iteration < 1 else []
+
+
+class Twice(Early):
+    name = "twice"
+
+    def ask(self) -> list[Ask]:
+        return super().ask() * 2
+
+
+class Moving(Early):
+    name = "moving"
+
+    def learn(self, keys: Sequence[int]) -> None:
+        self.archive[keys[0]].point[:] = 0.0
+
+
 @pytest.mark.parametrize(
     ("kind", "fails"),
     [
+        (Early, "it requests runs until"),
+        (Twice, "it requests runs until"),
+        (Moving, "it ranks candidates that have runs"),
         (Forgetful, "the same results lead"),
         (Lavish, "it requests runs until"),
         (Blind, "it goes on if runs fail"),
@@ -80,6 +108,20 @@ def test_a_method_that_breaks_the_contract_is_told_so(kind: type[Sampler], fails
     register(Method(kind.name, kind.begin))
     findings = [f.what for f in check_method(kind.name) if not f.holds and not f.is_warning]
     assert any(what.startswith(fails) for what in findings)
+
+
+def test_a_worker_process_says_why_it_may_not_know_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does not run what stands below ``if __name__ == "__main__":``, where a script may register its own."""
+    unknown = {"strategy.name": "mine"}
+    with pytest.raises(InputError, match=r"there is no strategy 'mine' \(there are [^)]*\)$"):
+        preset("paper").with_values(unknown)
+    monkeypatch.setattr(multiprocessing, "parent_process", object)
+    with pytest.raises(
+        InputError, match=r"below the line if __name__ == .*register yours above it, or name a file"
+    ):
+        preset("paper").with_values(unknown)
+    with pytest.raises(InputError, match="register yours above it"):
+        method("mine")
 
 
 def test_a_file_is_a_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -312,6 +312,23 @@ def test_a_cost_that_gives_nan_stops_the_search() -> None:
         run_search(search, "nowhere")
 
 
+def changes_outcomes(outcomes: Outcomes) -> Any:
+    outcomes.decision_time_s[:] = 0.0
+    return outcomes.end_s
+
+
+@pytest.mark.parametrize(
+    ("cost", "said"),
+    [
+        (lambda outcomes: 1 / 0, r"test_search_loop.py, line \d+, in <lambda>: ZeroDivisionError"),
+        (changes_outcomes, r"in changes_outcomes: ValueError: .*read-only"),
+    ],
+)
+def test_a_cost_that_fails_stops_the_search_and_is_no_failed_run(cost: Any, said: str) -> None:
+    with pytest.raises(CodeError, match=said):
+        run_search(replace(small(), objectives=(Objective("mine", function=cost),)))
+
+
 def test_a_search_with_one_objective_has_no_front(whole: Found) -> None:
     with pytest.raises(InputError, match=r"found: has no Pareto front.*truth_of"):
         front_of(whole)

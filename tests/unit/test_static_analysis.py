@@ -155,6 +155,24 @@ def test_what_others_read_is_not_changed_by_other_names(how, line, words):
     check_function("on_message", changes_its_own, fields)
 
 
+@pytest.mark.parametrize(
+    ("how", "line", "words"),
+    [
+        ("b.parents[0] += 1", 5, r"changes b\.parents\[0\]"),
+        ("move(b)", 2, r"in move: changes row\.parents\[1\]"),
+    ],
+)
+def test_a_list_that_is_a_parameter_is_not_changed(how, line, words):
+    text = "def move(row):\n    row.parents[1] = 1\n"
+    names = "n, b, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w"
+    fields = {"a": ("parents", "load")}
+    with pytest.raises(InputError, match=rf"line {line}, .*{words}, a parameter; copy it"):
+        check_function("send", typed(f"{text}\ndef hook({names}):\n    {how}\n"), fields, ("parents",))
+    check_function(
+        "send", typed(f"def hook({names}):\n    b.load[0] += b.parents[0]\n"), fields, ("parents",)
+    )
+
+
 def test_files_of_one_name_are_not_taken_for_each_other():
     """A worker process knows only their names, and whether places are read decides how robots find them."""
     other = PLACED.replace("x.x_m > 0.5", "1").replace("placed", "unplaced")

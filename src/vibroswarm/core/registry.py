@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -22,6 +23,22 @@ T = TypeVar("T", bound=Named)
 
 REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name=)?\"(\w+)\"")
 """How a file of this package registers an object, with its name."""
+
+
+def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputError:
+    """Return the error that no object of a kind has this name; it suggests a similar name and lists all.
+
+    Args:
+        kind: in words. name: the name. known: names of all objects of the kind. field: the setting with the name.
+    """
+    known = list(known)
+    why = f"there is no {kind} {shown(name)}{nearest(name, known)} (there are {', '.join(known)})"
+    if multiprocessing.parent_process() is not None:
+        why += (
+            '; a worker process imports the script anew, without what is below the line if __name__ == "__main__": '
+            "register yours above it, or name a file (FILE.py:NAME)"
+        )
+    return InputError(why, field=field)
 
 
 def written_names(folder: str, suffix: str = ".py") -> list[str]:
@@ -90,9 +107,5 @@ class Registry(Generic[T]):
             InputError: the name is not registered; the message suggests a similar one and lists all.
         """
         if not isinstance(name, str) or name not in self._known:
-            raise InputError(
-                f"there is no {self.kind} {shown(name)}{nearest(name, self._known)} "
-                f"(there are {', '.join(self._known)})",
-                field=self.field,
-            )
+            raise unknown(self.kind, name, self._known, self.field)
         return self._known[name]

@@ -86,9 +86,10 @@ class Calls(Expressions):
             return Value(f"({as_real(values[0])} * {literal(factor).text})", REAL)
         texts = ", ".join(bare(as_real(value)) for value in values)
         # The result is a whole number, as in Python. ``real`` is its text for uses as a floating-point number, without
-        # conversion to an integer and back.
+        # conversion to an integer and back; adding 0 makes 0 of the -0.0 that C's ``ceil`` returns for -0.5.
         if name in ("floor", "ceil"):
-            return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=f"vs_{name}({texts})")
+            real = f"vs_{name}({texts})" if name == "floor" else f"(vs_ceil({texts}) + 0)"
+            return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=real)
         if name == "sqrt" and values[0].constant is not None:  # the root of a constant is a constant
             if values[0].constant < 0:
                 self.refuse(node, f"the root of {values[0].constant}, which is negative")
@@ -106,8 +107,10 @@ class Calls(Expressions):
             for value in values[1:]:
                 # Joined with INT, because truth values count as whole numbers.
                 kind = joined(joined(found.type, value.type), INT)
-                texts = (bare(as_type(item, kind)) for item in (found, value))
-                found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
+                is_wide = kind == INT and (found.wide or value.wide)
+                texts = (bare(as_type(item, LONG if is_wide else kind)) for item in (found, value))
+                text = f"vs_{name}{SUFFIX[LONG if is_wide else kind]}({', '.join(texts)})"
+                found = widened(text) if is_wide else Value(text, kind)
             return found
         (value,) = self.arguments(node, 1)
         if name == "abs" and value.wide:

@@ -316,6 +316,8 @@ class Expressions:
             return Value(f"({left.text} {BINARY[kind]} {right.text})", both)
         if kind is ast.Div:
             return Value(f"({as_real(left)} / {as_real(right)})", REAL)
+        if kind is ast.Pow and both == REAL and right.type in INTEGERS:
+            return Value(f"vs_power({bare(left.text)}, {bare(as_type(right, LONG))})", REAL)
         if kind is ast.Pow and both == REAL:
             return Value(f"vs_pow({bare(as_real(left))}, {bare(as_real(right))})", REAL)
         # The operators of C for remainder and whole division round towards 0; the runtime's functions round down, as
@@ -404,6 +406,8 @@ class Expressions:
         if len(self.pending) > waiting:
             self.refuse(node, "a row that a function returns, in a choice")
         kind = joined(first.type, second.type)
+        if kind == INT and (first.wide or second.wide):
+            return widened(f"({test.text} ? {as_type(first, LONG)} : {as_type(second, LONG)})")
         return Value(f"({test.text} ? {as_type(first, kind)} : {as_type(second, kind)})", kind)
 
 

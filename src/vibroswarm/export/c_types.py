@@ -8,6 +8,7 @@ place, a named tuple cannot.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, get_type_hints
@@ -228,6 +229,8 @@ KEYWORDS: Final = frozenset(
     )
 )  # fmt: skip
 """Names that are avoided in C: its keywords, macros of its headers, functions of its library, keywords of C++."""
+GENERATED: Final = re.compile(r"(held|k)_\d+|(vs|VS)_\w*|u?int\d+_t")
+"""Names that are avoided too: of variables that the translation makes, and of the runtime's functions and types."""
 
 
 @dataclass(frozen=True)
@@ -273,12 +276,13 @@ def widened(text: str) -> Value:
 
 
 def identifier(name: str) -> str:
-    """Return a Python name as a name in C; one that C or C++ takes otherwise gets an underscore.
+    """Return a Python name as a name in C; one that C, C++ or the translation takes otherwise gets an underscore.
 
     So does one with underscores behind it, so that no two names become one: ``short`` becomes ``short_``, and
     ``short_`` becomes ``short__``.
     """
-    return f"{name}_" if name.rstrip("_") in KEYWORDS else name
+    plain = name.rstrip("_")
+    return f"{name}_" if plain in KEYWORDS or GENERATED.fullmatch(plain) else name
 
 
 def _pointer(text: str) -> str | None:

@@ -100,9 +100,8 @@ class Network(Plugin):
         for hook in ("lost", "send"):
             if getattr(self, hook) is not None:
                 # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
-                check_function(
-                    hook, getattr(self, hook), {argument: names or () for argument, names in names_of.items()}
-                )
+                fields = {argument: names or () for argument, names in names_of.items()}
+                check_function(hook, getattr(self, hook), fields, tuple(self.lists))
 
     @cached_property
     def reads_positions(self) -> bool:

@@ -91,6 +91,7 @@ class Archive(NotebookView):
             iteration: the iteration of a particle swarm that proposed it, from 0; other methods leave it at 0.
         """
         point = np.clip(np.asarray(point, dtype=np.float64), 0.0, 1.0)
+        point.flags.writeable = False  # a method of a user's own is given it
         key = len(self.candidates)
         self.candidates.append(Candidate(key, point, self.space.values(point), origin, iteration=iteration))
         return key

@@ -167,9 +167,13 @@ def check_figures(values: Any, runs: int, name: str) -> Array:
         InputError: the values are not numbers, not one per run, or some are not finite.
     """
     try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"gives {type(values).__name__}, not one number per run", field=name) from None
+        array = np.asarray(values)
+        if array.dtype.kind in "cSUmM":  # complex numbers, texts and times, which NumPy would convert
+            raise TypeError
+        array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        kind = getattr(values, "dtype", type(values).__name__)
+        raise InputError(f"gives {kind}, not one number per run", field=name) from None
     array = array[:, None] if array.ndim == 1 else array  # one number per run is a single column
     if array.shape != (runs, 1):
         raise InputError(

@@ -45,6 +45,27 @@ def stage_of(search: Search, archive: Archive) -> Stage:
         return chosen.begin(archive, search)
 
 
+def requests_of(stage: Stage, code: str) -> list[Ask]:
+    """Return the requests of a stage's next step.
+
+    Args:
+        code: of a method in a user's file; else empty.
+    Raises:
+        CodeError: the method failed, or does not request runs of candidates, at most once of each.
+    """
+    with errors_in(code):
+        asks = stage.ask()
+        keys, known = [ask.key for ask in asks], range(len(stage.archive))
+        for ask in asks:
+            are_whole = all(isinstance(value, int | np.integer) for value in ask)
+            if not are_whole or ask.key not in known or ask.runs < 1 or keys.count(ask.key) > 1:
+                raise CodeError(
+                    f"{stage.name} requests {ask.runs} runs of candidate {ask.key}; request 1 or more, at most once a "
+                    "step, of a candidate of the archive"
+                )
+    return asks
+
+
 def check_libraries(search: Search) -> None:
     """Check that a search can begin with the installed libraries; called before anything is written.
 
@@ -228,8 +249,7 @@ class _Loop:
         """
         code = method(self.search.settings.method).code
         while True:
-            with errors_in(code):
-                asks = stage.ask()
+            asks = requests_of(stage, code)
             if not asks:
                 return
             self._run_step(asks, lambda done: self._report_progress(stage, name, wanted, done))
@@ -253,7 +273,8 @@ class _Loop:
             table = self._new_step(pieces, progress)
         elif not self._is_of(asks, table):
             raise RunError(
-                "the method requests other runs than this folder holds, which another version made; take a new folder"
+                "the method requests other runs than this folder holds, which another version made, or the method does "
+                "not repeat (vibroswarm check); take a new folder"
             )
         self._collect(pieces, table)
         for key, results in results_in(table, len(self.search.cases)).items():

@@ -40,6 +40,7 @@ from vibroswarm.analysis.intervals import (
     within,
 )
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, check_choice, keep_plain, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
@@ -176,9 +177,14 @@ class Objective(NotebookView):
 
         Raises:
             InputError: the cost gives no finite number for a run, or is not defined on these outcomes.
+            CodeError: a user's cost failed.
         """
         if self.function is not None:
-            return costs.check_figures(self.function(outcomes), outcomes.run.size, f"cost '{self.name}'")
+            place = f"cost '{self.name}'"
+            code = getattr(self.function, "__code__", None)
+            with errors_in(f"{code.co_filename if code else place}:{self.name}", otherwise=place):
+                figures = self.function(outcomes)
+            return costs.check_figures(figures, outcomes.run.size, place)
         if self.name in AIMS:
             figures, _ = AIMS[self.name]
             return figures(outcomes)

@@ -82,6 +82,12 @@ class Outcomes(NotebookView):
     costs: Array | None = None
     """What mistakes cost, see ``inference.outcomes.costs_of``."""
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: all costs of a search are computed from the same ones."""
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
     @property
     def robots(self) -> int:
         """Number of robots of a run."""

@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.registry import unknown
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.networks import known as known_networks
 from vibroswarm.scenario import plugins
@@ -158,10 +159,7 @@ class Choice(FrozenModel):
         elif spec is None or not isinstance(name, str) or not plugins.is_code_name(name):
             given.pop("code", None)
         if isinstance(name, str) and not is_known and given.get("code") is None:
-            raise InputError(
-                f"there is no {cls.kind} {shown(name)}{nearest(name, entries)} (there are {', '.join(entries)})",
-                field=plugins.field_of(cls.kind),
-            )
+            raise unknown(cls.kind, name, entries, plugins.field_of(cls.kind))
         return name
 
     @classmethod

@@ -399,7 +399,7 @@ def _reason(error: BaseException) -> str:
     """Return why a file cannot be loaded, from the error that its code raised."""
     if isinstance(error, InputError):
         return str(error)
-    if isinstance(error, ModuleNotFoundError):
+    if isinstance(error, ModuleNotFoundError) or "relative import" in str(error):
         return (
             f"cannot be loaded: {error}; a file imports installed packages only, no file beside it (results keep a "
             "copy of one file): move that code into this file, or install it"

@@ -16,7 +16,7 @@ from __future__ import annotations
 import ast
 import inspect
 import linecache
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache, lru_cache
 from itertools import chain
 from types import FunctionType
@@ -79,12 +79,17 @@ def where(function: Callable[..., Any], line: int | None = None) -> str:
     return f"{code.co_filename}, line {line or code.co_firstlineno}, in {function.__name__}"
 
 
-def check_function(name: str, function: Callable[..., Any], fields: Mapping[str, tuple[str, ...]]) -> None:
+def check_function(
+    name: str,
+    function: Callable[..., Any],
+    fields: Mapping[str, tuple[str, ...]],
+    lists: Collection[str] = (),
+) -> None:
     """Refuse a hook that has errors, or that calls a function of its file with errors.
 
     Args:
         name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
-            argument's name in ``PARAMETERS``, such as ``s``.
+            argument's name in ``PARAMETERS``, such as ``s``. lists: names of the arrays of ``a`` that are parameters.
     Raises:
         InputError: it is no plain function, the number of arguments is wrong, it uses a field that a row has not, has
             no number to return and has to, or the hook or a function that it calls changes a row that it may only read
@@ -114,6 +119,14 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
         if isinstance(use.ctx, ast.Store):
             raise InputError(
                 f"changes {ast.unparse(use)}, which others read too; copy it, or keep it in State",
+                field=where(user, use.lineno),
+            )
+    arrays = frozenset(mine for mine, ours in rows.items() if ours == "a" and lists)
+    for user, use in _uses(function, arrays, set()):
+        array = use.value if isinstance(use, ast.Subscript) else use
+        if isinstance(use.ctx, ast.Store) and isinstance(array, ast.Attribute) and array.attr in lists:
+            raise InputError(
+                f"changes {ast.unparse(use)}, a parameter; copy it to an array declared in Arrays",
                 field=where(user, use.lineno),
             )
     tree = next(nodes_of(function), None)

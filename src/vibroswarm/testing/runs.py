@@ -84,7 +84,7 @@ def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: 
         problem = str(error)
     except AssertionError as error:
         problem = str(error) or "the check failed without a message"
-    except Exception as error:  # users' tables and code can be wrong in any way
+    except (Exception, SystemExit) as error:  # users' tables and code can be wrong in any way
         problem = f"it cannot be checked: {type(error).__name__}: {error}"
     return Finding(what, holds=not problem, why=problem, is_warning=is_warning)
 

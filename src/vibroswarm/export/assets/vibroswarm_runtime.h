@@ -89,7 +89,23 @@ VS_INTEGERS(int64_t, l)
 static inline vs_real vs_mod(vs_real a, vs_real b)
 {
     const vs_real rest = VS_OF(fmod)(a, b);
-    return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;
+    if (rest == 0)
+        return b < 0 ? -(vs_real)0 : 0; /* with the sign of b, as in Python */
+    return (rest < 0) != (b < 0) ? rest + b : rest;
+}
+
+/* A whole power by products, as Numba computes it; pow may differ from it in the last bit. */
+static inline vs_real vs_power(vs_real x, int64_t n)
+{
+    vs_real power = 1;
+    if (n > 0x10000 || n < -0x10000)
+        return vs_pow(x, (vs_real)n);
+    for (int64_t rest = n < 0 ? -n : n; rest != 0; rest >>= 1) {
+        if (rest & 1)
+            power *= x;
+        x *= x;
+    }
+    return n < 0 ? 1 / power : power;
 }
 
 /* The bits of a number, whatever the order of bytes in memory. */
