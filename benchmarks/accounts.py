@@ -137,7 +137,7 @@ def tell_differences(scenario: Scenario, number: int) -> Any:
             account(scenario, together)
         except InputError as error:  # such as a search over a strategy that it refuses
             print(f"{number}, {account.__name__}: refused: {error}", flush=True)
-        except Exception:
+        except Exception:  # whatever else an account raises is a difference: printed, counted, exit code 1
             values = differences(scenario, Scenario())
             print(f"{number}, {account.__name__}: {values}\n{traceback.format_exc(limit=-3)}", flush=True)
             yield account.__name__

@@ -125,17 +125,9 @@ def test_results_that_cannot_be_saved_are_printed(
 ) -> None:
     """They were lost, and the code was that of a failure. With a certificate, too."""
     (tmp_path / "file").write_text("")
-    given = [
-        plate / "plate.csv",
-        "--laws",
-        plate / "reference.csv",
-        "--size",
-        "1x1",
-        "--out",
-        tmp_path / "file" / "sub",
-    ]
+    given = [plate / "plate.csv", "--laws", plate / "reference.csv", "--size", "1x1"]
     for rest, answer in ((("--tiles", "5x5"), "tiles vibrate"), (("--replicates", "19"), "DAMAGE")):
-        assert run("inspect", *given, *rest) == 2
+        assert run("inspect", *given, *rest, "--out", tmp_path / "file" / "sub") == 2
         printed = capsys.readouterr()
         assert answer in printed.out
         assert "Saved" not in printed.out

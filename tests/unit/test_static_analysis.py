@@ -129,7 +129,7 @@ placed = strategy_in(__name__, "placed")
     ],
 )
 def test_a_place_that_is_read_in_another_way_is_read(how):
-    """Robots are else given their true places, and nobody is told."""
+    """Otherwise robots would be given their true places without a word."""
     text = f"def among(*rows):\n    return rows[0].x_m\n\n\ndef hook(s, a, x, out, d, p, w):\n    {how}\n"
     assert reads_places(replace(soft.soft, on_sample=typed(text)))
     assert not reads_places(soft.soft)

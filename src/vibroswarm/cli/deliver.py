@@ -86,14 +86,16 @@ def _save(
 ) -> None:
     """Save a document, tables and further files; the arguments are those of ``deliver``."""
     from vibroswarm.documents.saved import begin
-    from vibroswarm.study.summary import write_table
 
     make_folder(output.out)
     # first, so that the command can be given again if a table cannot be written
     begin(output.out, command, work)
     files: dict[str, Any] = {}
-    for name, table in tables.items():
-        files |= write_table(table, output.out / name)
+    if tables:
+        from vibroswarm.study.summary import write_table
+
+        for name, table in tables.items():
+            files |= write_table(table, output.out / name)
     if also is not None:
         also(output.out)
     save_with_pictures(document, output, output.out, command, work, files)

@@ -73,9 +73,7 @@ def listen(end: Callable[[], object]) -> None:
     if os.name == "posix":
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
-        signal.set_wakeup_fd(
-            writing
-        )  # which gets the numbers of signals at once, whatever the main thread does
+        signal.set_wakeup_fd(writing)  # gets numbers of signals at once, whatever the main thread does
         threading.Thread(target=end_if_stuck, daemon=True).start()
 
 

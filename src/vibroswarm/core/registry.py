@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -31,12 +30,14 @@ def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputE
     Args:
         kind: in words. name: the name. known: names of all objects of the kind. field: the setting with the name.
     """
+    import multiprocessing  # here, since --help needs none of it
+
     known = list(known)
     why = f"there is no {kind} {shown(name)}{nearest(name, known)} (there are {', '.join(known)})"
     if multiprocessing.parent_process() is not None:
         why += (
-            '; a worker process imports the script anew, without what is below the line if __name__ == "__main__": '
-            "register yours above it, or name a file (FILE.py:NAME)"
+            "; a worker process imports the script again, but skips what stands under 'if __name__ == \"__main__\"'; "
+            "register yours outside of it, or name a file (FILE.py:NAME)"
         )
     return InputError(why, field=field)
 

@@ -354,7 +354,7 @@ class _ScenarioRuns:
     def finish(self, r: int) -> None:
         """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
         loop, first_s = self.loop, self.loop.first_all_decided_s if self.stops_early else None
-        decided_s = loop.all_decided_s if self.final_s is None else self.final_s
+        decided_s = first_s if self.may_change and first_s is not None else loop.all_decided_s
         self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.t_end_s)
         # Read before the rewind. A decision by opinions has the time since which the opinions agree, but is only made
         # when they have agreed for ``decision.hold_s``, possibly after ``end_s``: the rewind would undo it.
