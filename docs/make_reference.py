@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -102,7 +103,7 @@ def reference() -> str:
             "",
             f"## [{section}]",
             "",
-            str(kind.__doc__).replace("``", "`"),
+            inspect.cleandoc(str(kind.__doc__)).replace("``", "`"),
             "",
             "| field | default | what it is |",
             "|---|---|---|",

@@ -38,7 +38,13 @@ def told(capsys: pytest.CaptureFixture[str]) -> Any:
 def test_the_shipped_recordings_are_those_that_the_script_makes(tmp_path):
     runpy.run_path(str(SHIPPED / "make.py"))["make"](tmp_path)
     for made in sorted(tmp_path.iterdir()):
-        assert made.read_text() == (SHIPPED / made.name).read_text(), made.name
+        # Beliefs have other last bits with another C library, and so may another last digit.
+        pairs = zip(
+            *(re.split("[ ,\n]", text) for text in (made.read_text(), (SHIPPED / made.name).read_text())),
+            strict=True,
+        )
+        for one, other in pairs:
+            assert one == other or abs(float(one) - float(other)) < 2e-6, made.name
 
 
 def test_a_recording_is_a_folder_like_any_result(kept):

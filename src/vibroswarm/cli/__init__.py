@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final, NoReturn, TextIO
 
 from vibroswarm.cli import interruption
 from vibroswarm.core.start import INTERRUPTED
@@ -56,6 +56,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if argv is None:  # the process ends now: its exit need not search all that is loaded for garbage
             interruption.ignore()
             gc.freeze()
+            try:
+                sys.stderr.flush()
+            except (
+                OSError
+            ):  # what could not be written is lost: from Python 3.13 on the process would end with 120
+                _silence(sys.stderr)
         return code
     except KeyboardInterrupt:
         if argv is None:  # this process runs nothing but this command, so it may be ended
@@ -76,7 +82,11 @@ def _code(argv: Sequence[str] | None) -> int:
     Python is lost and leaves a kernel half compiled, and that kernel then fails with some other error.
     """
     try:
-        code = _command(argv)
+        try:
+            code = _command(argv)
+        except SystemExit:  # after --help
+            sys.stdout.flush()
+            raise
         sys.stdout.flush()
         return code
     except Exception as error:
@@ -97,7 +107,7 @@ def _code_of(error: Exception) -> int:
     if isinstance(error, MemoryError):
         return _failed("out of memory; use fewer robots, tiles or runs", 1)
     if isinstance(error, BrokenPipeError):  # the reader is, for example, `head`
-        _silence_stdout()
+        _silence(sys.stdout)
         return 1
     if isinstance(error, OSError):
         return _failed_with(error)
@@ -129,10 +139,10 @@ def _resume_hint() -> str:
         return "interrupted"
 
 
-def _silence_stdout() -> None:
-    """Keep Python from writing the rest of stdout again when it exits."""
+def _silence(stream: TextIO) -> None:
+    """Keep Python from writing the rest of a stream again when it exits."""
     with suppress(OSError, ValueError):  # a test's stream has no file descriptor
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 USER_ERRORS: Final = (
@@ -150,7 +160,7 @@ def _failed_with(error: OSError) -> int:
     if error.errno is None:  # raised by a library, such as one that cannot be loaded
         return _failed(cause, 1)
     # `atomic_io` names the files it writes, so an error of the system without a name is about this process's output.
-    _silence_stdout()
+    _silence(sys.stdout)
     return _failed(f"the output could not be written: {cause}", 1)
 
 

@@ -333,6 +333,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         yield part
         part.replace(path)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:  # the temporary name was shorter
+            raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
         if os.path.isfile(part):  # noqa: PTH113 - Path.is_file raises an error if the folder cannot be read

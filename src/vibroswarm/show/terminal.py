@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from textwrap import wrap
-from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Final, NamedTuple, NoReturn, TextIO
 
 from vibroswarm.core.numbers import count
 from vibroswarm.show.cells import Cell, written
@@ -42,7 +42,12 @@ def print_document(document: Document, file: TextIO, width: int, *, wide: bool =
     """
     from rich.console import Console
 
-    console = Console(
+    class Printed(Console):
+        def on_broken_pipe(self) -> NoReturn:
+            """Leave the error to the command; rich would silence what ``sys.stdout`` is now, and exit."""
+            raise BrokenPipeError
+
+    console = Printed(
         file=file, width=width, highlight=False, markup=False, emoji=False, legacy_windows=False
     )
     _Printer(console, width, wide).document(document)
