@@ -124,6 +124,11 @@ def blurred(frame: np.ndarray[Any, Any]) -> Any:
     return cv2.GaussianBlur(frame, (0, 0), 4.0)
 
 
+def smeared(frame: np.ndarray[Any, Any]) -> Any:
+    """As by a camera that moves to the right."""
+    return cv2.blur(frame, (9, 1))
+
+
 def smaller(frame: np.ndarray[Any, Any]) -> Any:
     return cv2.resize(frame, (150, 122), interpolation=cv2.INTER_AREA)
 
@@ -135,8 +140,9 @@ def same(frame: np.ndarray[Any, Any]) -> Any:
 @pytest.mark.parametrize(
     ("change", "dictionary", "words"),
     [
-        (darker, "4X4_50", "the picture is dark (nine tenths of it are below 19 of 255)"),
+        (darker, "4X4_50", "the picture is dark (nine tenths of it are at most 19 of 255)"),
         (blurred, "4X4_50", "the picture is blurred (its edges are "),
+        (smeared, "4X4_50", "the picture is blurred (its edges are "),
         (smaller, "4X4_50", "markers of 20 px are read well: bring the camera nearer"),
         (same, "6X6_50", "its markers are of the dictionary 4X4_50 (0, 1, 46, 47, 48, 49)"),
         (same, "4X4_50", "of this dictionary it shows 0, 1, 46, 47, 48, 49 only"),
@@ -170,3 +176,18 @@ def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
     found = detect(tmp_path / "v.avi", one)
     assert tuple(frame for frame, _ in found.unexpected[1]) == SEARCHED_WHOLE
     assert detect(tmp_path / "v.avi", drawn.MARKERS).unexpected == {}
+
+
+def test_a_dark_beginning_is_not_why_no_marker_is_seen(tmp_path: Path) -> None:
+    drawn.write(tmp_path / "v.avi", [np.zeros_like(drawn.frames(1)[0]), *drawn.frames(4)])
+    with pytest.raises(InputError, match="of this dictionary it shows 0, 1, 46, 47, 48, 49 only"):
+        track(tmp_path / "v.avi", replace(drawn.MARKERS, robots={7: 0, 8: 1}))
+
+
+def test_a_camera_that_is_pushed_late_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(marker_detection, "WHOLE_EVERY", 5)
+    still = drawn.frames(1)[0]
+    drawn.write(tmp_path / "v.avi", [still] * 205 + [np.roll(still, (6, 8), axis=(0, 1))] * 20)
+    moved_px, frame = detect(tmp_path / "v.avi", drawn.MARKERS).floor_spread
+    assert abs(moved_px - 10.0) < 0.5
+    assert frame >= 205

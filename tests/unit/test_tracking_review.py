@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import pytest
 from helpers.video_writer import VideoWriter
 from vibroswarm.documents.tracking import tracking_document
 from vibroswarm.show.page import page_html
-from vibroswarm.tracking.camera import Camera, Lens, matrix_of
+from vibroswarm.tracking.camera import Camera, Lens, matrix_of, outwards
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, chosen, shots_of
 from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of
 from vibroswarm.tracking.marker_detection import Detections
@@ -29,7 +29,16 @@ CAMERA = Camera(LENS, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.5, 1.4]), 0.2
 MARKERS = usual_markers(2, 1.0, 1.0, size_mm=60, height_mm=30)
 
 
-OF_DETECTIONS = ("floor_px", "twice", "unexpected", "samples", "floor_spread_px")
+OF_DETECTIONS = ("floor_seen", "twice", "unexpected", "samples")
+
+
+def floor_moving(by_px: Mapping[int, Sequence[float]]) -> dict[int, list[tuple[int, Any]]]:
+    """Floor markers in frames 0, 4, ..., some of them to the right of their place by so many pixels in each frame."""
+    at = {marker: CAMERA.project(MARKERS.floor_corners(marker)) for marker in MARKERS.floor}
+    return {
+        marker: [(4 * k, four + np.array([px, 0.0])) for k, px in enumerate(by_px.get(marker, [0.0]))]
+        for marker, four in at.items()
+    }
 
 
 def tracking_of(
@@ -55,8 +64,7 @@ def tracking_of(
         ]
     )
     change(corners)
-    floor = {marker: CAMERA.project(MARKERS.floor_corners(marker)) for marker in MARKERS.floor}
-    seen = Detections(SIZE, time_s, corners, floor, 5)
+    seen = Detections(SIZE, time_s, corners, floor_moving({}), 5)
     seen = replace(seen, **{k: v for k, v in more.items() if k in OF_DETECTIONS})
     tables, stops = [], []
     for robot in range(2):
@@ -109,9 +117,13 @@ def shrink(corners: np.ndarray[Any, Any]) -> None:
 
 
 UNEVEN = np.concatenate([np.arange(0, 10, 0.1), np.arange(10.5, 20, 0.1)])
-MOVED = {marker: CAMERA.project(MARKERS.floor_corners(marker)) for marker in MARKERS.floor}
-MOVED[46] = MOVED[46] + 4.0
+AWAY = floor_moving({46: [5.7]})
+KICKED = floor_moving({marker: [0.0] * 4 + [9.0 * (marker == 47)] * 3 for marker in MARKERS.floor})
 LARGER = replace(MARKERS, size_m=0.07)
+WIDER = {
+    marker: [(0, seen[0][1] + 0.6 * outwards(seen[0][1][None])[0])]
+    for marker, seen in floor_moving({}).items()
+}
 DROPPED = pl.DataFrame([(1, 3.0, 0.9, 0.9, 0.0)], schema=POSITIONS, orient="row")
 
 
@@ -136,8 +148,14 @@ STILL, MOVING = ({17: [(0, AT), (75, AT + away_px)]} for away_px in (1.0, 90.0))
         (["carried"], {"change": carry}, "Robot 0 moved 2"),
         (["size", "small"], {"change": shrink}, "Robot 0's marker measures 36.0 mm"),
         (["size"], {"markers": LARGER}, "-14 % from the 70 mm"),
-        (["floor"], {"floor_px": MOVED}, "Marker 46 of the floor is 5.7 px"),
-        (["floor"], {"floor_px": {46: MOVED[46] - 4.0}}, "Never seen: markers 47, 48, 49"),
+        (["size"], {"floor_seen": WIDER}, "with them, the floor's are 0.6 px wider at each edge"),
+        (["floor"], {"floor_seen": AWAY}, "Marker 46 of the floor is 5.7 px"),
+        (
+            ["floor"],
+            {"floor_seen": KICKED},
+            "up to 9.0 px (22.5 mm) from its usual place in 3 of 7 frames, first at 1.6 s",
+        ),
+        (["floor"], {"floor_seen": {46: floor_moving({})[46]}}, "Never seen: markers 47, 48, 49"),
         (["frames"], {"time_s": UNEVEN}, "the longest is 600 ms, at 9.9 s"),
         (["twice"], {"twice": ((30, 1), (31, 1))}, "robot 1's marker 1 two were seen at once in 2"),
         (["unexpected"], {"unexpected": STILL}, "2 of 5 frames searched whole, always at the same place"),
@@ -155,10 +173,11 @@ def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], gi
 
 
 def test_dropped_positions_are_linked_to_a_camera_that_moves(tmp_path: Path) -> None:
-    given = {"dropped": DROPPED}
-    fixed, moving = (tracking_of(tmp_path, floor_spread_px=px, **given) for px in (0.2, 2.0))
+    pushed = [floor_moving(dict.fromkeys(MARKERS.floor, [0.0] * 40 + [px] * 4)) for px in (0.2, 2.0)]
+    fixed, moving = (tracking_of(tmp_path, floor_seen=floor, dropped=DROPPED) for floor in pushed)
     dropped = "1 position dropped because a robot cannot move so fast"
     assert f"{dropped}." in tracking_document(fixed).answer[0]
+    assert "(by 2.0 px, most at 16.0 s): the camera moves" in moving.warnings()[0]
     assert f"{dropped} (but the camera moves)." in tracking_document(moving).answer[0]
 
 

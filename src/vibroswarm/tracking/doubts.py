@@ -9,8 +9,8 @@
 | twice | one marker was seen at two places of a frame |
 | unexpected | a marker was seen that is in no list: it moves, or it never does and is likely no marker |
 | small | a robot's marker is too small to be read well |
-| size | a robot's marker has another size than the file of markers states |
-| floor | a marker of the floor is not at the place that the file of markers gives, or was not seen |
+| size | a robot's marker has another size than the file of markers states, or its two sizes do not fit each other |
+| floor | a marker of the floor is not at the place that the file of markers gives, moved, or was not seen |
 | frames | frames are not evenly spaced |
 | sample | the log has a sample where the robot did not stop, as the video shows |
 | stop | the robot stopped, and the log has no sample of it |
@@ -44,6 +44,9 @@ STILL_S: Final = 10.0
 """A robot stands still if it does for all the time that it was seen, and that is longer than this."""
 SIZE_SHARE: Final = 0.05
 """A marker is of another size if it differs from the stated size by more than this share."""
+WIDER_PX: Final = 0.25
+"""If the floor's markers are seen wider at each edge than the robots' by more than this, for the sizes that are stated,
+these do not fit each other. Rendered markers of the right sizes differ by up to 0.18 px."""
 TITLES: Final = {
     "gap": "Robots that were lost",
     "still": "Robots that never left their place",
@@ -52,7 +55,7 @@ TITLES: Final = {
     "twice": "Markers seen twice",
     "unexpected": "Markers that are not in the file",
     "floor": "Markers of the floor that are not in their places",
-    "size": "Robots' markers of another size",
+    "size": "Markers of another size",
     "small": "Markers that are too small",
     "sample": "Samples without a stop",
     "stop": "Stops without a sample",
@@ -119,7 +122,8 @@ def doubts_of(
     """
     found = [
         *_gaps(tracking), *_still(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking),
-        *_unexpected(tracking), *_floor(tracking), *_sizes(tracking), *_frames(tracking), *_floor_never_seen(tracking),
+        *_unexpected(tracking), *_floor(tracking), *_floor_moved(tracking), *_floor_never_seen(tracking),
+        *_sizes(tracking), *_frames(tracking),
     ]  # fmt: skip
     if samples is not None and lone_stops is not None:
         found += _unmatched(tracking, samples, lone_stops)
@@ -271,6 +275,26 @@ def _floor(tracking: Tracking) -> Iterator[Doubt]:
         yield Doubt("floor", words, shots=(first_frame,), at_px=at_px, weight=error)
 
 
+def _floor_moved(tracking: Tracking) -> Iterator[Doubt]:
+    """Yield a doubt for each floor marker that moved while the others did not; none if the camera moves."""
+    if tracking.camera_moves():
+        return
+    seen = tracking.detections
+    for marker, shifts in seen.floor_shifts_px().items():
+        away = {frame: shift for frame, shift in shifts.items() if shift > FLOOR_PX}
+        if not away:
+            continue
+        farthest, frame = max(away.values()), min(away)
+        time_s, at = float(seen.time_s[frame]), dict(seen.floor_seen[marker])[frame].mean(axis=0)
+        words = (
+            f"Marker {marker} of the floor was seen up to {number(farthest, 1)} px "
+            f"({number(farthest * mm_per_px(tracking), 1)} mm) from its usual place in {len(away)} of {len(shifts)} "
+            f"frames, first at {number(time_s, 1)} s."
+        )
+        shots, at_px = ((time_s, f"marker {marker}"),), (float(at[0]), float(at[1]))
+        yield Doubt("floor", words, time_s=time_s, shots=shots, at_px=at_px, weight=farthest)
+
+
 def _floor_never_seen(tracking: Tracking) -> Iterator[Doubt]:
     """Yield one doubt about all markers of the floor that were never seen; none if all were seen."""
     missing = [marker for marker in tracking.markers.floor if marker not in tracking.detections.floor_px]
@@ -282,9 +306,17 @@ def _floor_never_seen(tracking: Tracking) -> Iterator[Doubt]:
 def _sizes(tracking: Tracking) -> Iterator[Doubt]:
     """Yield doubts about robots' markers: those of another size than stated, and those too small in the picture.
 
-    A marker that was never seen has no doubt: its size is NaN, for which no comparison is true.
+    A marker that was never seen has no doubt: its size is NaN, for which no comparison is true. If the lens is fitted
+    to the video itself, robots' markers measure what is stated: a wrong size then shows in the floor's markers.
     """
     seen = tracking.detections
+    wider_px = floor_wider_px(tracking)
+    if abs(wider_px) > WIDER_PX:
+        words = (
+            f"The sizes stated for the markers of robots and floor do not fit each other: with them, the floor's are "
+            f"{number(abs(wider_px), 1)} px {'wider' if wider_px > 0 else 'narrower'} at each edge."
+        )
+        yield Doubt("size", words, weight=abs(wider_px))
     sizes_m = marker_sizes_m(tracking)
     for i, ((robot, measured_m), edge_px) in enumerate(zip(sizes_m.items(), seen.edge_px(), strict=True)):
         difference = measured_m / tracking.markers.size_m - 1.0  # as a share of the stated size
@@ -383,6 +415,16 @@ def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
 def floor_errors_px(residuals_px: Mapping[int, Floats]) -> dict[int, float]:
     """Return the root mean square of the errors of each floor marker's corners (``floor_residuals``), px."""
     return {marker: float(np.sqrt((each**2).sum(axis=1).mean())) for marker, each in residuals_px.items()}
+
+
+def floor_wider_px(tracking: Tracking) -> float:
+    """Return by how much the edges of the floor's markers are seen farther outwards than fitted, px: their median."""
+    wider = [
+        # A corner moves by ``outwards`` if edges do by a pixel; the square of this vector's length is 2.
+        float((residuals_px * outwards(tracking.detections.floor_px[marker][None])[0]).sum(axis=1).mean() / 2)
+        for marker, residuals_px in floor_residuals(tracking).items()
+    ]
+    return float(np.median(wider))
 
 
 def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,8 +24,7 @@ from vibroswarm.tracking.video_file import Gray, Picture, grey, pictures_of, vid
 WHOLE_EVERY: Final = 75
 """Interval, in frames, at which a whole frame is searched."""
 FLOOR_EVERY: Final = 5
-"""The same interval until each marker of the floor was seen ``FLOOR_LEAST`` times; and the least interval at which
-corners of floor markers are taken, so that they are not all of one moment."""
+"""The same interval until each marker of the floor was seen ``FLOOR_LEAST`` times."""
 FLOOR_LEAST: Final = 8
 """See ``FLOOR_EVERY``."""
 MARGIN: Final = 0.9
@@ -40,11 +39,11 @@ ENLARGED_PX: Final = 30.0
 LEAST_ROUND: Final = 0.5
 """Least circumference of a marker in its window, as a share of the window's longer side; that of a robot that stands is
 1.2 to 1.5. Looking into smaller figures, such as noise, would take most of the time."""
-FLOOR_FRAMES: Final = 40
-"""Most whole frames over which the corners of a floor marker are averaged (median)."""
-
+STRETCH: Final = 4
+"""Number of successive whole frames over which shifts of the floor's markers are averaged: a camera that is pushed near
+the end of a video counts as much as one that moves all the time."""
 SAMPLES: Final = 8
-"""Number of whole frames of which ``Detections.samples`` keeps the picture."""
+"""Most frames of which ``Detections.samples`` keeps the picture."""
 
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Left and top, right and bottom (exclusive), px."""
@@ -61,8 +60,8 @@ class Detections:
     """(frames,), from the first frame."""
     corners_px: Floats
     """(frames, robots, 4, 2): top left, top right, bottom right, bottom left of each marker; NaN: not seen."""
-    floor_px: dict[int, Floats]
-    """The median of the corners, (4, 2), of each floor marker that was seen, by its number."""
+    floor_seen: Mapping[int, Sequence[tuple[int, Floats]]]
+    """Floor markers that were seen: frame and corners, (4, 2), px, of each time, by their numbers."""
     whole_frames: int
     """Number of frames that were searched whole for all markers of the dictionary."""
     twice: tuple[tuple[int, int], ...] = ()
@@ -71,11 +70,46 @@ class Detections:
     """Markers of the dictionary that are on no robot and not on the floor: frame and corners, (4, 2), px, each time
     that one was seen in a whole frame, by its number."""
     samples: tuple[Gray, ...] = ()
-    """Some frames, to judge the picture."""
+    """Some frames from all of the video, to judge the picture."""
     bits_per_px: float = math.nan
     """Size of the video's file, bits for each pixel of each frame."""
-    floor_spread_px: float = 0.0
-    """How far floor markers are from where they are in the median, px: root mean square over frames and markers."""
+
+    @cached_property
+    def floor_px(self) -> dict[int, Floats]:
+        """The median of the corners, (4, 2), of each floor marker that was seen, by its number."""
+        return {
+            marker: np.median([four for _, four in seen], axis=0) for marker, seen in self.floor_seen.items()
+        }
+
+    def floor_shifts_px(self) -> dict[int, dict[int, float]]:
+        """Return how far the middle of each floor marker is from its median, px, by frame, by marker."""
+        return {
+            marker: {
+                frame: float(np.hypot(*(four - self.floor_px[marker]).mean(axis=0))) for frame, four in seen
+            }
+            for marker, seen in self.floor_seen.items()
+        }
+
+    @cached_property
+    def floor_spread(self) -> tuple[float, int]:
+        """How far all floor markers are from their medians, px, and the frame at which that is.
+
+        The shift of a frame is the median over markers, so that it is the camera that moves, not one of many markers.
+        The result is the largest root mean square of the shifts of ``STRETCH`` successive whole frames, and the frame
+        of the largest shift among them.
+        """
+        by_frame: dict[int, list[float]] = {}
+        for shifts in self.floor_shifts_px().values():
+            for frame, shift in shifts.items():
+                by_frame.setdefault(frame, []).append(shift)
+        frames = sorted(by_frame)
+        shifts_px = np.array([np.median(by_frame[frame]) for frame in frames])
+        starts = range(max(len(frames) - STRETCH, 0) + 1) if frames else []
+        stretches = [(float(np.sqrt(np.mean(shifts_px[k : k + STRETCH] ** 2))), k) for k in starts]
+        if not stretches:
+            return 0.0, 0
+        largest_px, k = max(stretches)
+        return largest_px, frames[k + int(np.argmax(shifts_px[k : k + STRETCH]))]
 
     def edge_px(self) -> Floats:
         """Return the median length of the edges of each robot's marker, (robots,), px; NaN if it was never seen."""
@@ -119,14 +153,11 @@ def detect(
         if progress is not None:
             progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
     search.decide_backwards(found)
-    floor_px = {marker: np.median(corners, axis=0) for marker, corners in search.floor.items() if corners}
-    away_px = [(np.array(search.floor[marker]) - median).mean(axis=1) for marker, median in floor_px.items()]
     return Detections(
         size_px=info.size_px,
         time_s=np.array(times),
         corners_px=np.array(found),
-        floor_px=floor_px,
-        floor_spread_px=float(np.sqrt(2.0 * np.mean(np.concatenate(away_px) ** 2))) if away_px else 0.0,
+        floor_seen={marker: seen for marker, seen in search.floor.items() if seen},
         whole_frames=search.whole_frames,
         twice=tuple(search.twice),
         unexpected=search.unexpected,
@@ -148,17 +179,19 @@ class _Search:
         self._moved = np.zeros((len(self._robots), 2))
         # Frames in which each robot's marker was seen at several places before it was seen at a single one.
         self._unclear: list[list[tuple[int, Sequence[Floats]]]] = [[] for _ in self._robots]
-        self.floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
-        """Corners of each floor marker in the whole frames in which it was seen."""
+        self.floor: dict[int, list[tuple[int, Floats]]] = {marker: [] for marker in markers.floor}
+        """See ``Detections.floor_seen``; here also those that were not seen."""
         self.unexpected: dict[int, list[tuple[int, Floats]]] = {}
         self.twice: list[tuple[int, int]] = []
         self.samples: list[Gray] = []
+        self._sample_every = 1
         self.whole_frames = 0
 
     def corners_in(self, k: int, picture: Picture) -> Floats:
         """Return the corners of the robots' markers in frame ``k``, (robots, 4, 2), px; NaN: not seen."""
         here = np.full((len(self._robots), 4, 2), np.nan)
         twice: set[int] = set()
+        self._sample(k, picture)
         for i, marker in enumerate(self._robots):
             last = self._last[i]
             window = None if last is None else _window(last, self._moved[i], self._size_px)
@@ -174,13 +207,20 @@ class _Search:
         self._remember(here)
         return here
 
+    def _sample(self, k: int, picture: Picture) -> None:
+        """Keep frame ``k`` if it is due: all at first, then every second, every fourth ... of a longer video."""
+        if k % self._sample_every:
+            return
+        if len(self.samples) == SAMPLES:
+            self.samples = self.samples[::2]
+            self._sample_every *= 2
+        if k % self._sample_every == 0:
+            self.samples.append(grey(picture))
+
     def _search_for_all(self, k: int, picture: Picture, here: Floats, twice: set[int]) -> None:
         """Search the whole of frame ``k`` for all markers of the dictionary, on robots, on the floor or neither."""
         self.whole_frames += 1
-        image = grey(picture)
-        if k % WHOLE_EVERY == 0 and len(self.samples) < SAMPLES:
-            self.samples.append(image)
-        seen = self._finder.everywhere(image)
+        seen = self._finder.everywhere(grey(picture))
         self._search_for_robots(k, seen, here, twice)
         for marker, places in seen.items():
             if marker in self._robots:
@@ -189,8 +229,8 @@ class _Search:
                 twice.add(marker)
             elif marker not in self.floor:
                 self.unexpected.setdefault(marker, []).append((k, places[0]))
-            elif k % FLOOR_EVERY == 0 and len(self.floor[marker]) < FLOOR_FRAMES:
-                self.floor[marker].append(places[0])
+            else:
+                self.floor[marker].append((k, places[0]))
 
     def _search_for_robots(self, k: int, seen: Seen, here: Floats, twice: set[int]) -> None:
         """Write what was seen of the robots' markers in the whole of frame ``k``, and not in windows, into ``here``."""

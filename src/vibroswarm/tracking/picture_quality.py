@@ -42,7 +42,8 @@ def light_of(frames: Sequence[Gray]) -> float:
 def edges_px(frames: Sequence[Gray]) -> float:
     """Return how wide the most contrasting edges are, px: contrast divided by steepest slope; the median over frames.
 
-    It is 2 for a sharp edge, and 2.5 standard deviations of a Gaussian blur.
+    It is 2 for a sharp edge, and 2.5 standard deviations of a Gaussian blur. Of four directions the one with the widest
+    edges counts, since a movement blurs along one only.
     """
     return float(np.median([_edges_of(frame) for frame in frames]))
 
@@ -53,10 +54,14 @@ def _edges_of(frame: Gray) -> float:
     smooth = cv2.medianBlur(frame, 3)  # takes off noise, and leaves edges as steep as they are
     contrast = cv2.dilate(smooth, around).astype(np.float32) - cv2.erode(smooth, around)
     # Sobel's sums over 3 by 3 pixels are 8 times the slope.
-    slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, *axis) for axis in ((1, 0), (0, 1)))) / 8
-    steepest = cv2.dilate(slope, around)
+    across, down = (cv2.Sobel(smooth, cv2.CV_32F, *axis) / 8 for axis in ((1, 0), (0, 1)))
     highest = contrast >= np.percentile(contrast, 95)
-    return float(np.median(contrast[highest] / np.maximum(steepest[highest], 1.0)))
+    widths = []
+    for slope in (across, down, (across + down) * 0.5**0.5, (across - down) * 0.5**0.5):
+        steepest = cv2.dilate(np.abs(slope), around)
+        # The sharpest tenth: in the other windows, edges may run along this direction.
+        widths.append(float(np.quantile(contrast[highest] / np.maximum(steepest[highest], 1.0), 0.1)))
+    return max((width for width in widths if width < AROUND_PX), default=0.0)  # wider ones: no edge across
 
 
 def white_places(frames: Sequence[Gray], edge_px: float) -> list[Bools]:
@@ -82,13 +87,13 @@ def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: fl
     found = []
     if light < DARK:
         found.append(
-            f"the picture is dark (nine tenths of it are below {number(light, 0)} of 255): use more light or a "
+            f"the picture is dark (nine tenths of it are at most {number(light, 0)} of 255): use more light or a "
             f"longer exposure"
         )
     if width_px > BLURRED_PX:
         found.append(
-            f"the picture is blurred (its edges are {number(width_px, 1)} px wide, sharp ones 2): focus, and clean "
-            f"the lens"
+            f"the picture is blurred (its edges are {number(width_px, 1)} px wide, sharp ones 2): focus, clean "
+            f"the lens, and keep the camera still"
         )
     if not math.isnan(edge_px) and (white := white_places(frames, edge_px)):
         places = "a place is" if len(white) == 1 else f"{len(white)} places are"

@@ -36,7 +36,7 @@ of a robot are in the order of time."""
 GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
 MOVED_PX: Final = 0.5
-"""If the floor's markers move by more than this (root mean square), the camera moves."""
+"""If the floor's markers move by more than this (``Detections.floor_spread``), the camera moves."""
 FEW: Final = 0.95
 """If robots are found in a smaller share of the frames, faults of the picture are warned of."""
 PLACES_M: Final = 0.003
@@ -96,7 +96,7 @@ class Tracking:
 
     def camera_moves(self) -> bool:
         """Return whether the floor's markers move in the picture."""
-        return self.detections.floor_spread_px > MOVED_PX
+        return self.detections.floor_spread[0] > MOVED_PX
 
     def warnings(self) -> list[str]:
         """Return sentences on what a user should know of this video, such as markers that are too small."""
@@ -128,10 +128,11 @@ class Tracking:
                 f"({number(1000 * shortest_s, 0)} to {number(1000 * longest_s, 0)} ms); the file's own times are used."
             )
         if self.camera_moves():
+            moved_px, frame = self.detections.floor_spread
             found.append(
-                f"The floor's markers move in the picture (by {number(self.detections.floor_spread_px, 1)} px): "
-                f"the camera "
-                "moves or vibrates, and positions are off by as much; fix it to something that does not vibrate."
+                f"The floor's markers move in the picture (by {number(moved_px, 1)} px, most at "
+                f"{number(self.detections.time_s[frame], 1)} s): the camera moves, vibrates or was pushed, and "
+                "positions are off by as much; fix it to something that does not move."
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
@@ -141,7 +142,7 @@ class Tracking:
         if self.camera.floor_error_px > 1.0:
             found.append(
                 f"Corners of the floor's markers are off by {number(self.camera.floor_error_px, 1)} px: check "
-                f"their places, "
+                f"their places and the sizes of all markers, "
                 "and calibrate the lens with a chessboard (--lens)."
             )
         return found
