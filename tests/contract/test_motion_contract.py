@@ -139,6 +139,12 @@ def swayed_by_the_strategy() -> Source:
     return Source("swayed by the strategy", real.init, batch)
 
 
+def paced_by_the_end(scenario: Scenario) -> Scenario:
+    """Drives the slower the longer the run is."""
+    share = 50.0 / (50.0 + scenario.run.t_end_s)
+    return scenario.with_values({"robot.speed_factor_location": share * scenario.robot.speed_factor_location})
+
+
 @dataclass
 class Shared:
     """A run whose copies are itself."""
@@ -264,6 +270,7 @@ BROKEN: list[tuple[Source, Check]] = [
     (swayed_by_the_strategy(), suite.check_nothing_foreign_matters),
     (sharing(), suite.check_copies),
     (fresh_pieces(), suite.check_pieces),
+    (broken("paced by the end", twist=paced_by_the_end), suite.check_beginnings),
     (broken("teleports", shifted_late), suite.check_segments_join),
     (broken("drifts", segments(pl.col("turn_rate_rad_s") + 1e-4)), suite.check_segments_join),
     (broken("hasty stops", twist=hasty_stops), suite.check_stops),
@@ -281,6 +288,8 @@ BROKEN: list[tuple[Source, Check]] = [
     (broken("turned less", moves(pl.col("turned_rad") * (1 - 1e-6))), suite.check_moves_lead_to_the_next),
     (broken("faster moves", moves(pl.col("speed_m_s") * (1 + 1e-5))), suite.check_moves_lead_to_the_next),
     (broken("rays by the way", moves(pl.col("ray_m") + 1e-6)), suite.check_rays_of_avoidances),
+    (broken("rays of all moves", moves(pl.col("ray_m").fill_null(0.1))), suite.check_rays_of_moves),
+    (broken("no rays", moves(pl.lit(None, pl.Float64).alias("ray_m"))), suite.check_rays_of_moves),
     (broken("never blocked", moves(pl.lit(0.05).alias("speed_m_s"))), suite.check_places_from_moves),
     (broken("misplaced samples", samples(pl.col("x_m") + 1e-8)), suite.check_poses_at_samples),
     (broken("turned round", samples(pl.col("heading_rad") + 7.0)), suite.check_places),

@@ -30,6 +30,7 @@ from vibroswarm.testing.motion import (
     check_moves_account_for_time,
     check_moves_lead_to_the_next,
     check_poses_at_samples,
+    check_rays_of_moves,
     check_segments_join,
     check_time_accounts,
     moves_of,
@@ -39,6 +40,7 @@ from vibroswarm.testing.motion import (
 from vibroswarm.testing.motion_cases import CASES, Case, Check, motion_of, ticks_of
 from vibroswarm.testing.motion_tables import (
     TABLE_CHECKS,
+    check_beginnings,
     check_copies,
     check_nothing_foreign_matters,
     check_order,
@@ -251,6 +253,7 @@ __all__ = [
     "WALK_CHECKS",
     "Case",
     "Check",
+    "check_beginnings",
     "check_bodies",
     "check_copies",
     "check_ends",
@@ -266,6 +269,7 @@ __all__ = [
     "check_poses_at_samples",
     "check_rays",
     "check_rays_of_avoidances",
+    "check_rays_of_moves",
     "check_runs_are_their_own",
     "check_sample_numbers",
     "check_schema",

@@ -90,6 +90,22 @@ def test_a_csv_becomes_a_map(plate: Path, capsys: pytest.CaptureFixture[str], tm
     assert "plate.csv" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
+def test_a_table_that_no_spreadsheet_can_hold_is_saved_as_parquet_only(
+    plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The maps of each of 1000 robots over time were 900 MB of CSV."""
+    out = tmp_path / "out"
+    command = ("inspect", plate / "plate.csv", "--laws", plate / "reference.csv", "--size", "1x1", "--tiles", "5x5",
+               "--out", out, "--force")  # fmt: skip
+    assert run(*command) == 0
+    rows = pl.read_csv(out / "map.csv").height
+    monkeypatch.setattr("vibroswarm.study.summary.MOST_CSV_ROWS", rows - 1)
+    assert run(*command) == 0
+    assert not (out / "map.csv").exists(), "of the earlier result"
+    assert pl.read_parquet(out / "map.parquet").height == rows
+    assert (out / "samples.csv").exists()
+
+
 def test_names_of_csvs_may_be_in_capitals(
     plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -163,6 +179,8 @@ def test_a_saved_run_is_inspected_as_it_was_simulated(
     assert run("inspect", tmp_path / "run", "--json") == 0
     saved = json.loads(capsys.readouterr().out)
     found = inspect(scenario, seed=3)
+    last = found.maps.filter(pl.col("time_s") == found.times_s[-1]).drop("time_s")
+    assert found.last_maps.equals(last)
     assert saved["made_by"]["samples"] == found.samples.hash
     assert "estimated by the robots" in saved["robots_were_told"][0]
     assert "Places taken as independent" in found._repr_html_()

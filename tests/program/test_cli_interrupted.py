@@ -6,12 +6,17 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.optimize.steps import SearchFolder
+from vibroswarm.study.executors import WorkerDied, workers_for
 from vibroswarm.study.store import Store
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
@@ -183,3 +188,25 @@ def test_ctrl_c_ends_a_function_that_never_returns():
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "vibroswarm: interrupted\n")
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+def test_a_stopped_search_does_not_wait_for_a_function_that_never_returns(executor):
+    """A user's cost, say; the program that calls the search would not end before it."""
+    with suppress(KeyboardInterrupt), workers_for(executor, 1) as workers:
+        future = workers.executor.submit(never_returns)
+        if executor == "threads":
+            assert BEGUN.wait(30.0)
+        raise KeyboardInterrupt
+    with pytest.raises((KeyboardInterrupt, CancelledError, WorkerDied)):
+        future.result(timeout=30.0)
+
+
+BEGUN = threading.Event()
+
+
+def never_returns():
+    with errors_in("mine.py:cost"):
+        BEGUN.set()
+        while True:
+            pass

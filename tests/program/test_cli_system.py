@@ -137,7 +137,7 @@ def test_folders_that_cannot_be_read_are_refused(
     with pytest.raises(PermissionError):
         list(locked.iterdir())
     assert main([*command.split(), str(locked)]) == 2
-    assert str(locked) in capsys.readouterr().err
+    assert f"error: {locked}: " in capsys.readouterr().err, "a file in it is named"
 
 
 def test_what_a_file_holds_does_not_reach_the_terminal(

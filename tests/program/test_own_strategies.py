@@ -290,6 +290,10 @@ BAD = {
         2, "in on_message: changes m.bit, which others read too",
     ),
     "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 22.*creates an array"),
+    "registers itself": (
+        GOOD.replace("strategy_in, u", "register, strategy_in, u").replace('strategy_in(__name__, "mine")',
+        'register(strategy_in(__name__, "mine"))'), 2, "registers 'mine' itself; leave out"
+    ),
     "a name that is taken": (GOOD.replace("mine = ", "soft = ").replace('"mine"', '"soft"'), 2, "vibroswarm has"),
 }  # fmt: skip
 
@@ -317,6 +321,20 @@ def test_a_bad_file_is_said_with_its_line(
 def test_a_file_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = said(capsys, main(["run", "--strategy", f"{tmp_path / 'no.py'}:mine"]), 2)
     assert "no.py" in found
+
+
+def test_files_of_one_name_are_refused_before_anything_is_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A copy of each is saved with the run."""
+    network = tmp_path / "voter.py"
+    network.write_text((EXAMPLES.parent / "networks" / "near.py").read_text(encoding="utf-8"))
+    command = ["run", "--strategy", VOTER, "--network", f"{network}:near", *SHORT]
+    with monkeypatch.context() as patch:
+        patch.setattr("vibroswarm.simulation.simulate", lambda *_, **__: pytest.fail("simulated"))
+        found = said(capsys, main([*command, "--out", str(tmp_path / "out")]), 2)
+    assert "voter.py: two different files have this name" in found
+    assert main(command) == 0  # control: nothing is saved
 
 
 def test_one_that_never_decides_leaves_all_undecided(tmp_path: Path) -> None:

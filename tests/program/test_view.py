@@ -313,6 +313,13 @@ def wait_for(condition: Any, seconds: float = 90.0) -> bool:
     return False
 
 
+def test_frames_of_a_large_swarm_are_farther_apart(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vibroswarm.view.server.MOST_POSES", 20 * result.scenario.swarm.robots)
+    assert write_html(result, 2, tmp_path / "run.html") == 21  # one at 0 s
+
+
 @pytest.mark.slow
 def test_the_file_plays_in_a_browser_without_network(result: Result, webgl: Any, tmp_path: Path) -> None:
     path, asked = tmp_path / "run.html", []

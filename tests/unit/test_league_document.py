@@ -37,7 +37,7 @@ BEST = pl.DataFrame(
     ],
     schema=["figure", "name", "in_group"],
     orient="row",
-)  # fmt: skip
+).with_columns(behind_low=-0.1, behind_high=0.1)  # fmt: skip
 FRONTS = pl.DataFrame(
     [
         (0.1, "sure", "yes", 700.0, 0.0, True), (0.1, "base", "no", None, None, None),
@@ -47,7 +47,7 @@ FRONTS = pl.DataFrame(
     ],
     schema=["level", "strategy", "reached", "time_s", "behind_s", "in_group"],
     orient="row",
-)  # fmt: skip
+).with_columns(behind_s_low=pl.col("behind_s") - 20.0, behind_s_high=pl.col("behind_s") + 20.0)  # fmt: skip
 
 
 def differences(*rows: tuple[str, str, float, float]) -> pl.DataFrame:
@@ -56,14 +56,18 @@ def differences(*rows: tuple[str, str, float, float]) -> pl.DataFrame:
 
 
 def said(
-    differences: pl.DataFrame, fronts: pl.DataFrame, floors: pl.DataFrame | None = None, error: float = 0.2
+    differences: pl.DataFrame,
+    fronts: pl.DataFrame,
+    floors: pl.DataFrame | None = None,
+    error: float = 0.2,
+    best: pl.DataFrame = BEST,
 ) -> tuple[str, ...]:
     """The answer of a league of three entries, all with this forced error."""
     tables = {
         "differences": differences,
         "fronts": fronts,
         "floor_differences": on_floors() if floors is None else floors,
-        "best": BEST,
+        "best": best,
     }
     entries = [SimpleNamespace(strategy=name, label=name, aim=None) for name in STANDINGS["name"]]
     league: Any = SimpleNamespace(
@@ -113,6 +117,20 @@ def test_the_first_sentences_name_the_best_and_what_is_sure() -> None:
     assert "same" not in found[3]
     assert found[4].endswith("Holm over strategies and 3 floors: sure fewer on 2, more on 1; fast more on 1.")
     assert len(found) == 5
+
+
+def test_those_that_differ_in_no_run_are_named() -> None:
+    """Not only "cannot be told apart", with a difference of 0 [0, 0]."""
+    found = said(
+        differences().clear(),
+        FRONTS.with_columns(behind_s_low=0.0, behind_s_high=0.0),
+        best=BEST.with_columns(behind_low=0.0, behind_high=0.0),
+    )
+    assert found[0].startswith(
+        "At 20 % forced error base and sure cannot be told apart (500 to 510 s) (the same in all runs: base and sure)"
+    )
+    assert found[1].endswith("told apart from it: base (the same in all runs: sure and base).")
+    assert "the same" not in found[2]  # control: alone
 
 
 def test_what_guesses_is_named() -> None:

@@ -742,6 +742,10 @@ def test_detection_draws_each_curve():
     assert picture.numbers.select(frame.columns).equals(frame.cast({"runs": pl.Float64}))
     assert "5 % tolerated" in picture.caption
     assert "decision boundary 0.03" in picture.caption
+    in_percent = draw_detection(frame, boundary=0.025, percent=True)  # as the tables of `detect`
+    assert "decision boundary 2.5 %" in in_percent.caption
+    (axes,) = in_percent.figure.axes
+    assert axes.xaxis.get_major_formatter()(0.04) == "4 %"
     with pytest.raises(InputError, match="missed: contains a number outside 0 to 1"):
         draw_detection(frame.with_columns(missed=pl.lit(1.5)))
 

@@ -160,16 +160,22 @@ def test_what_others_read_is_not_changed_by_other_names(how, line, words):
     [
         ("b.parents[0] += 1", 5, r"changes b\.parents\[0\]"),
         ("move(b)", 2, r"in move: changes row\.parents\[1\]"),
+        ("c = b.parents; c[0] = 1", 5, r"changes c\[0\]"),
+        ("c = b; e = c.parents[1:]; e += 1", 5, r"changes e"),
+        ("shift(values=b.parents)", 3, r"in shift: changes values\[0\]"),
     ],
 )
 def test_a_list_that_is_a_parameter_is_not_changed(how, line, words):
-    text = "def move(row):\n    row.parents[1] = 1\n"
+    text = "def move(row):\n    row.parents[1] = 1\ndef shift(values): values[0] = 2"
     names = "n, b, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w"
     fields = {"a": ("parents", "load")}
     with pytest.raises(InputError, match=rf"line {line}, .*{words}, a parameter; copy it"):
         check_function("send", typed(f"{text}\ndef hook({names}):\n    {how}\n"), fields, ("parents",))
     check_function(
-        "send", typed(f"def hook({names}):\n    b.load[0] += b.parents[0]\n"), fields, ("parents",)
+        "send",
+        typed(f"def hook({names}):\n    c = b.parents[0]; c += 1; b.load[0] += c\n"),
+        fields,
+        ("parents",),
     )
 
 

@@ -22,6 +22,7 @@ from vibroswarm.analysis.forced_error import Reached
 from vibroswarm.documents import study as study_documents
 from vibroswarm.plots import draw_outcomes
 from vibroswarm.show.document import Figure
+from vibroswarm.study import batch
 from vibroswarm.study.cell_comparison import comparisons
 from vibroswarm.study.equal_error import at_equal_error, pairs_at_equal_error, reached, why_not_at_equal_error
 from vibroswarm.study.summary import outcome_of
@@ -95,6 +96,27 @@ def test_figures_from_some_runs_at_a_time_are_those_of_the_whole_table(
             robots, runs = result.tables(one.cell.number)
             whole = summary(robots, runs, one.cell.scenario.run.t_end_s)
             assert one.summary.as_row() == whole.as_row()
+
+
+def test_few_runs_are_in_memory_at_a_time_where_their_robots_have_large_arrays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Maps of each sender grow with the square of the number of robots. Values do not depend on it."""
+    simulated = batch.simulate_batch
+    places = SHORT.with_values({"strategy.name": "places"})
+    sizes: list[int] = []
+
+    def counted(work: batch.Batch, *more: Any) -> Any:
+        sizes.append(work.runs)
+        return simulated(work, *more)
+
+    monkeypatch.setattr(batch, "simulate_batch", counted)
+    found = []
+    for at_a_time in (batch.ARRAY_BYTES_AT_A_TIME, 2 * batch.array_bytes_of(places)):
+        monkeypatch.setattr(batch, "ARRAY_BYTES_AT_A_TIME", at_a_time)
+        found.append(Study(places, runs=5).run(workers=1).robots())
+    assert sizes == [5, 2, 2, 1]
+    assert_frame_equal(*found, check_exact=True)
 
 
 def test_a_run_is_made_again_with_all_its_samples(result: StudyResult) -> None:

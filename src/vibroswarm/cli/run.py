@@ -37,12 +37,15 @@ def run(
     from vibroswarm.documents.run import result_document
     from vibroswarm.documents.run_folder import write_run_folder
     from vibroswarm.documents.saved import refuse_other_run
+    from vibroswarm.result import code_files
     from vibroswarm.run_page.write import why_no_page
     from vibroswarm.study.scenario_words import chosen
 
     made, out = scenario_from(scenario), output.out
     refuse(pictures and out is None, "--pictures", "needs --out DIR, where the pictures are saved")
     motion = chosen("motion", scenario.motion)
+    if out is not None:
+        code_files([made], motion)  # refuses what cannot be saved, before anything is simulated
     # The older folder stays until the new one is complete and replaces it.
     claim(output, lambda folder: refuse_other_run(folder, made, scenario.seed, motion), at_once=False)
     # Segments are the positions between samples. They are recorded only for the page, which needs them.

@@ -148,9 +148,9 @@ def check_not_older(folder: Path) -> None:
     """Refuse a folder that was written before all kinds of folders had one manifest.
 
     Raises:
-        InputError: the folder has a manifest of ``OLDER``.
+        InputError: the folder has a manifest of ``OLDER``, or cannot be read.
     """
-    if any((folder / name).is_file() for name in OLDER):
+    if any(path.name in OLDER and path.is_file() for path in matching(folder, "*.json")):
         raise InputError(
             f"has no {MANIFEST}: it is damaged, or of an older format (before {FORMAT}), which this version does not "
             "read; recreate it",

@@ -295,6 +295,7 @@ def _draw(
         frame.sort(rank, maintain_order=True),
         boundary=boundary,
         tolerated=tolerated,
+        percent=True,
         title="" if style == "page" else title,
         style=style,
     )

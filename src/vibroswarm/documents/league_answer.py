@@ -46,6 +46,7 @@ def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
         words = [
             f"At {percent(cast(float, level), 0)} forced error "
             + _group_words(group["strategy"], "the fastest is", span(group["time_s"], 0) + " s")
+            + _alike(group, "strategy", "behind_s")
         ]
         if slower.height:
             behind = [
@@ -72,6 +73,12 @@ def _group_words(names: Iterable[str], one: str, value: str) -> str:
     return f"{listed([first, *others])} cannot be told apart ({value})"
 
 
+def _alike(group: pl.DataFrame, name: str, behind: str) -> str:
+    """Name those of the best that do not differ from the best in any run; empty if it is alone."""
+    same = group.filter((pl.col(f"{behind}_low") == 0.0) & (pl.col(f"{behind}_high") == 0.0))[name]
+    return f" (the same in all runs: {listed(same)})" if len(same) > 1 else ""
+
+
 def _best(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
     """Say which entries err least, and which are fastest of those that do not guess."""
     for figure, start in (("forced_error", "Smallest forced error"), ("decision_time_s", "Fastest")):
@@ -83,7 +90,7 @@ def _best(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
         error, time = with_limits(Estimate.of(row, "forced_error"), "%"), number(row["decision_time_s"], 0)
         words = f"{start}: {first}, {error} in {time} s"
         if others:
-            words += f"; cannot be told apart from it: {listed(others)}"
+            words += f"; cannot be told apart from it: {listed(others)}{_alike(group, 'name', 'behind')}"
         yield f"{words}."
 
 

@@ -38,7 +38,7 @@ from vibroswarm.observation.energy_model import claimed_error_rates, claimed_rat
 from vibroswarm.scenario.fault_draws import onset_s, working
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
-from vibroswarm.strategies.base import Strategy
+from vibroswarm.strategies.base import Strategy, arrays_of
 from vibroswarm.strategies.bayes import GATES
 from vibroswarm.strategies.world import NO_RATES, Draws, World, beliefs
 
@@ -210,6 +210,13 @@ def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: 
         params=params,
         failures=failures,
     )
+
+
+def array_bytes_of(scenario: Scenario) -> int:
+    """Return how much memory the arrays of all robots of a run take, in bytes."""
+    sizes, declared = sizes_of(scenario), arrays_of(strategy_used(scenario).arrays).values()
+    of_robot = sum(array.size(sizes) * np.dtype(array.kind).itemsize for array in declared)
+    return scenario.swarm.robots * of_robot
 
 
 def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.int64]) -> None:

@@ -75,16 +75,20 @@ class Inspection(NotebookView):
     @property
     def maps(self) -> pl.DataFrame:
         """All maps of tiles: time_s, run, robot (null: pooled), row, column, probability, its spread, truth."""
+        return self._maps_at(0)
+
+    def _maps_at(self, first: int) -> pl.DataFrame:
+        """Return the maps of the times from the one of index ``first`` on, as ``maps`` has them."""
         if self.pooled is None or self.samples.floor is None:
             return pl.DataFrame()
         each: list[tuple[int | None, Floats]] = [(None, self.pooled), *self.own.items()]
         shape, vibrates = (-1, *self.samples.floor.tiles.shape), self.vibrates
-        truth = pl.lit(None) if vibrates is None else pl.Series(vibrates.ravel())
+        truth = pl.lit(None, pl.UInt8) if vibrates is None else pl.Series(vibrates[first:].ravel())
         frames = [
-            _of_cells(robot, self.times_s, maps.reshape(shape)).with_columns(vibrates=truth)
+            _of_cells(robot, self.times_s[first:], maps[first:].reshape(shape)).with_columns(vibrates=truth)
             for robot, maps in each
         ]
-        return pl.concat(frames).cast({"vibrates": pl.UInt8})
+        return pl.concat(frames)
 
     @property
     def vibrates(self) -> NDArray[np.uint8] | None:
@@ -96,8 +100,8 @@ class Inspection(NotebookView):
     @property
     def last_maps(self) -> pl.DataFrame:
         """The last maps, as ``analysis.floor_maps`` has them."""
-        maps = self.maps
-        return maps if maps.is_empty() else maps.filter(pl.col("time_s") == self.times_s[-1]).drop("time_s")
+        maps = self._maps_at(-1)
+        return maps if maps.is_empty() else maps.drop("time_s")
 
     @property
     def rasters(self) -> pl.DataFrame:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Final
+
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
@@ -65,20 +68,28 @@ def _along_arcs(
     start = own["start_s"].to_numpy()
     if times.size and not float(times.min()) >= start[0]:  # ``not ... >=`` is true for NaN too
         raise InputError(f"{times.min():g} s is before the first {what}, at {start[0]:g} s", field="time_s")
+    return on_arcs({name: own[name].to_numpy() for name in ARC}, times)
+
+
+ARC: Final = ("start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s")
+"""Columns of an arc."""
+
+
+def on_arcs(arcs: Mapping[str, NDArray[np.float64]], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the poses of a robot, (..., 3), at times, s, none of which is before its first arc.
+
+    Args:
+        arcs: the columns ``ARC`` of its arcs, (arcs,) each.
+    """
+    start = arcs["start_s"]
     row = np.searchsorted(start, times, side="right") - 1  # the latest arc that begins at or before each time
-    column = {name: own[name].to_numpy()[row] for name in ("x_m", "y_m", "heading_rad")}
+    x_m, y_m, heading_rad = (arcs[name][row] for name in ("x_m", "y_m", "heading_rad"))
     elapsed = times - start[row]
     # An arc's end lies at the distance ``chord`` from its start, in the direction midway between its first and last
     # heading. NumPy's sinc(x) is sin(pi x) / (pi x), hence the division by pi.
-    half = 0.5 * own["turn_rate_rad_s"].to_numpy()[row] * elapsed
-    chord = own["speed_m_s"].to_numpy()[row] * elapsed * np.sinc(half / np.pi)
-    along = column["heading_rad"] + half
-    heading = column["heading_rad"] + 2.0 * half
+    half = 0.5 * arcs["turn_rate_rad_s"][row] * elapsed
+    chord = arcs["speed_m_s"][row] * elapsed * np.sinc(half / np.pi)
+    along = heading_rad + half
     return np.stack(
-        [
-            column["x_m"] + chord * np.cos(along),
-            column["y_m"] + chord * np.sin(along),
-            wrapped(heading),
-        ],
-        axis=-1,
+        [x_m + chord * np.cos(along), y_m + chord * np.sin(along), wrapped(heading_rad + 2.0 * half)], axis=-1
     )

@@ -120,7 +120,7 @@ class Init(Protocol):
 
         Args:
             scenario: its sections ``[floor]``, ``[sensor]``, ``[strategy]``, ``[decision]`` and ``[network]`` must not
-                affect the motion.
+                affect the motion; nor must ``run.t_end_s``, before that time.
             seed: in [0, 2^63).
             run: the run's number, below 2^32.
             segments, moves: whether these tables are wanted.

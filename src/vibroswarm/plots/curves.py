@@ -16,7 +16,7 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.core.numbers import percent
+from vibroswarm.core.numbers import percent, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import checked_estimates, draw_along, series_handle
 from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
@@ -376,6 +376,7 @@ def draw_detection(
     tolerated: float | None = None,
     interval: str = "95 % Wilson interval",
     log: bool = False,
+    percent: bool = False,
     title: str = "",
     style: str = "column",
 ) -> Picture:
@@ -389,6 +390,7 @@ def draw_detection(
             a horizontal line. None: no line.
         interval: what low and high are, for the caption.
         log: whether the fill ratio is drawn logarithmically.
+        percent: whether fill ratios are written in percent, as probabilities always are.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -414,7 +416,10 @@ def draw_detection(
         lines.append(f"horizontal line: {number(100 * tolerated)} % tolerated")
     if boundary is not None:
         axes.axvline(boundary, color=FAINT, linewidth=sizes.line_pt, linestyle=(0, (1.5, 1.5)), zorder=1)
-        lines.append(f"vertical line: decision boundary {number(boundary)}")
+        at = stated_percent(boundary) if percent else number(boundary)
+        lines.append(f"vertical line: decision boundary {at}")
+    if percent:
+        percent_axis(axes.xaxis)
     runs = run_counts(frame)
     caption = f"{label} over {x_label}: estimate and {interval}" + (f" over {of_runs(runs)}" if runs else "")
     caption = "; ".join([caption, *lines]) + "."

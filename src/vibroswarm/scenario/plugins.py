@@ -292,6 +292,8 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
     known = KINDS[found_kind].known().get(name)
     if known is None:
         known = KINDS[found_kind].register(replace(found, source=text, code=code))
+    elif known is found:
+        raise InputError(f"registers '{name}' itself; leave out register(...)", field=file)
     elif known.source != text:
         whose = "another file has been loaded with" if known.source else "vibroswarm has"
         raise InputError(f"{whose} a {found_kind} '{name}' already; {other_name(known)}", field=file)

@@ -122,13 +122,11 @@ def check_function(
                 field=where(user, use.lineno),
             )
     arrays = frozenset(mine for mine, ours in rows.items() if ours == "a" and lists)
-    for user, use in _uses(function, arrays, set()):
-        array = use.value if isinstance(use, ast.Subscript) else use
-        if isinstance(use.ctx, ast.Store) and isinstance(array, ast.Attribute) and array.attr in lists:
-            raise InputError(
-                f"changes {ast.unparse(use)}, a parameter; copy it to an array declared in Arrays",
-                field=where(user, use.lineno),
-            )
+    for user, target in _list_changes(function, arrays, frozenset(), lists, set()):
+        raise InputError(
+            f"changes {ast.unparse(target)}, a parameter; copy it to an array declared in Arrays",
+            field=where(user, target.lineno),
+        )
     tree = next(nodes_of(function), None)
     if name in ANSWERS and isinstance(tree, ast.FunctionDef) and not _returns(tree):
         raise InputError(f"returns nothing; return {ANSWERS[name]}", field=where(function))
@@ -381,6 +379,73 @@ def _plain(function: Any) -> Any:
     return getattr(function, "py_func", function)
 
 
+def _callee(
+    function: Callable[..., Any], call: ast.Call
+) -> Iterator[tuple[Callable[..., Any], dict[str, ast.expr]]]:
+    """Yield the function that is called by its name, with its arguments by their names; nothing if it is not known."""
+    found = _plain(function.__globals__.get(call.func.id)) if isinstance(call.func, ast.Name) else None
+    if isinstance(found, FunctionType):
+        names = list(inspect.signature(found).parameters)
+        by_name = {word.arg: word.value for word in call.keywords if word.arg in names}
+        yield found, dict(zip(names, call.args, strict=False)) | by_name
+
+
+def _list_changes(
+    function: Callable[..., Any],
+    rows: frozenset[str],
+    arrays: frozenset[str],
+    lists: Collection[str],
+    seen: set[tuple[Any, frozenset[str], frozenset[str]]],
+) -> Iterator[tuple[Callable[..., Any], ast.expr]]:
+    """Yield where a function, or one that it calls, changes arrays that are parameters: the function and the target.
+
+    Args:
+        rows: names of the arguments whose fields ``lists`` are these arrays. arrays: names of arguments that are such
+            arrays themselves. seen: functions analysed already, each with its names; it grows in place.
+    """
+    plain = _plain(function)
+    if not (rows or arrays) or (plain, rows, arrays) in seen:
+        return
+    seen.add((plain, rows, arrays))
+    nodes = list(nodes_of(plain))
+
+    def is_row(node: ast.expr) -> bool:
+        return isinstance(node, ast.Name) and node.id in rows
+
+    def is_list(node: ast.expr) -> bool:
+        if isinstance(node, ast.Subscript):  # a part of an array shares its memory
+            return isinstance(node.slice, ast.Slice) and is_list(node.value)
+        if isinstance(node, ast.Attribute):
+            return is_row(node.value) and node.attr in lists
+        return isinstance(node, ast.Name) and node.id in arrays
+
+    named = [
+        (target.id, node.value)
+        for node in nodes
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    ]
+    for _ in named:  # a name may be given to what another name stands for
+        rows |= {name for name, value in named if is_row(value)}
+        arrays |= {name for name, value in named if is_list(value)}
+    for node in nodes:
+        if isinstance(node, ast.Subscript | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            if is_list(node.value if isinstance(node, ast.Subscript) else node):
+                yield plain, node
+        elif isinstance(node, ast.AugAssign) and is_list(node.target):
+            yield plain, node.target
+        elif isinstance(node, ast.Call):
+            for callee, given in _callee(plain, node):
+                yield from _list_changes(
+                    callee,
+                    frozenset(name for name, item in given.items() if is_row(item)),
+                    frozenset(name for name, item in given.items() if is_list(item)),
+                    lists,
+                    seen,
+                )
+
+
 def _uses(
     function: Callable[..., Any], rows: frozenset[str], seen: set[tuple[Any, frozenset[str]]]
 ) -> Iterator[tuple[Callable[..., Any], ast.Attribute | ast.Subscript | ast.Name]]:
@@ -427,16 +492,9 @@ def _uses(
             yield plain, node
         elif isinstance(node, ast.Assign) and all(isinstance(other, ast.Name) for other in node.targets):
             known.add(id(node.value))
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            callee = _plain(plain.__globals__.get(node.func.id))
-            if isinstance(callee, FunctionType):
-                # Arguments of the called function that are given a row: by position, then by keyword.
-                names = list(inspect.signature(callee).parameters)
-                given = [
-                    *zip(names, node.args, strict=False),
-                    *((word.arg, word.value) for word in node.keywords),
-                ]
-                passed = {name: item for name, item in given if name in names and is_row(item)}
+        elif isinstance(node, ast.Call):
+            for callee, given in _callee(plain, node):
+                passed = {name: item for name, item in given.items() if is_row(item)}
                 known |= {id(item) for item in passed.values()}
                 yield from _uses(callee, frozenset(passed), seen)
     for node in nodes:

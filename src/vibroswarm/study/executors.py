@@ -31,6 +31,7 @@ from typing import Any, Final
 
 from vibroswarm.core import numbers
 from vibroswarm.core.child_python import MOST_WORKERS, safe_start
+from vibroswarm.core.user_code import interrupt_in
 from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
@@ -46,6 +47,8 @@ WITHOUT_WORKERS_S: Final = 30.0
 """A cluster that has had no worker for longer than this is an error."""
 ASK_EVERY_S: Final = 5.0
 """Interval at which the number of a cluster's workers is updated."""
+STUCK_S: Final = 2.0
+"""Time after which a worker process ends although its call has not returned, after the work was stopped."""
 
 
 @dataclass
@@ -100,9 +103,16 @@ def workers_for(
     if isinstance(executor, Executor):
         yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)
     elif executor == "threads":
-        cancel, threads = threading.Event(), ThreadPoolExecutor(own, thread_name_prefix="vibroswarm")
-        name = numbers.count(own, "thread")
-        yield from _stopped_at_end(Workers(threads, own, name, (cancel.is_set,)), cancel.set)
+        cancel, known = threading.Event(), set[int]()
+        threads = ThreadPoolExecutor(own, "vibroswarm", lambda: known.add(threading.get_ident()))
+
+        def stop() -> None:
+            cancel.set()
+            interrupt_in(known)
+
+        yield from _stopped_at_end(
+            Workers(threads, own, numbers.count(own, "thread"), (cancel.is_set,)), stop
+        )
     elif executor == "processes":
         pools, name = SingleProcessPools(own), numbers.count(own, "process", "processes")
         yield from _stopped_at_end(Workers(pools, own, name, (_is_cancelled,)), pools.cancel.set)
@@ -260,14 +270,16 @@ def _begin_process(cancel: _ProcessFlag, begun: _ProcessFlag) -> None:
     sys.stdout = sys.stderr  # what users' code prints must not come between the results of a command
     begun.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_in_time, daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    """Wait until the parent process ends, then end this process at once, with whatever it is computing."""
+def _end_in_time() -> None:
+    """End this process, with whatever it is computing, with its parent, or ``STUCK_S`` after the work was stopped."""
     parent = multiprocessing.parent_process()
     if parent is not None:  # it is None only in a process that multiprocessing did not start
-        parent.join()
+        while parent.is_alive() and not _is_cancelled():
+            parent.join(timeout=STUCK_S / 4)
+        parent.join(timeout=STUCK_S)
         os._exit(1)  # ends the process without waiting for its other threads
 
 

@@ -22,7 +22,7 @@ from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
-from vibroswarm.errors import RunError
+from vibroswarm.errors import RunError, warn_once
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
@@ -288,13 +288,23 @@ def remove_file(path: Path) -> None:
         raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
+MOST_CSV_ROWS: Final = 2**20 - 1
+"""Most rows of a table that is written as CSV: what a spreadsheet can hold below the names of columns."""
+
+
 def write_table(table: pl.DataFrame, path: Path) -> dict[str, Any]:
-    """Write a table as CSV and Parquet; ``path`` is without a suffix.
+    """Write a table as CSV and Parquet; ``path`` is without a suffix. One too long for spreadsheets is no CSV.
 
     Returns: what a manifest says of the Parquet file, by its name.
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed.
     """
     data = parquet_bytes(table)
-    write_files(path.parent, {f"{path.name}.csv": csv_bytes(table), f"{path.name}.parquet": data})
+    files = {f"{path.name}.parquet": data}
+    if table.height <= MOST_CSV_ROWS:
+        files = {f"{path.name}.csv": csv_bytes(table), **files}
+    else:
+        path.with_name(f"{path.name}.csv").unlink(missing_ok=True)  # of an earlier result
+        warn_once(f"table '{path.name}' has {table.height:,} rows, and is saved as Parquet only")
+    write_files(path.parent, files)
     return {f"{path.name}.parquet": about_file(data)}

@@ -370,9 +370,26 @@ def check_moves_account_for_time(source: Source) -> None:
         _check_spent(one, np.repeat(np.array(moves["kind"].to_list()), np.diff(start)), "moves")
 
 
+def check_rays_of_moves(source: Source) -> None:
+    """ray_m is given where an avoidance begins, and for no other kind of move.
+
+    An avoidance that follows a stop, or another one, may be the rest of one that began before.
+    """
+    for one in robots_of(source):
+        moves, is_avoid = moves_of(one), pl.col("kind") == "avoid"
+        follows = pl.col("kind").shift(1).cast(pl.String).fill_null("drive")  # the kind of the move before
+        is_given, begins = pl.col("ray_m").is_not_null(), is_avoid & follows.is_in(["drive", "turn"])
+        strange = moves.filter(is_given & ~is_avoid)["kind"].cast(pl.String).unique().to_list()
+        require(not strange, f"{one.label}: a move has ray_m, and is no avoidance but: {', '.join(strange)}")
+        require(
+            moves.filter(begins & ~is_given).is_empty(), f"{one.label}: an avoidance begins without ray_m"
+        )
+
+
 MOVE_CHECKS: Final[tuple[Check, ...]] = (
     check_moves_lead_to_the_next,
     check_moves_account_for_time,
+    check_rays_of_moves,
 )
 """Checks of sources that give segments and moves."""
 

@@ -218,6 +218,22 @@ def check_copies(source: Source) -> None:
     )
 
 
+def check_beginnings(source: Source) -> None:
+    """A run that ends earlier is the beginning of one that ends later.
+
+    ``run.t_end_s`` says only when a run ends: a shorter run is equal to a longer one that is advanced to its end.
+    """
+    s, seed, run = SHORT_CASE.scenario, SHORT_CASE.seed, SHORT_CASE.runs[0]
+    end_s = s.run.t_end_s / 2
+    shorter = source.batch(s.with_values({"run.t_end_s": end_s}), seed, [run], segments=True, moves=True)
+    longer = source.init(s, seed, run, segments=True, moves=True).advance(end_s)
+    same(
+        longer,
+        shorter,
+        f"a run of {stated(s.run.t_end_s)} s up to {stated(end_s)} s, and one that ends there",
+    )
+
+
 SHORT_S: Final = 40.0
 """Length of the runs of checks that simulate many."""
 
@@ -321,6 +337,7 @@ TABLE_CHECKS: Final[tuple[Check, ...]] = (
     check_whole_runs,
     check_pieces,
     check_copies,
+    check_beginnings,
     check_runs_are_their_own,
     check_runs_differ,
     check_nothing_foreign_matters,

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from vibroswarm.motion.physics.wheels_model import (
     WIDTH_M,
 )
 from vibroswarm.motion.physics.wheels_model import WHEELS as WHEELS_AT
-from vibroswarm.motion.pose import pose
+from vibroswarm.motion.pose import ARC, on_arcs
 from vibroswarm.result import Result
 
 Floats = NDArray[np.float64]
@@ -70,14 +71,11 @@ class Playback:
         self.answers = (
             ("less", "more") if result.scenario.task.name == "fill_ratio" else answers_of(result.scenario)
         )
-        # Samples and segments by robot; no segments if the result has none.
-        self._samples = [samples.filter(pl.col("robot") == robot) for robot in range(self.robots)]
+        # Columns of samples and of segments by robot; no segments if the result has none.
+        samples = samples.with_columns(pl.col("decision").fill_null(-1))
+        self._samples = _by_robot(samples, self.robots, ("time_s", "x_m", "y_m", "belief_below", "decision"))
         segments = None if result.segments is None else result.segments.filter(of_run)
-        self._segments = (
-            None
-            if segments is None
-            else [segments.filter(pl.col("robot") == robot) for robot in range(self.robots)]
-        )
+        self._segments = None if segments is None else _by_robot(segments, self.robots, ARC)
 
     @property
     def is_exact(self) -> bool:
@@ -87,7 +85,7 @@ class Playback:
     def poses(self, robot: int, time_s: ArrayLike) -> Floats:
         """Return x, y (m) and heading (rad) of a robot at times, (times, 3).
 
-        With segments, see ``motion.pose.pose``. Without, places are interpolated linearly between samples, and the
+        With segments, see ``motion.pose.on_arcs``. Without, places are interpolated linearly between samples, and the
         heading is that of the straight line between them; before its first and after its last sample, the robot stands
         at the place of that sample; and all values are nan for a robot without samples.
 
@@ -96,11 +94,15 @@ class Playback:
         """
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if self._segments is not None:
-            return pose(self._segments[robot], self.run, robot, times)
-        own = self._samples[robot]
-        if own.is_empty():
+            arcs = self._segments[robot]
+            if not arcs["start_s"].size or times.min() < arcs["start_s"][0]:
+                raise InputError(
+                    f"there is no segment of robot {robot} at {times.min():g} s", field="segments"
+                )
+            return on_arcs(arcs, times)
+        taken_s, x, y = (self._samples[robot][name] for name in ("time_s", "x_m", "y_m"))
+        if not taken_s.size:
             return np.full((times.size, 3), np.nan)
-        taken_s, x, y = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
         # Indices of the samples before and after each time: before the first sample, those of the first two samples;
         # after the last, those of the last two. A single sample is both.
         before = np.clip(np.searchsorted(taken_s, times, side="right") - 1, 0, max(taken_s.size - 2, 0))
@@ -115,11 +117,11 @@ class Playback:
         lacks them, the belief is ``UNKNOWN`` and the decision -1.
         """
         own = self._samples[robot]
-        k = int(own["time_s"].search_sorted(time_s, side="right")) - 1
+        k = int(np.searchsorted(own["time_s"], time_s, side="right")) - 1
         if k < 0:
             return UNKNOWN, -1
-        belief, decision = own["belief_below"][k], own["decision"][k]
-        return UNKNOWN if belief is None else float(belief), -1 if decision is None else int(decision)
+        belief = float(own["belief_below"][k])  # nan: null
+        return UNKNOWN if math.isnan(belief) else belief, int(own["decision"][k])
 
     def looks(self, robot: int, time_s: float) -> tuple[str, Colour]:
         """Return the text over a robot at a time, and its colour: that of its belief, or else of its decision."""
@@ -131,6 +133,13 @@ class Playback:
     def samples_by(self, time_s: float) -> int:
         """Return how many samples the swarm has taken up to a time."""
         return int(np.searchsorted(self.sample_s, time_s, side="right"))
+
+
+def _by_robot(table: pl.DataFrame, robots: int, columns: Sequence[str]) -> list[dict[str, NDArray[Any]]]:
+    """Return some columns of a table for each robot from 0 to ``robots`` - 1, as arrays."""
+    parts = table.partition_by("robot", as_dict=True, maintain_order=True)
+    none = table.clear()
+    return [{name: parts.get((i,), none)[name].to_numpy() for name in columns} for i in range(robots)]
 
 
 STILL: Final = (232, 232, 228)

@@ -33,6 +33,8 @@ FRAME_S: Final = 0.05
 """Real time between updates of a server."""
 MOST_FRAMES: Final = 6000
 """Largest number of frames of a file after the first; frames of a longer run are farther apart."""
+MOST_POSES: Final = 400_000
+"""Largest number of poses of a file (frames x robots), about 20 MB: frames of a larger swarm are farther apart."""
 
 
 def viser() -> Any:
@@ -139,7 +141,8 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
 
     Args:
         run: number of the run. path: of the file. speed: simulated seconds per second.
-        frame_s: simulated time between frames, s; it is made longer if there would be more than ``MOST_FRAMES``.
+        frame_s: simulated time between frames, s; it is made longer if there would be more than ``MOST_FRAMES``, or
+            more than ``MOST_POSES``.
     Raises:
         InputError: viser is missing, there is no such run, or the run has no samples.
         RunError: the disk is full or failed.
@@ -151,7 +154,7 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
         scene = Scene(server.scene, playback)
         scene.set_time(0.0)
         serializer = server.get_scene_serializer()
-        frame_s = max(frame_s, playback.end_s / MOST_FRAMES)
+        frame_s = max(frame_s, playback.end_s / min(MOST_FRAMES, MOST_POSES / playback.robots))
         # The serializer records the changes of the scene, and the pauses between them. The frame at time 0 is set
         # above; ``times`` has the others. ``np.arange`` stops half a step beyond the end, so the last time is within
         # half a step of the end. If it lies beyond the end, the frame shows the end.
