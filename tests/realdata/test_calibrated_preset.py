@@ -6,6 +6,7 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,15 @@ def authors(real: Recording, known: RealCache) -> Comparison:
 @pytest.fixture(scope="module")
 def ours(real: Recording, known: RealCache) -> list[Comparison]:
     return [compare(real, simulated(seed), known) for seed in SEEDS]
+
+
+def test_recordings_are_read_again_only_if_a_file_has_changed(tmp_path: Path) -> None:
+    folder = shutil.copytree(FOLDER, tmp_path / "copy")
+    first = read_recordings(folder, REAL)
+    assert read_recordings(folder, REAL) is first
+    log = folder / REAL[0]
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:-200]))
+    assert read_recordings(folder, REAL).motion.height < first.motion.height
 
 
 def alike(found: list[Comparison]) -> dict[str, float]:

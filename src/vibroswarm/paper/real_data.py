@@ -7,6 +7,7 @@ belong to them.
 from __future__ import annotations
 
 import hashlib
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,5 +72,11 @@ def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:
     The files must exist, see ``missing``. Fields of the recording's scenario that neither the logs nor the floor
     determine have the values of preset ``paper``.
     """
+    return _recording(folder, names, hash_of(folder))
+
+
+@lru_cache(maxsize=2)  # the real robots and the authors' simulator, which two items compare
+def _recording(folder: Path, names: tuple[str, ...], contents: str) -> Recording:
+    """Read a recording; ``contents`` is the hash of the files (``hash_of``), so that changed ones are read again."""
     floor = Floor.filling(read_tiles(folder / FLOOR, SIZE), name=FLOOR)
     return recording_of([read_log(folder / name) for name in names], floor, preset("paper"))

@@ -203,6 +203,7 @@ def outcome_of(
                 settled=settled,
             )
         )
+        del table, times, walked  # before those of the next cell are read
     compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
     matched = at_equal_error(result, compared, progress) if equal_error else {}
     return Outcome(
