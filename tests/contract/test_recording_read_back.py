@@ -67,6 +67,8 @@ def test_times_are_late_by_at_most_a_camera_loop_and_counters_are_exact(
     assert late.min() > -0.23
     assert late.max() < 0.2251
     assert np.mean(late >= -1e-9) > 0.99  # but for the last loop
+    # But places are those of the samples, and not those to which the robots drove by then.
+    assert np.hypot(both["x_m"] - both["x_m_made"], both["y_m"] - both["y_m_made"]).max() < 1e-6
     assert (both["avoid_s"] - both["avoid_s_made"]).abs().max() < 0.0011
     assert (both["stop_s"] - both["stop_s_made"]).abs().max() < 0.0011
     assert both["heading_rad"].null_count() == both.height

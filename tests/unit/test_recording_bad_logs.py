@@ -108,6 +108,21 @@ def test_a_clock_that_starts_late_is_told(
     assert told in count_lines(recording)
 
 
+def test_times_in_milliseconds_are_told(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def thousandfold(rows: Rows) -> None:
+        rows[1:] = [[row[0], str(round(float(row[1]) * 1000.0)), *row[2:]] for row in rows[1:]]
+
+    told = "  220 s usually between two rows of a robot: times must be in seconds"
+    found = [
+        list(count_lines(recording_of([read_log(changed(change))], ground, preset("paper"))))
+        for change in (thousandfold, len)
+    ]
+    assert told in found[0]
+    assert not any("times must be" in line for line in found[1])
+
+
 def test_a_robot_that_stops_early_is_counted(
     changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
 ) -> None:
@@ -117,6 +132,16 @@ def test_a_robot_that_stops_early_is_counted(
     recording = recording_of([read_log(changed(stop))], ground, preset("paper"))
     assert recording.sessions[0]["told"]["robots_gone"] == 1
     assert "  1 robot last seen more than a minute before the end" in count_lines(recording)
+
+
+def test_a_robot_that_never_moved_is_counted(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def stand(rows: Rows) -> None:
+        rows[1:] = [[*row[:4], "0.5", "0.5", *row[6:]] if row[2] == "3" else row for row in rows[1:]]
+
+    recording = recording_of([read_log(changed(stand))], ground, preset("paper"), any_floor=True)
+    assert "  1 robot that never moved" in count_lines(recording)
 
 
 def test_other_robots_are_refused(logs: list[Path]) -> None:
@@ -248,8 +273,8 @@ def test_what_was_read_is_counted_in_words() -> None:
         "  1 late row (by up to a second): sorted in",
     ]
     assert lines[5:7] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
-    assert lines[16] == "session 2: b.csv (csv)"
-    assert lines[17] == "  2,000 rows read"
-    assert lines[19] == "  2,000 repeated rows: removed"
+    assert lines[18] == "session 2: b.csv (csv)"
+    assert lines[19] == "  2,000 rows read"
+    assert lines[21] == "  2,000 repeated rows: removed"
     assert "  4.694 s, the longest such gap" in lines
-    assert not [line for line in lines[16:] if "off all tiles" in line]
+    assert not [line for line in lines[18:] if "off all tiles" in line]

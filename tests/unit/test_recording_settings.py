@@ -13,7 +13,7 @@ import pytest
 from vibroswarm.calibrate.fit import contradictions
 from vibroswarm.documents.recording import _inferred_value
 from vibroswarm.recordings.export import write_rugbot, write_webots
-from vibroswarm.recordings.infer_settings import infer_gate, infer_settings, infer_tau
+from vibroswarm.recordings.infer_settings import infer_gate, infer_settings, infer_tau, infer_threshold
 from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
@@ -51,6 +51,14 @@ def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: 
         assert infer["decision.min_observations"].low <= least <= infer["decision.min_observations"].high
     else:
         assert gate in infer["decision.gate"].evidence
+
+
+@pytest.mark.parametrize(("low", "high", "value"), [(0.102, 0.9, 0.501), (1.549, 1.555, 1.55)])
+def test_a_threshold_whose_bounds_are_far_apart_is_in_their_middle(
+    low: float, high: float, value: float
+) -> None:
+    between = pl.DataFrame({"energy": [low / 2, low, high], "bit": [0, 0, 1]})
+    assert infer_threshold(between).value == value
 
 
 def test_the_gate_is_found_where_it_held_robots_back(told: Scenario, tmp_path: Path) -> None:

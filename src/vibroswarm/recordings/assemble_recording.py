@@ -32,6 +32,10 @@ USUAL_AGE_S: Final = 0.25
 """A sample's position that was seen longer before the sample than this is counted as old."""
 LATE_BEGINNING_S: Final = 10.0
 """A log whose first row is later than this was begun late, or has a clock that did not begin with the session."""
+STOOD_M: Final = 0.005
+"""A robot that never got farther than this along an axis did not move: positions are hardly less exact."""
+APART_S: Final = 60.0
+"""If the rows of a robot are usually farther apart than this, times are probably not in seconds."""
 GONE_S: Final = 60.0
 """A robot whose last known position is older than this at the end of the session is counted as gone."""
 
@@ -182,6 +186,13 @@ def _late_beginning_of(log: Log) -> float:
     return first_s if first_s > LATE_BEGINNING_S else 0.0
 
 
+def _rows_apart_of(log: Log) -> float:
+    """Return the median time between two rows of a robot, s; 0 if it is not longer than usual."""
+    rows = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
+    apart_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot"))["time_s"].median()
+    return round(float(apart_s), 6) if apart_s is not None and apart_s > APART_S else 0.0  # type: ignore[arg-type,operator]
+
+
 class _Session(NamedTuple):
     """What a log tells about one session."""
 
@@ -225,7 +236,8 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
         "tracks": _in_schema(tracks, TRACKED),
         "places": _own_places(frame),
     }
-    counts = _problem_counts(paths, rows, observations, scenario) | {"begins_late_s": _late_beginning_of(log)}
+    counts = _problem_counts(paths, rows, observations, scenario)
+    counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": _rows_apart_of(log)}
     about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
     return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
 
@@ -372,9 +384,15 @@ def _problem_counts(
         "positions_old": int((ages_s > USUAL_AGE_S).sum()),
         "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
         "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
+        "robots_still": sum(_stood(path.segments) for path in paths),
         "posteriors_odd": odd.height,
         "off_the_floor": int((observations["tile"] < 0).sum()),
     }
+
+
+def _stood(segments: pl.DataFrame) -> bool:
+    """Return whether a robot's path stays within a square of ``STOOD_M``."""
+    return max(float(np.ptp(segments[name].to_numpy())) for name in ("x_m", "y_m")) < STOOD_M
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:

@@ -42,6 +42,10 @@ UNDISTURBED_S: Final = 0.3
 """Intervals between samples that differ by more than this from the most frequent duration are not used for tau, s."""
 
 
+FAR: Final = 0.05
+"""Bounds of theta_E that are apart by a larger share of the upper one are far apart."""
+
+
 NEEDED: Final = "decisions, beliefs or numbers of messages sent"
 """What shows when robots decide (``_deciding_robots``)."""
 
@@ -166,12 +170,15 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
 def _beside(low: float, high: float, at_low: bool) -> float:
     """Choose a threshold in [low, high): the number with two decimals that is nearest to one of the two bounds.
 
-    If no number with two decimals lies in [low, high), return the middle of the bounds.
+    If no number with two decimals lies in [low, high), return the middle of the bounds; likewise, with three digits, if
+    they are apart by more than ``FAR`` of the upper one: then neither is near the true threshold.
 
     Args:
         at_low: whether that bound is ``low``; if not, it is ``high``. Callers choose the bound that more samples
             determine, because the true threshold is likely to be nearer to it.
     """
+    if high - low > FAR * high:
+        return float(f"{(low + high) / 2:.3g}")
     # The 1e-9 keeps rounding errors from moving a number with two decimals to the next one.
     rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
     return rounded if low - 1e-12 <= rounded < high else (low + high) / 2

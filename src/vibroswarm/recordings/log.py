@@ -93,9 +93,11 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
     "tracking_gaps": ("gap", " in tracking of more than half a second: interpolated linearly"),
     "tracking_gap_longest_s": ("", " s, the longest such gap"),
     "robots_gone": ("robot", " last seen more than a minute before the end"),
+    "robots_still": ("robot", " that never moved"),
     "positions_old": ("sample", " with a position older than the usual quarter of a second"),
     "position_oldest_s": ("", " s, the age of the oldest position"),
     "off_the_floor": ("sample", " off all tiles"),
+    "rows_apart_s": ("", " s usually between two rows of a robot: times must be in seconds"),
 }
 """Counts that are made while a log is read: what is counted (empty: a time), and what follows it."""
 
