@@ -12,6 +12,7 @@ from scipy.stats import binom
 
 from vibroswarm.calibrate import fit as fit_module
 from vibroswarm.calibrate import fit_avoidance as avoidance_module
+from vibroswarm.calibrate import wall_approach
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
@@ -103,6 +104,8 @@ def test_bodies_that_go_by_other_numbers_are_matched(found: Dataset) -> None:
     renumbered = {name: getattr(same, name).with_columns(robot=swapped) for name in ("drives", "samples")}
     fields = fit_drive(replace(same, **renumbered), BASE).fields(BASE)
     assert fields["robot.speed_factors"] == pytest.approx(speeds, rel=0.025)
+    # The mean is not smaller because robots drive arcs, or because something held some of them up.
+    assert np.mean(fields["robot.speed_factors"]) == pytest.approx(np.mean(speeds), rel=0.005)
     assert fields["robot.misalignments"] == pytest.approx(bent, abs=0.004)
     # Negative control: sessions of different robots name none.
     assert "robot.speed_factors" not in fit_drive(found, BASE).fields(BASE)
@@ -117,7 +120,7 @@ def test_veers_that_wander_are_found_and_veers_that_do_not_are_not(found: Datase
         made(12, robot__misalignments=bent, robot__speed_factors=speeds, **values), BASE
     ).fields(BASE)
     assert fields["robot.misalignment_wander"] == pytest.approx(true["wander"], rel=0.15)
-    assert fields["robot.misalignment_drift"] == pytest.approx(true["drift"], rel=0.25)
+    assert fields["robot.misalignment_drift"] == pytest.approx(true["drift"], rel=0.15)
     # Five robots in twelve sessions; 5 m and more lie between two robots.
     assert fields["robot.misalignment_run_spread"] == pytest.approx(true["run_spread"], rel=0.3)
     assert fields["robot.misalignments"] == pytest.approx(bent, abs=0.012)
@@ -163,10 +166,25 @@ def test_where_robots_turn_tells_where_their_rays_are() -> None:
     changes = {"rays.forward_each_m": ahead, "rays.angle_deg": [0.0, 40.0, -40.0], "walk.turn_max_deg": 130.0}
     found = made(3, **{name.replace(".", "__"): value for name, value in changes.items()})
     fit = fit_rays(found, BASE, draws=8)
-    assert fit.forward_m == pytest.approx(ahead, abs=0.006)
-    assert fit.values["ray_deg"] == pytest.approx(40.0, abs=8.0)
+    assert fit.forward_m == pytest.approx(ahead, abs=0.0015)
+    # Robots veer until they turn: without it, the angle comes out 4 degrees too wide.
+    assert fit.values["ray_deg"] == pytest.approx(40.0, abs=1.5)
     assert fit.values["turn_max_deg"] == pytest.approx(130.0, abs=8.0)
     BASE.with_values(fit.fields(BASE))
+
+
+def test_positions_with_an_error_hide_no_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Robots that stand for a sample seem to turn a little; they do not count."""
+    rng, exact = np.random.default_rng(5), wall_approach.track_of
+
+    def inexact(result: Any, run: int, robot: int) -> Any:
+        track = exact(result, run, robot)
+        assert track is not None
+        return track + np.column_stack([np.zeros(len(track)), rng.normal(0.0, 0.0007, (len(track), 2))])
+
+    monkeypatch.setattr(wall_approach, "track_of", inexact)
+    fit = fit_rays(made(3, walk__turn_max_deg=130.0), BASE, draws=0)
+    assert fit.values["turn_max_deg"] == pytest.approx(130.0, abs=10.0)
 
 
 def test_a_camera_that_magnifies_is_found_and_one_that_is_right_is_left_alone(found: Dataset) -> None:
@@ -198,7 +216,20 @@ def test_sensing(found: Dataset) -> None:
     vibrating = values["vibrating_shape"] * values["vibrating_scale"] + values["vibrating_location"]
     assert still == pytest.approx(2.52194 * 0.28754 + 0.13731, rel=0.06)
     assert vibrating == pytest.approx(5.33497 * 0.5132 - 0.2001, rel=0.06)
-    assert 0.1 < values["robot_spread"] + values["tile_spread"] < 0.3
+    # Each run of a simulation has tiles of its own.
+    assert values["tile_spread"] == pytest.approx(0.2, abs=0.03)
+    assert values["robot_spread"] < 0.04
+
+
+def test_factors_of_tiles_have_the_mean_1_as_in_a_simulation() -> None:
+    fit = fit_sensor(made(8, sensor__tile_spread=0.5), draws=20)
+    values = fit.values
+    assert values["tile_spread"] == pytest.approx(0.5, abs=0.08)
+    # With the median 1 they would be smaller by exp(-0.125).
+    still = values["still_shape"] * values["still_scale"] + values["still_location"]
+    assert still == pytest.approx(2.52194 * 0.28754 + 0.13731, rel=0.08)
+    # The factors of 200 tiles have a mean with an error of 0.5 / sqrt(200).
+    assert fit.draws["still_scale"].std() > 0.025 * values["still_scale"]
 
 
 @pytest.mark.parametrize("factor", [100.0, 0.01])
@@ -232,9 +263,21 @@ def test_losses_and_turns_that_are_finished(found: Dataset) -> None:
     loss = fit_loss(found)
     assert loss is not None
     assert loss.value == pytest.approx(0.05, abs=0.006)
+    # Student's limits: 1.96 errors of three sessions hold 81 %.
+    three = fit_loss(found.only([0, 1, 2]))
+    assert three is not None
+    assert three.high - three.value == pytest.approx(4.3027 * three.error, rel=1e-4)
     assert avoidance_beyond(found, BASE) > 0.02
     interrupted = made(3, sample__interrupts_avoidance=True)
     assert avoidance_beyond(interrupted, BASE) < 0.02
+
+
+def test_sessions_without_avoidance_in_their_log_do_not_spoil_its_fit(found: Dataset) -> None:
+    one, two = found.only([0]), found.only([0, 1])
+    unknown = pl.when(pl.col("run") == 0).then(pl.col("avoid_s"))
+    partly = replace(two, samples=two.samples.with_columns(avoid_s=unknown))
+    fits = [fit_avoidance(sessions, BASE, 0.055, candidates=20) for sessions in (one, partly)]
+    assert fits[0].values == fits[1].values
 
 
 def test_the_posterior_of_a_linear_model_is_where_it_must_be() -> None:

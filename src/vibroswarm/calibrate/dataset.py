@@ -21,6 +21,7 @@ from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import edge_distance
 from vibroswarm.result import Result
 
@@ -62,6 +63,21 @@ class Dataset(NotebookView):
     def sessions(self) -> list[int]:
         """Numbers of the sessions, ascending."""
         return [int(run) for run in self.samples["run"].unique().sort()]
+
+    @property
+    def grounds(self) -> list[tuple[Floor, int | None]]:
+        """The tiles below each session, in the order of ``floors``; equal where sessions have the same tiles.
+
+        Recordings on equal floors have. Each run of a simulation has tiles of its own, whose factors it draws, unless
+        its floor is that of the study.
+        """
+        grounds: list[tuple[Floor, int | None]] = []
+        for result in self.results:
+            own = not isinstance(result, Recording) and result.scenario.floor.redraw == "run"
+            for _ in range(result.runs.height):
+                session = len(grounds)
+                grounds.append((self.floors[session], session if own else None))
+        return grounds
 
     @property
     def by_session(self) -> list[pl.DataFrame]:

@@ -16,7 +16,7 @@ avoidance and without a turn on the spot.
 | turn | D | rad | direction from sample to sample minus that in the interval before (both undisturbed) |
 | own misalignment | m | - | D track / (2 L), L the length of the arc; 0 for a robot that drives straight |
 | spread | s | - | interquartile range of D about the robot's median, / 1.349: insensitive to undetected turns |
-| slow share | c | - | mean autocorrelation of D over ``SLOW_LAGS``: share of the variance that changes slowly |
+| slow share | c | - | share of the variance that changes slowly, from the autocorrelation of D over ``SLOW_LAGS`` |
 | spread from sample to sample | - | - | s sqrt(2 (1 - c)): D is the mean of two intervals' turns |
 | slow spread | - | - | s sqrt(c) |
 | variation of distance | - | - | interquartile range about a line in time, / 1.435 (triangular law) / the median |

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
+from scipy.special import stdtrit
 
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
@@ -311,8 +312,8 @@ def fit_loss(found: Dataset) -> Fitted | None:
     """Return the share of messages lost on their way, over all sessions, with an interval from the sessions' scatter.
 
     Sessions are weighted by the number of their messages. The error is that of the unweighted mean over sessions, the
-    interval is the share -+ 1.96 errors, but not below 0, and both are NaN with one session. The result is None if no
-    session's log counts the received messages.
+    interval is the share -+ so many errors as Student's law has for these sessions, but not below 0, and both are NaN
+    with one session. The result is None if no session's log counts the received messages.
     """
     known = found.exchange.drop_nulls("packet_loss")  # the sessions whose loss is known
     if known.height == 0:
@@ -322,7 +323,8 @@ def fit_loss(found: Dataset) -> Fitted | None:
     # A session's share is below 0 if it received more messages than are counted as addressed; the estimate is not.
     value = max(float(weights @ shares / weights.sum()), 0.0)
     error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
-    return Fitted("network.loss.share", value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
+    half = float(stdtrit(max(shares.size - 1, 1), 0.975)) * error
+    return Fitted("network.loss.share", value, error, max(value - half, 0.0), value + half)
 
 
 def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Floats]) -> list[Fitted]:
@@ -380,7 +382,8 @@ FITS: Final = (
     ),
     Source(
         "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",
-        "bootstrap over robots in sessions; of spreads, chi-square of the groups", _of_sensor,
+        "bootstrap over robots in sessions, with the error of the mean factor; of spreads, chi-square of the groups",
+        _of_sensor,
     ),
     Source(
         "vibration, in place of laws", ("sensor.acceleration.",), "all samples",

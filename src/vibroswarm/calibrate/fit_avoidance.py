@@ -161,7 +161,7 @@ def fit_avoidance(
     """Fit the parameters of avoidance and turning; return their posterior sample and the statistics it predicts.
 
     Args:
-        found: real sessions.
+        found: real sessions; those whose log does not hold the time spent avoiding are left out.
         scenario: scenario in which all other fields are fitted already.
         speed_m_s: mean speed of the robots at the start, which turns turning rates into a track (``fields_of``).
         candidates: number of parameter vectors tried, one run each.
@@ -171,6 +171,7 @@ def fit_avoidance(
         [
             summary({name: ordered[name].to_numpy() for name in COLUMNS}, found.arena_m)
             for ordered in (session.sort("robot", "time_s") for session in found.by_session)
+            if ordered["avoid_s"].is_finite().any()
         ]
     )
     # ``fit_rays`` sets this field together with the angles; ``fit`` resets it where the rays are not fitted.

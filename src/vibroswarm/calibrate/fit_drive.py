@@ -39,7 +39,14 @@ import polars as pl
 from scipy.optimize import linear_sum_assignment
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.drive import LEAST_DRIVES, calm_intervals, course_of, undisturbed
+from vibroswarm.calibrate.drive import (
+    LEAST_DRIVES,
+    LEAST_M,
+    SLOW_LAGS,
+    calm_intervals,
+    course_of,
+    undisturbed,
+)
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
@@ -74,7 +81,7 @@ class DriveFit:
     draws: dict[str, Floats]
     """Bootstrap draws by the same names, (draws,) each; shorter where some resamples do not determine the estimate."""
     distance_ratio: float
-    """Distance between the samples of an undisturbed interval, divided by the distance at driving speed: below 1
+    """Distance driven between the samples of an undisturbed interval, divided by that at driving speed: below 1
     because of starts, stops and clocks. The speeds of the scenario are multiplied by it."""
     bodies: Floats
     """Speed at the start, m/s, and bend, 1/m, of each robot, (robots, 2); (0, 2) if robots cannot be matched."""
@@ -231,23 +238,27 @@ def timed_drive_ms(base: Scenario) -> float:
 
 
 def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
-    """Return the distance between samples of undisturbed intervals, divided by the distance at driving speed.
+    """Return the distance driven in undisturbed intervals, divided by the distance at driving speed.
 
-    The distance at driving speed is the mean speed times the time of a drive from sample to sample. Both distances are
-    means over robots in sessions. The result is 1, no correction, with fewer than 50 undisturbed intervals, if a robot
-    has none, and if the ratio is not between 0.8 and 1.25, which is not plausible.
+    The distance driven is the arc of the robot's bend whose chord is the mean distance between the two samples, without
+    intervals in which something held the robot up. The distance at driving speed is the mean speed times the time of a
+    drive from sample to sample. Both are means over robots in sessions. The result is 1, no correction, with fewer than
+    50 undisturbed intervals, if a robot has none, and if the ratio is not between 0.8 and 1.25, which is not plausible.
 
     Args:
         table: from ``_table_of_robots``.
     """
-    calm = calm_intervals(found.samples)
+    calm = calm_intervals(found.samples).filter(pl.col("distance_m") > LEAST_M)
     drive_s = timed_drive_ms(base) / 1000.0
-    by_robot = calm.group_by("run", "robot", maintain_order=True)
-    distances = by_robot.agg(pl.col("distance_m").mean())["distance_m"]
+    by_robot = calm.sort("run", "robot").group_by("run", "robot", maintain_order=True)
+    chords = by_robot.agg(pl.col("distance_m").mean())["distance_m"].to_numpy()
     # If the numbers of robots in sessions differ, the two means would be over different robots.
-    if calm.height < 50 or len(distances) != len(table):
+    if calm.height < 50 or chords.size != len(table):
         return 1.0
-    ratio = float(distances.mean()) / (float(table[:, MEAN].mean()) * drive_s)  # type: ignore[arg-type]
+    # Half the angle of the arc, of which the distance is the chord; 1e-9 keeps 0 / sin(0) from being NaN.
+    half = np.arcsin(np.clip(np.abs(np.nan_to_num(table[:, BEND])) * chords / 2.0, 1e-9, 1.0))
+    arcs = chords * half / np.sin(half)
+    ratio = float(arcs.mean()) / (float(table[:, MEAN].mean()) * drive_s)
     return ratio if 0.8 < ratio < 1.25 else 1.0
 
 
@@ -394,6 +405,22 @@ def _error_of_start(time: Floats, deviations: Floats) -> float:
     return float(np.sqrt(np.square(sums).sum() * BLOCKS / (BLOCKS - 2)))
 
 
+def _slow_share(correlation: float, samples: float) -> float:
+    """Return the share of a veer's variance that is slow, from the mean autocorrelation of turns over ``SLOW_LAGS``.
+
+    The slow part is linear between independent values every ``DRIFT_SAMPLES`` samples. It changes over these lags, and
+    deviations are those from a session's own middle, which takes a part of it away.
+
+    Args:
+        samples: number of samples of a session.
+    """
+    lag = np.array(SLOW_LAGS) / DRIFT_SAMPLES
+    kept = float(np.mean(1.0 - 1.5 * lag**2 + 0.75 * lag**3))  # correlation of the slow part over a lag
+    # The variance of the slow part's mean over a session, see ``_between_sessions``.
+    of_middle = 1.5 * DRIFT_SAMPLES / samples
+    return min(correlation / max(kept - of_middle * (1.0 - correlation), 0.1), 1.0)
+
+
 def _estimates(table: Floats) -> dict[str, float]:
     """Return the estimates by name, from the means and standard deviations over robots in sessions.
 
@@ -423,7 +450,9 @@ def _estimates(table: Floats) -> dict[str, float]:
             "bend_per_m": float(driven[:, BEND].mean()),
             "bend_between_per_m": float(driven[:, BEND].std(ddof=1)),
             "bend_within_per_m": float(driven[:, SPREAD].mean()),
-            "slow_share": float(slow[:, SLOW].mean()) if len(slow) else 0.0,
+            "slow_share": _slow_share(float(slow[:, SLOW].mean()), float(slow[:, SAMPLES].mean()))
+            if len(slow)
+            else 0.0,
             "distance_spread": float(driven[:, DISTANCE].mean()),
         }
     return estimates

@@ -100,6 +100,9 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     robots = int(found.samples["robot"].max() or 0) + 1  # type: ignore[arg-type]
     if robot.size and np.bincount(robot, minlength=robots).min() >= LEAST_APPROACHES:
         distance, incidence = approaches["distance_m"].to_numpy(), approaches["incidence_rad"].to_numpy()
+        # A ray is read once a control period: robots drive on for half of one, in the mean, before they turn.
+        speed_m_s = float(found.drives["speed_m_s"].mean() or 0.0)  # type: ignore[arg-type]
+        distance = distance + 0.5 * speed_m_s * base.run.control_period_ms / 1000.0 * np.cos(incidence)
         ray_deg, forward_m = _fit(distance, incidence, robot, base)
         # The same fit to each bootstrap draw of the approaches: (ray_deg, forward_m) of each draw.
         fits = [

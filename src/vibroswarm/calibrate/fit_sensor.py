@@ -14,7 +14,8 @@ The fit alternates between two steps, ``ROUNDS`` times. The first finds the Gamm
 maximum likelihood (scipy's L-BFGS-B). The second finds the factors as means of log E over samples, each weighted by the
 probability that it was read on this kind of tile. The spreads of tiles and of robots are the standard deviations of
 their log factors, without sampling noise (method of moments). Standard errors come from a bootstrap over robots in
-sessions, with fixed factors; those of the spreads from the chi-square law of a variance of so many groups.
+sessions, with fixed factors, and the error of their mean; those of the spreads from the chi-square law of a variance
+of so many groups.
 
 Inside this module the parameters are one vector theta of 8 values: log shape, log scale and location of the Gamma
 distribution for vibrating tiles; the same three for still tiles; reach (cm); log blur (cm).
@@ -146,10 +147,11 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     on = samples["vibrating"].to_numpy()
     tile, other, run = (samples[name].to_numpy().astype(np.int64) for name in ("tile", "other", "run"))
     # Number the tiles of all floors: the number of a floor's first tile, plus the tile's index on the floor. Sessions
-    # on equal floors have the same tiles, so they share tile factors.
-    floor_number = {floor: k for k, floor in enumerate(dict.fromkeys(found.floors))}
+    # with the same tiles share tile factors.
+    grounds = found.grounds
+    ground_number = {ground: k for k, ground in enumerate(dict.fromkeys(grounds))}
     most_tiles = max(floor.tiles.size for floor in found.floors)  # enough numbers for the tiles of any floor
-    first_tile = np.array([floor_number[floor] for floor in found.floors])[run] * most_tiles
+    first_tile = np.array([ground_number[ground] for ground in grounds])[run] * most_tiles
     below = first_tile + tile
     # ``other`` is -1 on a floor with one kind of tile. Any tile number will do there, so that of the tile below is
     # used: the distance d is infinite, so P(d) leaves the other kind's term of the likelihood without weight.
@@ -188,6 +190,10 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
     drawn = [_values(_fit(data, weight, theta, quick=True), unit) for weight in weights]
     bootstrap = {name: np.array([values_of[name] for values_of in drawn]) for name in FIELDS}
+    # The mean of the factors is that of these tiles and robots only.
+    error = math.sqrt(sum(one.variance / one.groups for one in apart))
+    factors = np.exp(error * generator(_SEED, "mean factor").standard_normal(draws))
+    bootstrap |= {name: bootstrap[name] * factors for name in SCALED}
     spreads = {name: one.drawn(draws, name) for name, one in zip(SPREADS, apart, strict=True)}
     return SensorFit(values, bootstrap | spreads, unit)
 
@@ -391,8 +397,13 @@ def _factors(
     for _ in range(4):
         of_tile, tiles_apart = _effects(deviation - of_robot[at_robot], weight, at_tile, of_tile.size)
         of_robot, robots_apart = _effects(deviation - of_tile[at_tile], weight, at_robot, of_robot.size)
-    # Centre the log factors: their mean goes into the scales of the Gamma distributions at the next fit.
-    return of_tile - of_tile.mean(), of_robot - of_robot.mean(), (tiles_apart, robots_apart)
+    # Centre the log factors so that factors have the mean 1, as in a scenario: the rest goes into the scales of the
+    # Gamma distributions at the next fit.
+    centred = [
+        effects - effects.mean() - apart.variance / 2
+        for effects, apart in ((of_tile, tiles_apart), (of_robot, robots_apart))
+    ]
+    return centred[0], centred[1], (tiles_apart, robots_apart)
 
 
 def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Floats, _Between]:

@@ -9,8 +9,9 @@
 A path is a sequence of positions as a camera sees them (``drive.track_of``); a step leads from one position to the
 next. A robot drives in the steps whose speed exceeds ``DRIVES`` times its usual speed; the other steps are a
 standstill, in which the robot stops or turns on the spot. A turn away from a wall is found in an interval (between two
-samples) with avoidance: it is the first standstill after a drive. Its position is the median of the positions during
-the standstill. A leg is a straight walk, which ends with a turn on the spot by a random angle.
+samples) with avoidance: it is the first standstill after a drive. Its position is the median of the positions until the
+robot moves again; its course is that of the drive's last steps, carried on with the usual bend of the robot. A leg is a
+straight walk, which ends with a turn on the spot by a random angle.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import polars as pl
 from vibroswarm.calibrate.drive import track_of
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Bools, Floats
+from vibroswarm.recordings.log import STANDING_M
 from vibroswarm.result import Result
 
 DRIVES: Final = 0.62
@@ -37,6 +39,8 @@ COURSE_STEPS: Final = 4
 steps is left out. A drive before or after a turn at the end of a leg has at least this many steps."""
 LONGEST_GAP_S: Final = 0.5
 """Longest time between two positions of a path without a gap."""
+LATE_S: Final = 0.25
+"""Times of samples in a log are late by this at most."""
 LONGEST_TURN_S: Final = 3.2
 """Longest standstill that is a turn at the end of a leg."""
 FAR_M: Final = 0.12
@@ -69,6 +73,8 @@ class _Path:
     """y of each position."""
     driving: Bools
     """Whether the robot drives in each step, (positions - 1,)."""
+    bend_per_m: float
+    """Usual change of the course per distance driven."""
 
 
 def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
@@ -110,10 +116,28 @@ def _path(result: Result, run: int, robot: int) -> _Path | None:
         return None
     time, x, y = track.T
     step_s = np.maximum(np.diff(time), 1e-6)  # above 0 also where two positions have the same time
-    speed = np.hypot(np.diff(x), np.diff(y)) / step_s
+    step_m = np.hypot(np.diff(x), np.diff(y))
+    speed = step_m / step_s
     moving = speed[speed > 0.02]  # m/s; slower steps are standstills
     usual = float(np.median(moving)) if moving.size else 0.0
-    return _Path(time, x, y, (speed > DRIVES * usual) & (step_s < LONGEST_GAP_S))
+    driving = (speed > DRIVES * usual) & (step_s < LONGEST_GAP_S)
+    return _Path(time, x, y, driving, _bend_per_m(x, y, step_m, driving))
+
+
+def _bend_per_m(x: Floats, y: Floats, step_m: Floats, driving: Bools) -> float:
+    """Return the median change of the course per distance, 1/m, from step to step amid drives; 0 without such steps.
+
+    Args:
+        x, y: positions, m, (positions,). step_m, driving: length of each step, and whether the robot drives in it,
+            (positions - 1,).
+    """
+    # The robot starts or stops in the first and last step of a drive, so neither of two steps is one of these.
+    amid = np.flatnonzero(driving[:-3] & driving[1:-2] & driving[2:-1] & driving[3:]) + 1
+    if not amid.size:
+        return 0.0
+    course = np.arctan2(np.diff(y), np.diff(x))
+    between_m = (step_m[amid] + step_m[amid + 1]) / 2  # from the middle of a step to that of the next
+    return float(np.median(wrapped(course[amid + 1] - course[amid]) / between_m))
 
 
 def _approaches(
@@ -174,15 +198,17 @@ def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float
     later_drive = np.flatnonzero(driving[end:])
     over = end + int(later_drive[0]) if later_drive.size else driving.size  # first step after the standstill
     x, y = path.x_m[first:last], path.y_m[first:last]
-    # The course is the direction from position ``back`` to position ``end`` - 1. It leaves out the last step of the
-    # drive, in which the robot may begin to stop.
+    # Positions during the standstill, without the one at its beginning: in the next step the robot may still brake.
+    # Those after it moved again are left out: it then turned twice, and drove a little in between.
+    moved = np.hypot(x[end + 2 : over + 1] - x[end + 1], y[end + 2 : over + 1] - y[end + 1]) > STANDING_M
+    still = slice(end + 1, end + 2 + int(np.argmax(np.append(moved, True))))
+    at_x, at_y = float(np.median(x[still])), float(np.median(y[still]))
+    # The direction from position ``back`` to position ``end`` - 1 leaves out the last step of the drive, in which the
+    # robot may begin to stop. It is the course midway between the two; the robot veers from there to the standstill.
     back = max(begin, end - COURSE_STEPS)
     course = float(np.arctan2(y[end - 1] - y[back], x[end - 1] - x[back]))
-    # Positions during the standstill, without the one at its beginning: in the next step the robot may still brake.
-    still = slice(end + 1, over + 1)
-    return (
-        float(path.time_s[first + end]), float(np.median(x[still])), float(np.median(y[still])), course,
-    )  # fmt: skip
+    driven_m = float(np.hypot(at_x - (x[back] + x[end - 1]) / 2, at_y - (y[back] + y[end - 1]) / 2))
+    return float(path.time_s[first + end]), at_x, at_y, course + path.bend_per_m * driven_m
 
 
 def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tuple[float, float]:
@@ -224,6 +250,10 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> Itera
             path.time_s[start] - path.time_s[stop] > LONGEST_TURN_S
             or min(x, size[0] - x, y, size[1] - y) < FAR_M
         ):
+            continue
+        # A robot that stands for a sample seldom turns too, but its course seems to change if positions are not exact.
+        # Times of samples may be late.
+        if ((samples[:, 0] > path.time_s[stop]) & (samples[:, 0] < path.time_s[start] + LATE_S)).any():
             continue
         # Avoidance is known per interval between samples, so this turn may be avoidance if there is any in the interval
         # before one of the first two samples that follow its beginning, up to 3 s after its end. Without such a sample

@@ -6,7 +6,7 @@ measure that this reference has not seen (``Law.draws``):
 | reference | resampled | not seen |
 |---|---|---|
 | measured energies | the energies of each kind, with replacement | those that were left out |
-| sessions | robots in sessions (``fit_sensor``), and the mean factor of the tiles and robots | the law itself |
+| sessions | robots in sessions, and the mean factor of the tiles and robots (``fit_sensor``) | the law itself |
 
 The tiles and robots of a reference are a sample of all: with spreads s_t and s_r, the mean of their log factors has a
 standard deviation of sqrt(s_t^2 / tiles + s_r^2 / robots), which multiplies all values of the law alike.
@@ -27,7 +27,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_sensor import FIELDS, SCALED, SPREADS, SensorFit, fit_sensor
+from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.atomic_io import write_text
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value, percent, stated
@@ -88,12 +88,10 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     # A camera saw the places, or may have seen them, unless a recording has no tracks.
     is_seen = not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
     camera = fit_camera(chosen, draws=0).camera if is_seen else RIGHT
-    seen = chosen.corrected(camera)
-    fitted = fit_sensor(seen, draws=draws)
+    fitted = fit_sensor(chosen.corrected(camera), draws=draws)
     base = found.results[0].scenario
-    sensor, *drawn = (
-        _sensor_of(base, fitted.rounded(values)) for values in (fitted.values, *_drawn(fitted, seen, draws))
-    )
+    draws_of = ({name: float(values[k]) for name, values in fitted.draws.items()} for k in range(draws))
+    sensor, *drawn = (_sensor_of(base, fitted.rounded(values)) for values in (fitted.values, *draws_of))
     digest = hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16]
     # Sessions are numbered over all results.
     numbered = [(result, int(run)) for result in found.results for run in result.runs["run"].to_list()]
@@ -115,23 +113,6 @@ def _sensor_of(base: Scenario, values: dict[str, float]) -> Any:
         f"sensor.{name}": (value or None) if name in SPREADS else value for name, value in values.items()
     }
     return base.with_values({"sensor.model": "gamma"} | fields).sensor
-
-
-def _drawn(fitted: SensorFit, seen: Dataset, draws: int) -> list[dict[str, float]]:
-    """Return the values of each draw by field, with the error of the mean factor of the tiles and robots."""
-    samples = seen.samples
-    tiles = samples.select("tile").n_unique()
-    robots = int(robot_clusters(samples).max()) + 1
-    tile_spread, robot_spread = (fitted.values[name] for name in SPREADS)
-    error = np.sqrt(tile_spread**2 / tiles + robot_spread**2 / robots)
-    factors = np.exp(error * generator(1, "mean factor of a reference").standard_normal(draws))
-    return [
-        {
-            name: float(values[k]) * (factors[k] if name in SCALED else 1.0)
-            for name, values in fitted.draws.items()
-        }
-        for k in range(draws)
-    ]
 
 
 def hash_of_run(result: Result, run: int) -> str:
