@@ -45,7 +45,8 @@ def test_a_session_that_no_fit_has_seen_is_predicted(tmp_path: Path) -> None:
     made = reproduce(settings, tmp_path, items_named(["unseen-session"])).made[0]
     verdicts = {one.claim.id: one for one in decide(made.tables[CLAIMS])}
     turned = {one.claim.id: one for one in decide(made.tables["control"])}
-    # Of session 3 it is 2.7 to 3.7 % too large, which is not within the claim's 3 % for certain; why is not known.
+    # Over nine seeds of the fit's search session 3 is predicted too large by 3.6 % (2.5 to 4.6): beyond the claim's 3 %
+    # or open, as the seed has it. The others are within it, but for one seed (session 1, 3.1 %).
     assert verdicts["unseen-samples"].cells["holds"].to_list()[:2] == ["holds", "holds"]
     assert (verdicts["unseen-samples"].cells["estimate"].abs() < 0.05).all()
     assert turned["unseen-samples"].verdict == "not reproduced"
