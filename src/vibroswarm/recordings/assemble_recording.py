@@ -384,7 +384,7 @@ def _problem_counts(
         "positions_old": int((ages_s > USUAL_AGE_S).sum()),
         "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
         "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
-        "robots_still": sum(_stood(path.segments) for path in paths),
+        "robots_unmoved": sum(_stood(path.segments) for path in paths),
         "posteriors_odd": odd.height,
         "off_the_floor": int((observations["tile"] < 0).sum()),
     }

@@ -27,7 +27,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.numbers import count, number, stated
+from vibroswarm.core.numbers import count, number, rounded, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
 from vibroswarm.recordings.infer_timer import infer_timer
 from vibroswarm.recordings.inferred import STOP_S, Inferred, undetermined
@@ -42,7 +42,7 @@ UNDISTURBED_S: Final = 0.3
 """Intervals between samples that differ by more than this from the most frequent duration are not used for tau, s."""
 
 
-FAR: Final = 0.05
+FAR: Final = 0.25
 """Bounds of theta_E that are apart by a larger share of the upper one are far apart."""
 
 
@@ -178,10 +178,10 @@ def _beside(low: float, high: float, at_low: bool) -> float:
             determine, because the true threshold is likely to be nearer to it.
     """
     if high - low > FAR * high:
-        return float(f"{(low + high) / 2:.3g}")
+        return rounded((low + high) / 2, 3)
     # The 1e-9 keeps rounding errors from moving a number with two decimals to the next one.
-    rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
-    return rounded if low - 1e-12 <= rounded < high else (low + high) / 2
+    near = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
+    return near if low - 1e-12 <= near < high else (low + high) / 2
 
 
 def _roundest(low: float, high: float) -> float:

@@ -93,7 +93,7 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
     "tracking_gaps": ("gap", " in tracking of more than half a second: interpolated linearly"),
     "tracking_gap_longest_s": ("", " s, the longest such gap"),
     "robots_gone": ("robot", " last seen more than a minute before the end"),
-    "robots_still": ("robot", " that never moved"),
+    "robots_unmoved": ("robot", " that never moved"),
     "positions_old": ("sample", " with a position older than the usual quarter of a second"),
     "position_oldest_s": ("", " s, the age of the oldest position"),
     "off_the_floor": ("sample", " off all tiles"),

@@ -21,6 +21,7 @@ from vibroswarm.analysis.intervals import columns_of, mean_interval, within
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError, warn_once
 from vibroswarm.inference.agents import strategy_used
@@ -306,6 +307,6 @@ def write_table(table: pl.DataFrame, path: Path) -> dict[str, Any]:
         files = {f"{path.name}.csv": csv_bytes(table), **files}
     else:
         path.with_name(f"{path.name}.csv").unlink(missing_ok=True)  # of an earlier result
-        warn_once(f"table '{path.name}' has {table.height:,} rows, and is saved as Parquet only")
+        warn_once(f"table '{path.name}' has {count(table.height, 'row')}, and is saved as Parquet only")
     write_files(path.parent, files)
     return {f"{path.name}.parquet": about_file(data)}

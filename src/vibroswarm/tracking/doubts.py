@@ -299,8 +299,9 @@ def _floor_never_seen(tracking: Tracking) -> Iterator[Doubt]:
     """Yield one doubt about all markers of the floor that were never seen; none if all were seen."""
     missing = [marker for marker in tracking.markers.floor if marker not in tracking.detections.floor_px]
     if missing:
+        markers = "marker" if len(missing) == 1 else "markers"
         listed = ", ".join(map(str, missing))
-        yield Doubt("floor", f"Never seen: markers {listed} of the floor, which the file lists.")
+        yield Doubt("floor", f"Never seen: {markers} {listed} of the floor, which the file lists.")
 
 
 def _sizes(tracking: Tracking) -> Iterator[Doubt]:

@@ -15,7 +15,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.motion.source import source
 from vibroswarm.paper.cell_tables import two_forms
 from vibroswarm.paper.cells import on_threads
 from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
@@ -25,6 +24,7 @@ from vibroswarm.paper.real_data import REAL_FLOOR, real_floor
 from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
+from vibroswarm.simulation import simulate
 
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""
@@ -94,8 +94,8 @@ def compute(work: Work) -> Tables:
 
 
 def _placed(seed: int, runs: int, scenario: Scenario) -> tuple[Any, Any, Any]:
-    """Simulate the motion of a scenario; return run, x (m) and y (m) of each sample, (samples,) each."""
-    samples = source("event").batch(scenario, seed, range(runs)).samples
+    """Simulate a scenario; return run, x (m) and y (m) of each sample, (samples,) each."""
+    samples = simulate(scenario, seed, runs, energies=False).motion
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
 
