@@ -161,13 +161,16 @@ def test_what_the_preset_says_of_driving_is_what_the_recordings_say(real: Record
     assert fields.pop("robot.speed_run_spread") == pytest.approx(0.014, abs=0.002)
     assert np.quantile(fit.draws["between_sessions"], 0.025) == 0.0
     assert preset("calibrated").robot.speed_run_spread is None
-    # It is of an earlier fit, with speeds 0.5 % lower, and less of the variation of veers slow.
+    # It is of an earlier fit, with speeds 0.5 % lower, and less of the variation of veers slow: by so much, to 0.2 %.
+    lower = ("robot.speed_factor_location", "robot.speed_factor_min", "robot.speed_factor_max")
     earlier = {
-        "robot.misalignment_wander": 0.06, "robot.misalignment_drift": 0.12, "robot.misalignment_run_spread": 0.04
-    } | {name: 0.013 for name in fields if name.startswith("robot.speed_factor")}  # fmt: skip
+        "robot.speed_factors": 0.9951, "robot.misalignment_wander": 1.0488, "robot.misalignment_drift": 0.8990,
+        "robot.misalignment_run_spread": 1.0276,
+    }  # fmt: skip
     for name, value in fields.items():
         kept = value_of(preset("calibrated"), name)
         if isinstance(value, str):
             assert kept == value, name
         else:
-            assert kept == pytest.approx(value, rel=earlier.get(name, 2e-3), abs=1e-4), name
+            expected = np.asarray(value) * earlier.get(name, 1.0) - (0.00514 if name in lower else 0.0)
+            assert kept == pytest.approx(expected, rel=2e-3, abs=1e-4), name

@@ -58,9 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             gc.freeze()
             try:
                 sys.stderr.flush()
-            except (
-                OSError
-            ):  # what could not be written is lost: from Python 3.13 on the process would end with 120
+            except OSError:
+                # What could not be written is lost. From Python 3.13 on the process would end with 120 because of it.
                 _silence(sys.stderr)
         return code
     except KeyboardInterrupt:

@@ -13,7 +13,7 @@ from vibroswarm.plots.inputs import check_once, tidy, with_series
 from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.layout import legend_below, plain_axes, whole_ticks
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, SERIES, look, style_named
+from vibroswarm.plots.style import FAINT, SERIES, Style, look, style_named
 
 
 @drawn
@@ -55,19 +55,7 @@ def draw_search(
     names += ["best of each particle"] if personal is not None else []
     names += ["true, on fresh runs"] if true is not None else []
     figure, axes = plain_axes(sizes, "iteration", label, title=title)
-    handles = []
-    if personal is not None:
-        own = tidy(personal, numbers=("iteration", "particle", "score"), complete=("iteration", "particle"))
-        for _, part in own.sort("iteration").group_by("particle", maintain_order=True):
-            lines = axes.plot(
-                part["iteration"],
-                part["score"],
-                color=FAINT,
-                alpha=0.5,
-                linewidth=sizes.line_pt * 0.5,
-                zorder=2,
-            )
-        handles = [lines[0]]  # all particles look the same: one of them stands for all in the legend
+    handles = [] if personal is None else [_particles(axes, personal, sizes)]
     best, mean = look(0), look(1)
     (of_mean,) = axes.plot(
         frame["iteration"], frame["mean"], color=mean.colour, linestyle=mean.line, linewidth=sizes.line_pt
@@ -89,6 +77,23 @@ def draw_search(
             f" On fresh runs the winner's is {number(true, digits=4)}; below it: selection bias or chance."
         )
     return Picture(figure, frame.select("iteration", "best", "mean"), caption)
+
+
+def _particles(axes: Any, personal: pl.DataFrame, sizes: Style) -> Any:
+    """Draw the best score of each particle; return one of the lines, since all look the same in the legend."""
+    own = tidy(personal, numbers=("iteration", "particle", "score"), complete=("iteration", "particle"))
+    lines = [
+        axes.plot(
+            part["iteration"],
+            part["score"],
+            color=FAINT,
+            alpha=0.5,
+            linewidth=sizes.line_pt * 0.5,
+            zorder=2,
+        )
+        for _, part in own.sort("iteration").group_by("particle", maintain_order=True)
+    ]
+    return lines[-1][0]
 
 
 @drawn

@@ -189,8 +189,9 @@ def _late_beginning_of(log: Log) -> float:
 def _rows_apart_of(log: Log) -> float:
     """Return the median time between two rows of a robot, s; 0 if it is not longer than usual."""
     rows = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
-    apart_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot"))["time_s"].median()
-    return round(float(apart_s), 6) if apart_s is not None and apart_s > APART_S else 0.0  # type: ignore[arg-type,operator]
+    between_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot")).drop_nulls().to_series()
+    apart_s = float(np.median(between_s)) if between_s.len() else 0.0
+    return round(apart_s, 6) if apart_s > APART_S else 0.0
 
 
 class _Session(NamedTuple):
