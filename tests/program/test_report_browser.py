@@ -406,6 +406,17 @@ def test_captions_of_wide_tables_are_read_without_scrolling(open_report: Open) -
     assert caption["x"] + caption["width"] <= 375
 
 
+def test_options_in_a_caption_stand_among_the_words(open_report: Open, tmp_path: Path) -> None:
+    """And not on lines of their own, as the caption itself does."""
+    file = tmp_path / "report.html"
+    table = Table(pl.DataFrame({"n": [1]}), caption="Command: `vibroswarm run --seed 1 --robots 5`")
+    write_page(file, replace(made(), parts=(table,)))
+    shown = open_report(file=file).eval_on_selector_all(
+        "caption .option", "all => all.map(one => getComputedStyle(one).display)"
+    )
+    assert shown == ["inline", "inline"]
+
+
 def test_without_scripts_all_is_there(open_report: Open) -> None:
     page = open_report(java_script_enabled=False)
     assert page.locator("svg.drawing").count() == 3
