@@ -307,7 +307,7 @@ def _check_numbers(observations: pl.DataFrame, scenario: Scenario, folder: Path)
             )
     for column in further:
         if not observations[column].fill_null(0.0).is_finite().all():
-            raise InputError(f"column '{column}' holds what is no number", field=name)
+            raise InputError(f"column '{column}' holds a value that is not a number", field=name)
 
 
 def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
@@ -355,7 +355,9 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
     task = tasks.known().get(scenario.task.name)
     asks_share = task is not None and not (task.estimated or task.scored)
     if asks_share and not runs["fill_ratio"].is_between(0, 1).all():
-        raise InputError("column 'fill_ratio' holds no share from 0 to 1", field=_file(folder, "runs"))
+        raise InputError(
+            "column 'fill_ratio' holds a value that is not a share from 0 to 1", field=_file(folder, "runs")
+        )
     unknown = runs["consensus"].is_null()
     for column in ("right", "wrong", "undecided"):
         if (runs[column].is_null() != unknown).any():

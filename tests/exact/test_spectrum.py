@@ -149,7 +149,7 @@ def test_stops_of_a_recording_without_pauses_are_where_the_robot_stands(tmp_path
     [
         (lambda frame: frame.drop("az"), {}, "has no column 'az'"),
         (lambda frame: frame.drop("x_m"), {"by": ("tile",)}, "no columns x_m and y_m"),
-        (lambda frame: frame, {"unit": "ft/s2"}, "no unit of acceleration"),
+        (lambda frame: frame, {"unit": "ft/s2"}, "not a unit of acceleration"),
         (lambda frame: frame, {"rate_hz": 500.0}, "readings come at 350 Hz, and 500 Hz is stated"),
         (lambda frame: frame, {"motors_hz": (90.0, -3.0)}, "-3 is not a frequency above 0"),
         (lambda frame: frame.with_columns(time_s=pl.col("time_s") / 1000), {}, "is time_s in seconds"),

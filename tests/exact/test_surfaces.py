@@ -256,7 +256,7 @@ def test_gradients_and_hills_are_as_their_formula() -> None:
         ({"floor.source": "patch:0"}, None),
         ({"floor.source": "patch:0.1@1.5"}, "give one from 0 to 1"),
         ({"floor.source": "patch:disc0.1x0.2"}, "a disc has one diameter"),
-        ({"floor.source": "patch:square"}, "is no patch; give for example"),
+        ({"floor.source": "patch:square"}, "is not a patch; give for example"),
         ({"floor.source": "patch:60*0.3"}, "do not fit side by side"),
         ({"floor.source": "patch:101*0.001"}, "more than 100 patches"),
         ({"floor.source": "gradient:0.2"}, "give for example gradient"),
@@ -302,7 +302,7 @@ def test_files_of_values_become_floors(tmp_path: Any) -> None:
         (0 + 0.25 + 1 + 0.5 + 0.5 + 0.335) / 6  # 0.333 in steps of 1/200
     )
     (tmp_path / "bad.csv").write_text("0,0.5\n1\n", encoding="utf-8")
-    with pytest.raises(InputError, match="is no rectangle of numbers"):
+    with pytest.raises(InputError, match="is not a rectangle of numbers"):
         values_in(f"values:{tmp_path / 'bad.csv'}")
     (tmp_path / "high.csv").write_text("0,3.5\n", encoding="utf-8")
     for ends, wanted in (("-1..4", (0.2, 0.9)), ("0..3.5", (0.0, 1.0))):

@@ -135,7 +135,7 @@ def test_an_edited_header_is_noticed(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("int main(void) { return 0; }\n", "is no header of vibroswarm"),
+        ("int main(void) { return 0; }\n", "is not a header of vibroswarm"),
         ("//@ swarm.robots = -3\n", "swarm.robots"),
         ("//@ swarm.robots = = 3\n", "is not TOML"),
     ],

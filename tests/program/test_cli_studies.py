@@ -56,7 +56,7 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
     out = tmp_path / "out put" / "one"
     assert sweep(study, "--out", out) == 0
     told = capsys.readouterr()
-    assert "2 cells, 20 runs each, seed 1; shared per run: 1 motion, 1 observation, 2 inferences" in told.err
+    assert "2 cells, 20 runs each, seed 1; all see the same paths and readings" in told.err
     assert "To do: 20 runs of motion; about" in told.err
     assert "20 runs per cell" in told.out
     assert str(out) in told.out

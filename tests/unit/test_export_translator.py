@@ -273,7 +273,7 @@ def construct_with_fields(x: float) -> float:
         (without_a_value, REAL, 3, "a 'return' without a value, beside one with a value"),
         (first_without_a_value, REAL, 3, "returns 'x'"),
         (divided_by_zero, REAL, 1, "constants without a result (division by zero)"),
-        (complex_power, REAL, 1, "constants whose result is no number"),
+        (complex_power, REAL, 1, "constants whose result is not a number"),
         (construct_in_any_order, ROW, 1, "two calls that may change a row"),
         (construct_with_fields, REAL, 1, "such a row is constructed without arguments"),
     ],

@@ -96,7 +96,7 @@ def test_values_that_do_not_lie_in_the_space(values: dict[str, object], told: st
 
 def test_whole_numbers_have_whole_bounds() -> None:
     """0.5 to 3.5 would give 0 and 4."""
-    with pytest.raises(InputError, match="no bounds of whole numbers"):
+    with pytest.raises(InputError, match="not bounds of whole numbers"):
         Dimension.of("decision.min_observations", {"from": 0.5, "to": 3.5, "whole": True})
     assert Dimension.of("decision.min_observations", {"from": 1.0, "to": 3.0, "whole": True}).value(1.0) == 3
 

@@ -23,21 +23,21 @@ CELLS_DRAWN: Final = 12
 
 
 def plan_sentence(plan: Plan) -> str:
-    """Return how many cells and runs there are, and what the cells share.
-
-    For each run, all cells together need so many motions, observations of samples, and inferences from the readings.
-    """
+    """Return how many cells and runs there are, and what the cells share in each run."""
     study = plan.study
     # With --until, intervals are computed after 100 runs for the first time.
     runs = count(study.runs, "run") if study.runs else f"{FIRST_LOOK} or more runs"
-    shared = ", ".join(
-        (
-            count(len(plan.groups), "motion"),
-            count(plan.observations, "observation"),
-            count(plan.inferences, "inference"),
-        )
-    )
-    return f"{count(len(study.cells), 'cell')}, {runs} each, seed {study.seed}; shared per run: {shared}"
+    return f"{count(len(study.cells), 'cell')}, {runs} each, seed {study.seed}{_shared(plan)}"
+
+
+def _shared(plan: Plan) -> str:
+    """Return what the cells share in each run; empty if there is one cell, or they share nothing."""
+    cells, motions, readings = len(plan.study.cells), len(plan.groups), plan.observations
+    if motions == cells:
+        return ""
+    if motions == 1:
+        return f"; all see the same paths{' and readings' if readings == 1 else ''}"
+    return f"; each run has {count(motions, 'motion')} and {count(readings, 'set')} of readings, which cells share"
 
 
 def work_sentence(

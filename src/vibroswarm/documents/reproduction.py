@@ -82,7 +82,7 @@ def _few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
     if not unsure or settings.runs >= ENOUGH:
         return []
     verdicts = f"{count(unsure, 'verdict')} {'is' if unsure == 1 else 'are'} inconclusive"
-    return [f"{verdicts}: {count(settings.runs, 'run')} are too few to tell; use --runs {ENOUGH}."]
+    return [f"{verdicts}: {count(settings.runs, 'run')} are too few to decide; use --runs {ENOUGH}."]
 
 
 def _warnings(made: Reproduction) -> tuple[str, ...]:

@@ -188,7 +188,7 @@ class Expressions:
                 return Value(f"VS_{name}", INT, number)
             if number is not None:
                 return literal(number)
-        self.refuse(node, f"the name '{name}', which is no number, variable or row")
+        self.refuse(node, f"the name '{name}', which is not a number, variable or row")
 
     @cached_property
     def program_loops(self) -> set[str]:
@@ -295,7 +295,7 @@ class Expressions:
             except (ArithmeticError, TypeError, ValueError) as error:  # a division by zero, or an overflow
                 self.refuse(node, f"constants without a result ({error})")
             if number is None:  # such as (-8.0) ** 0.5, which is complex
-                self.refuse(node, "constants whose result is no number")
+                self.refuse(node, "constants whose result is not a number")
             return literal(number)
         both = joined(joined(left.type, right.type), INT)  # truth values count as whole numbers
         kind = type(operator)

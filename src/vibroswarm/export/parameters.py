@@ -184,7 +184,7 @@ def read_header(path: Path) -> tuple[Scenario, dict[str, str]]:
     fields = [line.removeprefix(FIELD) for line in text.splitlines() if line.startswith(FIELD)]
     if not fields:
         raise InputError(
-            f"no line begins with '{FIELD}', so this is no header of vibroswarm", field=str(path)
+            f"no line begins with '{FIELD}', so this is not a header of vibroswarm", field=str(path)
         )
     scenario = Scenario.from_toml("\n".join(fields), name=str(path))
     constants = {

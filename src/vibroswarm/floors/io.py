@@ -99,7 +99,7 @@ def read_values(
         size: rows and columns, into which a picture is divided; None: each pixel is a tile. Numbers must be of this
             size. ends: the numbers that are the values 0 and 1; not used for pictures.
     Raises:
-        InputError: the file cannot be read, or is no rectangle of numbers between ``ends``.
+        InputError: the file cannot be read, or is not a rectangle of numbers between ``ends``.
     """
     name = str(path)
     data = read_bytes(Path(path), FILE_LIMIT, "a floor")
@@ -114,10 +114,14 @@ def read_values(
         ]
         values = np.array(rows, dtype=np.float64)
     except ValueError:  # other text, or rows of different lengths
-        raise InputError("is no rectangle of numbers; give one row of tiles per line", field=name) from None
+        raise InputError(
+            "is not a rectangle of numbers; give one row of tiles per line", field=name
+        ) from None
     low, high = ends
     if not low < high:
-        raise InputError(f"{low:g}..{high:g} is no range; give values:LOW..HIGH:{name}", field="floor.source")
+        raise InputError(
+            f"{low:g}..{high:g} is not a range; give values:LOW..HIGH:{name}", field="floor.source"
+        )
     if values.ndim == 2 and values.size and not (low <= values.min() and values.max() <= high):
         raise InputError(
             f"holds numbers from {values.min():g} to {values.max():g}, beyond {low:g} to {high:g}; state a range that "

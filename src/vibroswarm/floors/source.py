@@ -305,7 +305,7 @@ def _palette_tiles(spec: str, size: Size | None) -> tuple[NDArray[np.uint8], str
     colours, colon, path = spec.strip()[len(PALETTE_OF) :].partition(":")
     if not colon or not path:
         raise InputError(
-            f"'{spec}' is no floor; give the colours of the kinds 0, 1 and so on, and a picture: "
+            f"'{spec}' is not a floor; give the colours of the kinds 0, 1 and so on, and a picture: "
             "palette:ffffff,0000ff,ff0000:mine.png",
             field=_FIELD,
         )

@@ -171,8 +171,8 @@ def named_patches(
         match = _PATCH.fullmatch(part)
         if match is None:
             raise InputError(
-                f"{shown(part)} of '{name}' is no patch; give for example patch:0.10, patch:disc0.10, patch:0.3x0.02, "
-                "patch:0.10@0.5, patch:2*0.10 or patch:none",
+                f"{shown(part)} of '{name}' is not a patch; give for example patch:0.10, patch:disc0.10, "
+                "patch:0.3x0.02, patch:0.10@0.5, patch:2*0.10 or patch:none",
                 field=_FIELD,
             )
         number, disc, width, height, contrast = match.groups()
@@ -252,5 +252,5 @@ def _parts(text: str, separator: str, count: int, name: str, example: str) -> li
     except ValueError:
         parts = []
     if len(parts) != count or not all(map(math.isfinite, parts)):
-        raise InputError(f"'{name}' is no floor; give for example {example}", field=_FIELD)
+        raise InputError(f"'{name}' is not a floor; give for example {example}", field=_FIELD)
     return parts

@@ -88,7 +88,7 @@ class Dimension:
             raise InputError("holds whole numbers; give whole ends, such as 1 and 20", field=field)
         if is_whole and not (float(low).is_integer() and float(high).is_integer()):
             raise InputError(
-                f"{low:g} to {high:g} are no bounds of whole numbers; give whole ones", field=field
+                f"{low:g} to {high:g} are not bounds of whole numbers; give whole ones", field=field
             )
         return cls(name, low=float(low), high=float(high), scale=scale, whole=is_whole)
 

@@ -144,7 +144,7 @@ class Truth(NotebookView):
             "too short": (
                 "No verdict: the swarm made no move, so that its winner is the best of random points; raise --budget."
             ),
-            "not defined": "The difference between the believed and the true score is no share of the true one.",
+            "not defined": "The difference between the believed and the true score is not a share of the true one.",
             "inconclusive": (
                 f"The believed score is {percent(abs(share), 0)} too {'low' if share > 0 else 'high'}, but the "
                 f"true score has {'no limits' if math.isinf(self.winner.score.high) else 'limits as wide'}: too few "

@@ -156,7 +156,9 @@ class Recording(Result):
         path = folder / MANIFEST
         # An import always writes segments, which other results may lack, and never a seed.
         if result.seed is not None or result.segments is None:
-            raise InputError("is no manifest of a recording: it has a seed, or no segments", field=str(path))
+            raise InputError(
+                "is not a manifest of a recording: it has a seed, or no segments", field=str(path)
+            )
         head = _head(read_manifest(folder), result, path)
         extra = {
             name: read_table(folder / f"{name}.parquet", _EXTRA_TABLES[name], name) for name in _EXTRA_TABLES

@@ -176,7 +176,7 @@ def spectra_of(
 
 def _check_words(unit: str, motors_hz: Sequence[float]) -> None:
     if unit not in M_S2:
-        raise InputError(f"'{unit}' is no unit of acceleration; give {', '.join(M_S2)}", field="--unit")
+        raise InputError(f"'{unit}' is not a unit of acceleration; give {', '.join(M_S2)}", field="--unit")
     for motor_hz in motors_hz:
         if not 0.0 < motor_hz <= FASTEST_HZ:
             raise InputError(f"{motor_hz:g} is not a frequency above 0, in Hz", field="--motors")

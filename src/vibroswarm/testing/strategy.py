@@ -147,7 +147,7 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "compiled as in plain Python": lambda name: equals_plain(_scenarios(name)),
     "in pieces as in one": lambda name: in_pieces(_scenarios(name)),
     "counts as messages one by one": _counts_equal_messages,
-    "it stands a class that is no kind": _no_reading,
+    "it accepts a class that is not a kind": _no_reading,
     "it decides": _decides,
 }
 """All checks of a strategy, in order, by what each requires."""

@@ -66,7 +66,7 @@ def _opened(path: Path) -> Iterator[Any]:
         logging.setLogLevel(level)
     if not capture.isOpened():
         raise InputError(
-            "cannot be read as a video: it is damaged, cut off before its index was written, or no video; "
+            "cannot be read as a video: it is damaged, cut off before its index was written, or not a video; "
             "copy it from the camera again, or convert it: ffmpeg -i IN -c:v mjpeg -q:v 3 OUT.avi",
             field=name,
         )
