@@ -374,6 +374,30 @@ def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: 
         assert told.robots(cell)["messages_received"].to_list() == alone["messages_received"].to_list()
 
 
+def test_few_scenarios_are_in_memory_at_a_time_where_their_robots_have_large_arrays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Values do not depend on it, and a thread caches no more closed loops than have room."""
+    places = Draw(strategy="places").scenario(run__t_end_s=60.0, decision__min_observations=1)
+    cases = [
+        places.with_values({"decision.credible_threshold": level}) for level in (0.6, 0.7, 0.8, 0.9, 0.95)
+    ]
+    together = outcomes_of(cases, 3, [0, 1])
+    sizes = []
+    simulated_together = simulated._simulated_together
+
+    def counted(scenarios: list[Scenario], *more: Any) -> list[Outcomes]:
+        sizes.append(len(scenarios))
+        return simulated_together(scenarios, *more)
+
+    monkeypatch.setattr(simulated, "_simulated_together", counted)
+    monkeypatch.setattr(simulated, "arrays_fit", lambda _: 2, raising=False)
+    for one, other in zip(outcomes_of(cases, 3, [0, 1]), together, strict=True):
+        equal(one, other)
+    assert sizes == [2, 2, 1]
+    assert len(simulated._cache.loops) == 2
+
+
 @pytest.fixture
 def own_files(tmp_path: Path) -> None:
     (tmp_path / "slowly.py").write_text(SLOWLY, encoding="utf-8")

@@ -149,6 +149,8 @@ def test_an_estimate_covers_the_whole_command():
     assert "100 on other seeds and the report" in drawn
     assert int(drawn.split("about ")[1].split()[0]) > 20 + PAGE_S
     assert "about 2.5 s" in work_sentence(plan, left, Job(1, 4))
+    tested = work_sentence(plan, left._replace(further_runs=40, further_s=20.0))
+    assert "100 runs of motion and 40 to test beliefs and faults; about 30 s" in tested
     assert work_sentence(plan, Expected(0, 0.0, 0), page_cells=1) == "Nothing to do: all runs exist."
 
 

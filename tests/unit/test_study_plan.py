@@ -65,11 +65,29 @@ def test_runs_are_tried_where_they_are_fewer_than_those_of_the_study(tmp_path, r
     assert 0.0 < left.core_s < 60.0
 
 
+def test_further_studies_are_estimated_from_the_same_trials(tmp_path):
+    study = Study(preset("paper").with_values({"run.t_end_s": 60.0}), runs=TRIAL)
+    store = Store(tmp_path, study)
+    alone, twice = expected(store, plan_of(study)), expected(store, plan_of(study), [store, store])
+    assert twice[:3] == alone[:3]
+    assert (twice.further_runs, twice.further_s) == (2 * alone.runs, 2 * alone.core_s)
+
+
 def test_blocks_of_many_cells_and_robots_are_small_enough_for_the_memory():
     many = {"decision.credible_threshold": [0.5 + k / 1000 for k in range(400)]}
     (group,) = plan_of(Study({"swarm": {"robots": 100}}, {"grid": many})).groups
     assert group.rows == 40_000
     assert {last - first for _, first, last in group.blocks(0, 500)} <= {1, 2}
+
+
+@pytest.mark.parametrize(("strategy", "robots"), [("places", 200), ("field", 200), ("explore", 20)])
+def test_blocks_of_strategies_that_read_places_or_steer_take_no_longer_than_others(strategy, robots):
+    """A run of 200 robots with places takes about 10 s on each floor, one of 20 robots with explore 4 s."""
+    floors = ["stripe:0.46", "stripe:0.48", "diagonal:0.46", "diagonal:0.48"]
+    study = Study.of({"swarm": {"robots": robots}}, strategy__name=[strategy], floor__source=floors)
+    group = plan_of(study).groups[0]
+    assert group.block <= 3
+    assert group.run_s > 2.0
 
 
 @given(st.tuples(st.integers(0, 60), st.integers(0, 60)).map(sorted), RANGES)

@@ -121,7 +121,8 @@ def league(
     """
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
-    from vibroswarm.league.tables import check_tests
+    from vibroswarm.league.fault_curves import KINDS
+    from vibroswarm.league.tables import check_tests, studies_of_tests
     from vibroswarm.league.words import league_of, played, tests_of
     from vibroswarm.study.store import Store
 
@@ -138,7 +139,7 @@ def league(
     )  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=execution.mixed)
-    tested = len(asked.basic.entries) * bool(belief_runs or fault_runs)
+    tested = studies_of_tests(asked.basic, belief_runs, fault_runs, tests.faults or KINDS)
     print_plan(study, output.out, None, tests=tested)
     standings, tables = played(
         asked, output.out, reference=reference, stages=STAGES, **vars(tests), **execution.how

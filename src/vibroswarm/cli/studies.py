@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from vibroswarm.cli import terminal
@@ -155,14 +157,15 @@ def print_plan(
     *,
     again: bool = False,
     page_cells: int | None = None,
-    tests: int = 0,
+    tests: Mapping[str, Study] = MappingProxyType({}),
 ) -> None:
     """Print on stderr what a study consists of, how much of it is left to do, and how long the command may take.
 
     Args:
         out: the study's folder, whose finished runs are not repeated; None if nothing is saved.
         job: the shard that will be run; None if the whole study will be run.
-        again, page_cells, tests: as ``documents.plan.work_sentence`` needs them.
+        again, page_cells: as ``documents.plan.work_sentence`` needs them.
+        tests: further studies of the command, by the name of their folder in ``out``.
     """
     from vibroswarm.documents.plan import plan_sentence, work_sentence
     from vibroswarm.study.plan import plan_of
@@ -171,10 +174,14 @@ def print_plan(
 
     plan = plan_of(study)
     report(plan_sentence(plan))
-    store = None if out is None else Store.existing(out, study)
-    # Without saved results, an empty store takes their place, so that all runs are left to do. Its path is not used.
-    store = Store(Path(), study) if store is None else store
+
+    def store_of(one: Study, folder: Path | None) -> Store:
+        """Return the saved results of a study; without any, an empty store, so that all runs are left to do."""
+        saved = None if folder is None else Store.existing(folder, one)
+        return Store(Path(), one) if saved is None else saved  # the path of an empty store is not used
+
     say_compiling()  # before `expected`, whose trial runs compile kernels
     if not printing.quiet:
-        left = expected(store, plan)
-        report(work_sentence(plan, left, job, again=again, page_cells=page_cells, tests=tests))
+        stores = [store_of(one, None if out is None else out / name) for name, one in tests.items()]
+        left = expected(store_of(study, out), plan, stores)
+        report(work_sentence(plan, left, job, again=again, page_cells=page_cells))

@@ -16,8 +16,6 @@ PAGE_S: Final = 0.8
 """Processor time of a page without cells, s: imports, and figures of all cells."""
 PAGE_OF_CELL_S: Final = 0.8
 """Processor time of a cell's references and figures, s."""
-TESTS_OF_STRATEGY_S: Final = 6.0
-"""Processor time of the tests of a strategy in a league, s, with the usual numbers of runs."""
 CELLS_DRAWN: Final = 12
 """Of more cells, a page has fewer figures."""
 
@@ -32,12 +30,14 @@ def plan_sentence(plan: Plan) -> str:
 
 def _shared(plan: Plan) -> str:
     """Return what the cells share in each run; empty if there is one cell, or they share nothing."""
-    cells, motions, readings = len(plan.study.cells), len(plan.groups), plan.observations
+    cells, motions, sets = len(plan.study.cells), len(plan.groups), plan.observations
     if motions == cells:
         return ""
     if motions == 1:
-        return f"; all see the same paths{' and readings' if readings == 1 else ''}"
-    return f"; each run has {count(motions, 'motion')} and {count(readings, 'set')} of readings, which cells share"
+        return f"; all see the same paths{' and readings' if sets == 1 else ''}"
+    return (
+        f"; each run has {count(motions, 'motion')} and {count(sets, 'set')} of readings, which cells share"
+    )
 
 
 def work_sentence(
@@ -47,17 +47,16 @@ def work_sentence(
     *,
     again: bool = False,
     page_cells: int | None = None,
-    tests: int = 0,
 ) -> str:
     """Return what a command has to do, and how much processor time that takes in all.
 
     Args:
-        left: the runs that are missing (``runner.expected``). job: a part of the study; None if all of it is run.
+        left: the runs that are missing (``runner.expected``); further ones are of a league's tests. job: a part of the
+            study; None if all of it is run.
         again: whether the runs are repeated on other seeds. page_cells: number of cells with references and figures of
             their own on the page that is written; None: no page is.
-        tests: number of strategies whose beliefs and faults are tested too.
     """
-    if left.runs == 0:
+    if left.runs + left.further_runs == 0:
         return "Nothing to do: all runs exist."
     share = 1 / job.of if job else 1.0
     runs_s = left.core_s * share
@@ -70,11 +69,10 @@ def work_sentence(
     if page_cells is not None:
         page_s = PAGE_S + PAGE_OF_CELL_S * min(page_cells, CELLS_DRAWN)
         words.append("the report")
-    if tests:
-        words.append(f"beliefs and faults of {count(tests, 'strategy', 'strategies')}")
-        page_s += TESTS_OF_STRATEGY_S * tests
+    if left.further_runs:
+        words.append(f"{whole(left.further_runs)} to test beliefs and faults")
     how = f"estimated from {left.tried} trial runs" if left.tried else "a rough estimate"
-    return f"To do: {listed(words)}; about {duration(runs_s + page_s)} of one core in all ({how})"
+    return f"To do: {listed(words)}; about {duration(runs_s + left.further_s + page_s)} of one core in all ({how})"
 
 
 def batch_sentence(batch: str, store: Store) -> str:

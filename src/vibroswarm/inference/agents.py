@@ -212,11 +212,16 @@ def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: 
     )
 
 
-def array_bytes_of(scenario: Scenario) -> int:
-    """Return how much memory the arrays of all robots of a run take, in bytes."""
+ARRAY_BYTES_AT_A_TIME: Final = 2**28
+"""Approximate memory of the robots' arrays at a time. It grows with the square of their number where each robot has a
+map for each sender."""
+
+
+def arrays_fit(scenario: Scenario) -> int:
+    """Return how many runs have room in ``ARRAY_BYTES_AT_A_TIME`` with the arrays of all their robots, at least 1."""
     sizes, declared = sizes_of(scenario), arrays_of(strategy_used(scenario).arrays).values()
     of_robot = sum(array.size(sizes) * np.dtype(array.kind).itemsize for array in declared)
-    return scenario.swarm.robots * of_robot
+    return max(ARRAY_BYTES_AT_A_TIME // max(scenario.swarm.robots * of_robot, 1), 1)
 
 
 def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.int64]) -> None:

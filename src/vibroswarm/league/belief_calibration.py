@@ -79,32 +79,11 @@ def belief_calibration(
     Raises:
         InputError: runs are missing, for example because some failed.
     """
-    entries = [entry for entry in league.entries if strategy(entry.strategy).belief is not None]
-    if not entries:
+    variants = _variants(league)
+    if not variants:
         return pl.DataFrame(schema=dict.fromkeys(COLUMNS, pl.String))
-    floors = [
-        LeagueFloor(pattern="random", fill_ratio=k / TILES, source=source_of("random", k / TILES))
-        for k in COUNTS
-    ]
-    # (label of an entry of the league, name of the settings, the entry with these settings)
-    variants = [
-        (
-            entry.label,
-            settings,
-            replace(entry, label=f"{entry.label}, {settings}", settings={**entry.settings, **more}),
-        )
-        for entry in entries
-        for settings, more in _settings_of(entry)
-    ]
-    calibration_league = replace(
-        league,
-        entries=tuple(variant for _, _, variant in variants),
-        floors=tuple(floors),
-        robots=(min(league.robots),),
-        runs=runs,
-        seed=league.seed + 1,  # motion that neither the league nor its fault curves (seed + 2) use
-    )
-    sums = _sums(run(calibration_league.study, folder, **how), (len(variants), len(COUNTS), runs))
+    result = run(belief_league(league, runs).study, folder, **how)
+    sums = _sums(result, (len(variants), len(COUNTS), runs))
     rows: list[dict[str, Any]] = []
     for place, (label, settings, entry) in enumerate(variants):
         # Sums over the robots of each run on each floor, (floors, runs) each.
@@ -128,6 +107,40 @@ def belief_calibration(
                 row |= columns_of(name, ratio_interval(weights @ top, weights @ bottom))
             rows.append(row)
     return pl.DataFrame(rows).fill_nan(None)
+
+
+Variant = tuple[str, str, Entry]
+"""Label of an entry of a league, name of the settings with which it is tested, and the entry with these settings."""
+
+
+def _variants(league: League) -> list[Variant]:
+    """Return the variants of all entries whose strategy has a belief."""
+    return [
+        (
+            entry.label,
+            settings,
+            replace(entry, label=f"{entry.label}, {settings}", settings={**entry.settings, **more}),
+        )
+        for entry in league.entries
+        if strategy(entry.strategy).belief is not None
+        for settings, more in _settings_of(entry)
+    ]
+
+
+def belief_league(league: League, runs: int) -> League:
+    """Return the league whose runs ``belief_calibration`` needs; it has no entries if no strategy has a belief."""
+    floors = [
+        LeagueFloor(pattern="random", fill_ratio=k / TILES, source=source_of("random", k / TILES))
+        for k in COUNTS
+    ]
+    return replace(
+        league,
+        entries=tuple(variant for _, _, variant in _variants(league)),
+        floors=tuple(floors),
+        robots=(min(league.robots),),
+        runs=runs,
+        seed=league.seed + 1,  # motion that neither the league nor its fault curves (seed + 2) use
+    )
 
 
 def _settings_of(entry: Entry) -> list[tuple[str, dict[str, Any]]]:

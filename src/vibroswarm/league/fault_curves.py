@@ -17,7 +17,7 @@ Intervals are 95 % intervals over runs. They are not corrected for the compariso
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -35,7 +35,6 @@ from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.fault_fields import FAULTS
-from vibroswarm.scenario.fields import Sensor
 from vibroswarm.strategies import strategy
 from vibroswarm.study.run import run
 from vibroswarm.study.study_result import StudyResult
@@ -91,7 +90,7 @@ def fault_curves(
         check_choice(kind, "faults", FAULTS)
     robots = min(league.robots)
     if most is None:
-        most = min(MOST, robots - 1)
+        most = most_faulty(league)
         if most == 0:
             return pl.DataFrame(schema=CURVES)
     if not 1 <= most < robots:
@@ -99,20 +98,31 @@ def fault_curves(
             f"{most} of {robots} robots cannot be faulty; give a number from 1 to {robots - 1}",
             field="faults",
         )
-    cases = [
-        (entry, kind, count)
-        for entry in league.entries
-        for kind, count in _cases(entry, kinds, most, league.base.sensor)
-    ]
+    faulty_league = league_with_faults(league, kinds, most, runs)
+    found = _errors(faulty_league, run(faulty_league.study, folder, **how))
+    cases = [(entry.label, kind, count) for entry, kind, count in _cases(league, kinds, most)]
+    errors = dict(zip(cases, found, strict=True))
+    guess = guess_level(league.base)
+    return pl.DataFrame([_row(case, errors, guess) for case in _rows_of(errors, kinds)], schema=CURVES)
+
+
+def most_faulty(league: League) -> int:
+    """Return the largest number of faulty robots by default: ``MOST``, but never the whole swarm."""
+    return min(MOST, min(league.robots) - 1)
+
+
+def league_with_faults(league: League, kinds: Sequence[str], most: int, runs: int) -> League:
+    """Return the league whose runs ``fault_curves`` needs: each entry without and with faulty robots."""
+    robots = min(league.robots)
     faulty_entries = [
         replace(
             entry,
             label=f"{entry.label}, {count} {kind}",
             settings={**entry.settings, **({f"faults.{kind}": count / robots} if count else {})},
         )
-        for entry, kind, count in cases
+        for entry, kind, count in _cases(league, kinds, most)
     ]
-    faulty_league = replace(
+    return replace(
         league,
         entries=tuple(faulty_entries),
         floors=floors_of(["random"], [FILL]),
@@ -120,17 +130,16 @@ def fault_curves(
         runs=runs,
         seed=league.seed + 2,  # fresh motion; the seed + 1 is that of belief_calibration
     )
-    found = _errors(faulty_league, run(faulty_league.study, folder, **how))
-    errors = {(entry.label, kind, count): one for (entry, kind, count), one in zip(cases, found, strict=True)}
-    guess = guess_level(league.base)
-    return pl.DataFrame([_row(case, errors, guess) for case in _rows_of(errors, kinds)], schema=CURVES)
 
 
-def _cases(entry: Entry, kinds: Sequence[str], most: int, sensor: Sensor) -> list[tuple[str, int]]:
-    """Return kinds and numbers of faulty robots of an entry; the first, ("none", 0), serves all kinds."""
-    has_opposite = strategy(entry.strategy).for_kinds(sensor).has_opposite
-    possible = [kind for kind in kinds if kind != "opposite" or has_opposite]
-    return [("none", 0), *((kind, count) for kind in possible for count in range(1, most + 1))]
+def _cases(league: League, kinds: Sequence[str], most: int) -> Iterator[tuple[Entry, str, int]]:
+    """Yield kinds and numbers of faulty robots of each entry; its first, ("none", 0), serves all kinds."""
+    for entry in league.entries:
+        has_opposite = strategy(entry.strategy).for_kinds(league.base.sensor).has_opposite
+        possible = [kind for kind in kinds if kind != "opposite" or has_opposite]
+        yield entry, "none", 0
+        for kind in possible:
+            yield from ((entry, kind, count) for count in range(1, most + 1))
 
 
 def _rows_of(errors: dict[Case, Errors], kinds: Sequence[str]) -> list[Case]:

@@ -10,14 +10,15 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
+from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration, belief_league
 from vibroswarm.league.best import best_table
 from vibroswarm.league.entries import main_entries, reference_in
-from vibroswarm.league.fault_curves import FOLDER, KINDS, fault_curves
+from vibroswarm.league.fault_curves import FOLDER, KINDS, fault_curves, league_with_faults, most_faulty
 from vibroswarm.league.fronts import front_table
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.fault_fields import FAULTS
 from vibroswarm.study.runner import Progress
+from vibroswarm.study.spec import Study
 
 
 def league_tables(standings: Standings, reference: str | None = None) -> dict[str, pl.DataFrame]:
@@ -70,6 +71,18 @@ def further_tables(
                 basic, saved, kinds=kinds, runs=fault_runs, progress=progress, **how
             )
     return tables
+
+
+def studies_of_tests(
+    basic: League, belief_runs: int, fault_runs: int, kinds: Sequence[str] = KINDS
+) -> dict[str, Study]:
+    """Return the studies that ``further_tables`` runs, by the name of their folder in that of the league."""
+    leagues = {}
+    if belief_runs:
+        leagues[BELIEFS] = belief_league(basic, belief_runs)
+    if fault_runs and (most := most_faulty(basic)):
+        leagues[FOLDER] = league_with_faults(basic, kinds, most, fault_runs)
+    return {name: league.study for name, league in leagues.items() if league.entries}
 
 
 def check_tests(

@@ -23,6 +23,7 @@ from vibroswarm.analysis.figures import Swarms
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
+from vibroswarm.inference.agents import arrays_fit
 from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
 from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.inference.outcomes import (
@@ -212,8 +213,11 @@ def outcomes_of(
         groups.setdefault(motion_key, []).append(k)
     by_scenario: dict[int, Outcomes] = {}
     for group in groups.values():
-        outcomes = _simulated_together([scenarios[k] for k in group], seed, runs, motion)
-        by_scenario |= dict(zip(group, outcomes, strict=True))
+        at_a_time = min(arrays_fit(scenarios[k]) for k in group)
+        for low in range(0, len(group), at_a_time):
+            some = group[low : low + at_a_time]
+            outcomes = _simulated_together([scenarios[k] for k in some], seed, runs, motion)
+            by_scenario |= dict(zip(some, outcomes, strict=True))
     return [by_scenario[k] for k in range(len(scenarios))]
 
 
@@ -262,7 +266,7 @@ _cache = threading.local()
 MANY: Final = 30
 """Number of runs of earlier calls from which, with those of this call, the end of the next run is estimated."""
 KEPT: Final = 4
-"""Closed loops that a thread caches, since a search simulates each scenario a few runs at a time."""
+"""Most closed loops that a thread caches, since a search simulates each scenario a few runs at a time."""
 
 
 def _take_loop(scenario: Scenario, seed: int) -> ClosedLoop:
@@ -284,7 +288,7 @@ def _put_back(loop: ClosedLoop) -> None:
     """Put a closed loop into the thread's cache; drop the loop that was not used for longest if there are too many."""
     loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
     loops.append(loop)
-    del loops[:-KEPT]  # the last KEPT loops remain
+    del loops[: -min(KEPT, arrays_fit(loop.scenario))]  # the last ones remain
 
 
 class _ScenarioRuns:

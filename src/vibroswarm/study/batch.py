@@ -35,7 +35,7 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.agents import array_bytes_of, final_columns, strategy_used
+from vibroswarm.inference.agents import arrays_fit, final_columns, strategy_used
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
 from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
@@ -70,7 +70,7 @@ from vibroswarm.study.batch_table import (
     of_cells,
     walked,
 )
-from vibroswarm.study.plan import Group, Texts, scenario_of
+from vibroswarm.study.plan import Group, Texts, samples_of_run, scenario_of
 from vibroswarm.study.registered_code import registered_code
 from vibroswarm.study.spec import Study
 from vibroswarm.study.work import Work
@@ -367,11 +367,6 @@ def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDAr
 
 ROWS_AT_A_TIME: Final = 200_000
 """Approximate number of samples in memory at a time."""
-ARRAY_BYTES_AT_A_TIME: Final = 2**28
-"""Approximate memory of the robots' arrays at a time. It grows with the square of their number where each robot has a
-map for each sender."""
-STANDING_MS: Final = 1000.0
-"""Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -438,12 +433,9 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     # Pairs of a scenario's TOML and the numbers of the cells with this scenario.
     pairs = [*chain(*work.observed)]
     first = scenario_of(pairs[0][0])  # has the longest runs
-    sample_ms = first.sample.sample_interval_ms + STANDING_MS
-    # At least 1, so that the division below stays finite for runs that are shorter than one sample.
-    samples_per_run = max(first.swarm.robots * first.run.t_end_s * 1000.0 / sample_ms, 1.0)
-    array_bytes = max(array_bytes_of(scenario_of(text)) for text, _ in pairs)
-    runs_at_a_time = max(
-        int(min(ROWS_AT_A_TIME / samples_per_run, ARRAY_BYTES_AT_A_TIME / max(array_bytes, 1))), 1
+    runs_at_a_time = min(
+        max(int(ROWS_AT_A_TIME / samples_of_run(first)), 1),
+        *(arrays_fit(scenario_of(text)) for text, _ in pairs),
     )
     cells = [cell for _, equal_cells in pairs for cell in equal_cells]
     rows = BatchRows(cells, work.numbers, first.swarm.robots)

@@ -83,6 +83,14 @@ MOST_ROWS: Final = 100_000
 """Most rows of a block; a worker needs about 1 kB of memory per row."""
 BLOCKS_OF_A_SIZE: Final = 32
 """After this many blocks of a size, the size doubles, up to the limits of a block."""
+STANDING_MS: Final = 1000.0
+"""Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
+
+
+def samples_of_run(scenario: Scenario) -> float:
+    """Return about how many samples all robots of a run take, at least 1."""
+    sample_ms = scenario.sample.sample_interval_ms + STANDING_MS
+    return max(scenario.swarm.robots * scenario.run.t_end_s * 1000.0 / sample_ms, 1.0)
 
 
 @dataclass(frozen=True)
@@ -150,16 +158,21 @@ class Group:
         """Number of stored rows for one run: one for each cell and robot."""
         return len(self.cells) * self.first.swarm.robots
 
-    @property
+    @cached_property
     def run_s(self) -> float:
         """Estimated time on one core for one run of all cells, s, from measured constants; no result depends on it."""
         # The constants, in s, were measured in runs of 1200 s and are scaled to the length of this group's runs.
         robots, length = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
         # A robot takes longer among many robots: the factor grows with their number up to 4, at 30 robots.
         motion = self.robot_s * robots * (1 + robots / 10 if robots <= 30 else 4)
+        if steers(self.first):  # then the engine stops after each control period
+            motion += 0.2 * robots
         observing_and_replaying = robots * (1e-5 * len(self.observed) + 3e-6 * self.inferences)
+        # A strategy that reads places weighs each message of each robot by where its sender was.
+        scenarios = (equal_cells[0].scenario for entry in self.observed for equal_cells in entry)
+        heard = sum(robots * samples_of_run(one) for one in scenarios if one.strategy.reads_places)
         # The first two terms, of the run and of each replay, do not depend on the length of the run.
-        return 5e-4 + 4e-5 * self.inferences + length * (motion + observing_and_replaying)
+        return 5e-4 + 4e-5 * self.inferences + length * (motion + observing_and_replaying) + 5e-6 * heard
 
     def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
         """Divide the runs ``low`` to ``high`` - 1 into the parts that belong to one block each.

@@ -287,57 +287,84 @@ are not tried."""
 
 
 class Expected(NamedTuple):
-    """Remaining work of a study."""
+    """Remaining work of a study, and of further studies of the same command."""
 
     runs: int
     """Number of missing runs, summed over groups."""
     core_s: float
     """Estimated time on one core, s."""
     tried: int
-    """Number of trial runs behind the estimate."""
+    """Number of trial runs behind the estimates."""
+    further_runs: int = 0
+    """Number of missing runs of the further studies."""
+    further_s: float = 0.0
+    """Estimated time of these on one core, s."""
 
 
-def expected(store: Store, plan: Plan) -> Expected:
+def expected(store: Store, plan: Plan, further: Sequence[Store] = ()) -> Expected:
     """Estimate the remaining work of a study; for a study with a precision, the work up to its first look.
 
-    Trial batches of two sizes in up to ``TRIED_GROUPS`` groups give two figures: the time of a run relative to the
-    group's estimate ``Group.run_s``, and the time that a batch costs besides its runs, per replay
-    (``Group.inferences``). Their means over the tried groups are applied to all groups. A group of which few runs are
-    missing (``TRIAL``), or whose runs are expected to take longer than ``LONG_S``, is not tried: it enters the means
-    with a run that takes ``Group.run_s`` and a batch that costs nothing besides.
+    Trial runs of a few groups tell how fast runs are relative to ``Group.run_s``, and what a batch costs besides. This
+    is applied to all groups, and to those of the studies ``further``, of which no runs are tried.
     """
-    runs = plan.study.runs or FIRST_LOOK
-    missing_blocks = {group.number: store.missing(group, runs) for group in plan.groups}
-    unfinished = [group for group in plan.groups if missing_blocks[group.number]]
-    if not unfinished:
-        return Expected(runs=0, core_s=0.0, tried=0)
-    missing_runs = {
-        number: sum(last - first for _, first, last in blocks) for number, blocks in missing_blocks.items()
-    }
+    unfinished = [group for group in plan.groups if _missing(store, group)]
     tried = unfinished[:: max(len(unfinished) // TRIED_GROUPS, 1)][:TRIED_GROUPS]  # spread over the list
-    # Time of a run in units of run_s, and time of a batch per replay, s: means over the tried groups.
-    relative_run, batch_s, count_tried = 0.0, 0.0, 0
-    for group in tried:
-        if group.run_s > LONG_S or missing_runs[group.number] <= TRIAL:
-            relative_run += 1.0 / len(
-                tried
-            )  # a trial would take longer than it is worth: run_s is taken as it is
-            continue
-        _time_s(plan, group, FEW)  # the time is not used: it includes the loading of tables and kernels
-        few_s = _time_s(plan, group, FEW)
-        is_long = few_s > LONG_S  # then the cost of a batch besides its runs is negligible
-        count_tried += 2 * FEW + (0 if is_long else MORE)
-        run_s = few_s / FEW
-        if not is_long:  # the slope between the two sizes of batches, which leaves out the cost of a batch
-            run_s = max(_time_s(plan, group, MORE) - few_s, 0.0) / (MORE - FEW)
-        relative_run += run_s / group.run_s / len(tried)
-        batch_s += max(few_s - FEW * run_s, 0.0) / group.inferences / len(tried)
-    core_s = sum(
-        relative_run * missing_runs[group.number] * group.run_s
-        + batch_s * len(missing_blocks[group.number]) * group.inferences
-        for group in unfinished
+    trials = [_trial(store, plan, group) for group in tried] or [NOT_TRIED]
+    runs, core_s = _work(store, trials)
+    found = [_work(one, trials) for one in further]
+    return Expected(
+        runs=runs,
+        core_s=core_s,
+        tried=sum(trial.runs for trial in trials),
+        further_runs=sum(more for more, _ in found),
+        further_s=sum(more_s for _, more_s in found),
     )
-    return Expected(runs=sum(missing_runs.values()), core_s=core_s, tried=count_tried)
+
+
+class _Trial(NamedTuple):
+    """What trial runs of a group tell."""
+
+    relative_run: float
+    """Time of a run relative to ``Group.run_s``."""
+    batch_s: float
+    """Time that a batch costs besides its runs, per replay (``Group.inferences``), s."""
+    runs: int
+    """Number of trial runs."""
+
+
+NOT_TRIED: Final = _Trial(relative_run=1.0, batch_s=0.0, runs=0)
+"""What is assumed where a trial would take longer than it is worth."""
+
+
+def _trial(store: Store, plan: Plan, group: Group) -> _Trial:
+    """Time batches of two sizes, unless few runs are missing (``TRIAL``) or runs should take long (``LONG_S``)."""
+    runs_missing = sum(last - first for _, first, last in _missing(store, group))
+    if group.run_s > LONG_S or runs_missing <= TRIAL:
+        return NOT_TRIED
+    _time_s(plan, group, FEW)  # the time is not used: it includes the loading of tables and kernels
+    few_s = _time_s(plan, group, FEW)
+    if few_s > LONG_S:  # then the cost of a batch besides its runs is negligible
+        return _Trial(few_s / FEW / group.run_s, 0.0, 2 * FEW)
+    # The slope between the two sizes of batches leaves out the cost of a batch.
+    run_s = max(_time_s(plan, group, MORE) - few_s, 0.0) / (MORE - FEW)
+    return _Trial(run_s / group.run_s, max(few_s - FEW * run_s, 0.0) / group.inferences, 2 * FEW + MORE)
+
+
+def _missing(store: Store, group: Group) -> list[tuple[int, int, int]]:
+    return store.missing(group, store.study.runs or FIRST_LOOK)
+
+
+def _work(store: Store, trials: Sequence[_Trial]) -> tuple[int, float]:
+    """Return the number of missing runs of a study, and the time that they take on one core by the mean trial, s."""
+    relative_run = sum(trial.relative_run for trial in trials) / len(trials)
+    batch_s = sum(trial.batch_s for trial in trials) / len(trials)
+    runs, core_s = 0, 0.0
+    for group in plan_of(store.study).groups:
+        blocks = _missing(store, group)
+        of_group = sum(last - first for _, first, last in blocks)
+        runs += of_group
+        core_s += relative_run * of_group * group.run_s + batch_s * len(blocks) * group.inferences
+    return runs, core_s
 
 
 def _time_s(plan: Plan, group: Group, runs: int) -> float:
