@@ -234,6 +234,9 @@ def test_confirmed_only_by_two_blocks_on_one_side() -> None:
 
     up, again, down, none = block(1.0, 1), block(1.0, 2), block(-1.0, 3), block(0.0, 4)
     assert confirmed(up, again).confirmed
+    # Whichever of the two a document names first.
+    assert confirmed(up, again).says == "confirmed: the difference is above 0 in both blocks"
+    assert confirmed(down, block(-1.0, 5)).says == "confirmed: the difference is below 0 in both blocks"
     for second, word in ((down, "opposite"), (none, "no difference")):
         assert not confirmed(up, second).confirmed
         assert word in confirmed(up, second).says

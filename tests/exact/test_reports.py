@@ -65,6 +65,9 @@ def test_crps_is_the_integral_of_squared_differences(estimate: float, spread: fl
 def test_a_robot_that_claims_certainty_is_scored_by_its_error() -> None:
     certain = swarms(np.array([[0.7]]), np.array([[0.0]]), np.array([0.5]))
     assert BY_NAME["estimate_crps"].of_run(certain)[0] == pytest.approx(0.2)
+    unstated = swarms(np.array([[0.7]]), np.array([[math.nan]]), np.array([0.5]))
+    assert BY_NAME["estimate_error"].of_run(unstated)[0] == pytest.approx(0.2)
+    assert np.isnan([BY_NAME[f"estimate_{name}"].of_run(unstated)[0] for name in ("coverage", "crps")]).all()
     nothing = swarms(np.array([[math.nan]]), np.array([[math.nan]]), np.array([0.5]))
     assert all(
         np.isnan(BY_NAME[f"estimate_{name}"].of_run(nothing)[0]) for name in ("error", "coverage", "crps")

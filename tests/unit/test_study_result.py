@@ -19,12 +19,15 @@ import vibroswarm
 from vibroswarm import InputError, Scenario, Study, StudyResult, preset
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.forced_error import Reached
+from vibroswarm.analysis.intervals import wilson
 from vibroswarm.documents import study as study_documents
+from vibroswarm.documents.study_words import warnings_of
 from vibroswarm.plots import draw_outcomes
-from vibroswarm.show.document import Figure
+from vibroswarm.show.document import Figure, Section, walk
 from vibroswarm.study import batch
 from vibroswarm.study.cell_comparison import comparisons
 from vibroswarm.study.equal_error import at_equal_error, pairs_at_equal_error, reached, why_not_at_equal_error
+from vibroswarm.study.precision import Precision
 from vibroswarm.study.summary import outcome_of
 
 pytestmark = pytest.mark.usefixtures("without_layout")
@@ -73,6 +76,58 @@ def test_figures_that_need_other_columns_are_refused(result: StudyResult, name: 
     assert all(np.isfinite(values).all() for values in result.by_run(["sent", "decision_time_s"]).values())
 
 
+QUICK = preset("paper").with_values({"run.t_end_s": 30.0, "decision.min_observations": 0})
+
+
+def until(half_width: float, most: int, **varied: Sequence[float]) -> StudyResult:
+    fields = {name.replace("__", "."): values for name, values in varied.items()}
+    precision = Precision(half_width, "robots_undecided", max_runs=most)
+    return Study(QUICK, {"grid": fields}, None, precision).run()
+
+
+def test_figures_by_run_of_cells_with_different_numbers_of_runs_are_refused() -> None:
+    """It was a ValueError of NumPy."""
+    found = until(0.08, 200, swarm__robots=[1, 3])
+    assert found.cells["wanted"].to_list() == [200, 100]
+    with pytest.raises(InputError, match="cells: have different numbers of runs"):
+        found.by_run(["decision_time_s"])
+    assert found.where(robots=3).by_run(["decision_time_s"])["decision_time_s"].shape == (1, 100)
+
+
+def test_only_cells_that_are_not_precise_enough_are_said_to_be_so() -> None:
+    """Cells that share motion are settled together: the other one was counted as well."""
+    found = outcome_of(until(0.06, 100, decision__credible_threshold=[0.6, 0.8]))
+    widths = [(one.high - one.low) / 2 for one in (cell.summary.robots_undecided for cell in found.cells)]
+    assert widths[0] < 0.06 < widths[1]
+    (words,) = warnings_of(found)
+    assert words.startswith("in 1 of 2 cells robots_undecided is not known to 6 % after 100 runs")
+
+
+def test_bars_of_all_runs_have_no_limits_of_some(result: StudyResult) -> None:
+    """The limits of swarms right are of the runs with a right answer; the bar beside them is of all runs."""
+    found = outcome_of(result, compare=False)
+    one, *others = found.cells
+    figures = {**one.summary.figures, "swarm_right": wilson(2, 4)}
+    some = replace(one, summary=replace(one.summary, figures=figures))
+    picture = (
+        study_documents.study_document(replace(found, cells=(some, *others))).figures["outcomes"].draw("page")
+    )
+    assert [low is None for low in picture.numbers["right_low"]] == [True, False, False, False]
+
+
+def test_a_comparison_that_is_not_repeated_is_not_called_unconfirmed(result: StudyResult) -> None:
+    once = study_documents.study_document(outcome_of(result))
+    titles = [part.title for part in walk(once.parts) if isinstance(part, Section)]
+    assert "How they compare" in titles, "nothing was repeated on other seeds"
+    second = replace(result.study, seed=4).run()
+    again = study_documents.study_document(outcome_of(result, replace(second, selected=(0, 1))))
+    titles = [part.title for part in walk(again.parts) if isinstance(part, Section)]
+    assert "How they compare, and on other seeds" in titles
+    repeated, not_repeated = again.tables["compared-decision_time_s"].frame["confirmed"]
+    assert repeated in ("confirmed", "not confirmed")
+    assert not_repeated is None
+
+
 def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
     counts = result.runs().group_by("floor.source", "strategy.name", maintain_order=True).len()
     assert counts.rows() == [
@@ -112,8 +167,8 @@ def test_few_runs_are_in_memory_at_a_time_where_their_robots_have_large_arrays(
 
     monkeypatch.setattr(batch, "simulate_batch", counted)
     found = []
-    for at_a_time in (batch.ARRAY_BYTES_AT_A_TIME, 2 * batch.array_bytes_of(places)):
-        monkeypatch.setattr(batch, "ARRAY_BYTES_AT_A_TIME", at_a_time)
+    for arrays_fit in (batch.arrays_fit, lambda _: 2):
+        monkeypatch.setattr(batch, "arrays_fit", arrays_fit)
         found.append(Study(places, runs=5).run(workers=1).robots())
     assert sizes == [5, 2, 2, 1]
     assert_frame_equal(*found, check_exact=True)

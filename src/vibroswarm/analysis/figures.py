@@ -372,7 +372,7 @@ def _estimate_crps(swarms: Swarms) -> Array:
     ):  # a robot that claims to be certain has a spread of 0
         z = -_estimate_misses(swarms) / spread
         score = spread * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z * z) / ROOT_TAU - 1.0 / ROOT_PI)
-    return swarms.mean(np.where(spread > 0.0, score, np.abs(_estimate_misses(swarms))))
+    return swarms.mean(np.where(spread == 0.0, np.abs(_estimate_misses(swarms)), score))
 
 
 def _forced_error(swarms: Swarms) -> Array:

@@ -287,7 +287,7 @@ def confirmed(first: Paired, second: Paired) -> Confirmation:
     elif sides[0] != sides[1]:
         says = "not confirmed: the blocks differ in opposite ways"
     else:
-        says = f"confirmed: the first cell is {'higher' if sides[0] > 0 else 'lower'} in both blocks"
+        says = f"confirmed: the difference is {'above' if sides[0] > 0 else 'below'} 0 in both blocks"
     return Confirmation(first, second, confirmed=confirms(second.difference, first.difference), says=says)
 
 

@@ -63,10 +63,12 @@ def with_limits_of(names: Iterable[str], columns: Collection[str]) -> list[str]:
 
 
 def column_of(figure: RunFigure) -> Column:
-    """Return the format of a figure: seconds without decimals, shares in percent, anything else with three decimals."""
+    """Return the format of a figure: seconds without decimals, shares in percent, others with three decimals."""
     if figure.unit == "s":
         return Column(figure.title, "s", decimals=0)
-    return Column(figure.title, share=True) if figure.is_share else Column(figure.title, decimals=3)
+    if figure.is_share:
+        return Column(figure.title, share=True)
+    return Column(figure.title, figure.unit, decimals=3)
 
 
 def figure_columns(wide: Collection[str] = ()) -> dict[str, Column]:

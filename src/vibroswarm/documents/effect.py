@@ -39,7 +39,7 @@ def _minus(effect: Effect) -> str:
 
 
 def _says(one: Confirmation) -> str:
-    """Return whether other seeds confirm a difference, if there is one."""
+    """Return whether other seeds confirm a difference, if it is significant."""
     return one.says if one.first.difference.excludes(0.0) else "no significant difference"
 
 
@@ -66,8 +66,8 @@ def _differences(found: Sequence[Effect]) -> Table:
             difference = with_limits(one.first.difference, decimals=0 if figure.unit else 3, sign=True)
             words = f"{figure.title}, {figure.unit}" if figure.unit else figure.title
             rows.append((effect.strategy, words, difference, _says(one)))
-    frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "on other seeds"], orient="row")
-    columns = {"on other seeds": Column(prose=True)}
+    frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "verdict"], orient="row")
+    columns = {"verdict": Column(prose=True)}
     return Table(frame, columns, f"{_minus(found[0])}, paired by run (95 %).", "differences", names=2)
 
 

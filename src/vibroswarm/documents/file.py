@@ -108,7 +108,7 @@ def scenario_file_document(scenario: Scenario, path: str) -> Document:
     ]
     frame = pl.DataFrame(rows, schema=dict.fromkeys(("field", "here", "paper"), pl.String), orient="row")
     words = (
-        f"{count(len(rows), 'field')} differ from preset paper"
+        f"{count(len(rows), 'field differs', 'fields differ')} from preset paper"
         if rows
         else "Every field is as in preset paper"
     )

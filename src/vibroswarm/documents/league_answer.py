@@ -55,7 +55,7 @@ def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
             ]
             words.append(f"slower: {listed(behind)}")
         for kind, title in (
-            (LESS, "err less with all their settings"),
+            (LESS, "err less along their whole fronts"),
             (OPEN, "inconclusive whether they reach it"),
             (NOT, "do not reach it"),
         ):

@@ -331,8 +331,11 @@ def _levels(outcome: Outcome) -> str:
 _COMPARED_WORDS: Final = (
     "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. Intervals "
     "are from sign flips, and allow for rare differences that did not occur; p-values are corrected over all "
-    "comparisons (Holm). Each is repeated on other seeds, with fresh motion and floors: a difference is confirmed only "
-    "if both show it."
+    "comparisons (Holm)."
+)
+_AGAIN_WORDS: Final = (
+    " Each is repeated on other seeds, with fresh motion, noise and random floors: a difference is confirmed only if "
+    "both show it."
 )
 
 
@@ -343,8 +346,11 @@ def _compared_parts(outcome: Outcome) -> list[Part]:
         return []
     figures = dict.fromkeys(table["figure"])
     tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in figures)
+    title, words = "How they compare", _COMPARED_WORDS
+    if "confirmed" in table.columns:
+        title, words = f"{title}, and on other seeds", words + _AGAIN_WORDS
     return [
-        Section("How they compare, and on other seeds", (Text(_COMPARED_WORDS), *tables), wide=True),
+        Section(title, (Text(words), *tables), wide=True),
         *comparison_figures(outcome.comparisons),
     ]
 
@@ -368,7 +374,8 @@ def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
         "losses": Column("worse"),
     }
     if "confirmed" in table.columns:
-        words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))
+        words = pl.col("confirmed").replace_strict({True: "confirmed", False: "not confirmed"}, default=None)
+        # A dash: not repeated, as runs of the second block failed.
         table = table.with_columns(confirmed=words)
     rows = table.filter(pl.col("figure") == figure.by_run).select(with_limits_of(columns, table.columns))
     caption = f"{figure.title[0].upper()}{figure.title[1:]}: first - second."
@@ -412,13 +419,13 @@ _REFERENCE_WORDS: Final = (
     "sensor and the fill ratio but not the side of the boundary, at a posterior error of 5 %.",
     "No rule that uses the same bits and is as sure in every run decides sooner, if floors are drawn from that prior. "
     "The bound does not apply to a strategy that is wrong more or less often. For what could be known, every second "
-    "run is on a floor with the fill ratio mirrored across the boundary: over both sides the expected share known and "
-    "wrong is the mean posterior error at the time of knowing, which is slightly below 5 %.",
+    "run is on a floor with the fill ratio mirrored across the boundary: over both sides the expected share wrong when "
+    "known is the mean posterior error at the time of knowing, which is slightly below 5 %.",
 )
 _KINDS_REFERENCE_WORDS: Final = (
     "Each strategy is compared with what could be known from all readings and their positions, given the sensor and "
     "the shares of the kinds but not which kind has which share, at a posterior error of 5 %. Runs are in turn on "
-    "floors with the shares in each order: over all of them the expected share known and wrong is the mean posterior "
+    "floors with the shares in each order: over all of them the expected share wrong when known is the mean posterior "
     "error at the time of knowing.",
 )
 _REFERENCE_COLUMNS: Final = {
@@ -429,7 +436,7 @@ _REFERENCE_COLUMNS: Final = {
     "slower_than_pooled_s": Column("strategy - pooled counting", "s", decimals=0, sign=True),
     "known_time_s": Column("could be known: time", "s", decimals=0),
     "known": Column("known by the end", share=True),
-    "known_wrong": Column("known and wrong", share=True),
+    "known_wrong": Column("wrong when known", share=True),
     "known_claimed": Column("posterior error when known", share=True),
 }
 

@@ -95,7 +95,12 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
         shares = {kind: getattr(cell_outcome.summary, f"swarm_{kind}") for kind in kinds}
         # The share of ``n`` runs, times ``n``, is a number of runs; a share of no runs is undefined (nan).
         counts = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
-        limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
+        # Limits are of the runs with a truth, and bars are of all runs.
+        limits = (
+            {"right_low": shares["right"].low, "right_high": shares["right"].high}
+            if shares["right"].n == cell_outcome.summary.runs
+            else {}
+        )
         rows.append({"cell": name_of(cell_outcome.cell), **counts, **limits})
     return draw_outcomes(pl.DataFrame(rows), interval="95 % Wilson interval", style=style)
 

@@ -335,9 +335,12 @@ def warnings_of(outcome: Outcome) -> list[str]:
 
 
 def _floor_words(one: CellOutcome) -> str:
-    """Name the floor and the sensor threshold of a cell, on which its decidability depends."""
+    """Name the floor and the sensor's threshold, if it has one, of a cell: its decidability depends on them."""
     scenario = one.cell.scenario
-    return f"floor {scenario.floor.source}, threshold {stated(scenario.sensor.rms_threshold)}"
+    threshold = one.decidable.threshold
+    return f"floor {scenario.floor.source}" + (
+        "" if threshold is None else f", threshold {stated(threshold)}"
+    )
 
 
 def _missing_runs(outcome: Outcome) -> list[str]:
@@ -383,8 +386,17 @@ def _store_warnings(outcome: Outcome) -> list[str]:
 def _imprecise(outcome: Outcome) -> list[str]:
     """Write of how many cells the figure with the wanted precision is not precise enough after the most runs."""
     until = outcome.result.study.until
-    imprecise = [one for one in outcome.cells if one.settled is not None and not one.settled.reached]
-    if until is None or not imprecise:
+    if until is None:
+        return []
+    # A group is settled as a whole; some of its cells may be precise enough.
+    imprecise = [
+        one
+        for one in outcome.cells
+        if one.settled is not None
+        and not one.settled.reached
+        and not until.reached(*one.summary.figures[until.figure][:3])
+    ]
+    if not imprecise:
         return []
     return [
         f"in {len(imprecise)} of {count(len(outcome.cells), 'cell')} {until.figure} is not known to "

@@ -205,7 +205,7 @@ class Standings(NotebookView):
         """Return the size of the league, and the entry with the smallest forced error, in one line."""
         league = self.league
         return (
-            f"Standings({len(league.entries)} entries, {count(len(league.floors), 'floor')}, "
+            f"Standings({count(len(league.entries), 'entry', 'entries')}, {count(len(league.floors), 'floor')}, "
             f"{count(league.runs, 'run')} of each; smallest forced error: {shown(self.table['name'][0])})"
         )
 

@@ -53,7 +53,7 @@ class References:
     says: tuple[str, ...]
     """Notes in sentences: why ``known`` is missing, or where its figures do not apply."""
     lag_one: Interval
-    """Correlation of one robot's consecutive readings; of several classes, of their numbers."""
+    """Correlation of one robot's consecutive readings (``sampling.lag_one``)."""
     packet_loss: Interval
     """Share of messages addressed to a robot that it did not receive; mean over runs. nan if there were none."""
 
@@ -201,6 +201,6 @@ def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
     note = (
         "The prior takes all floors of this fill ratio as equally likely, which these floors are not: what could "
         "be known is no bound here (knowing the pattern may help), its error may exceed 5 %, and "
-        "`known wrong` covers floors on this side of the boundary only."
+        "`wrong when known` covers floors on this side of the boundary only."
     )
     return known, (note,)

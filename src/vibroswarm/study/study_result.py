@@ -314,6 +314,10 @@ class StudyResult(NotebookView):
         for name in figures:
             check_choice(name, "figures", OF_READ)
         places = {number: place for place, number in enumerate(self.selected)}
+        if len(set(map(self.runs_of, self.selected))) > 1:
+            raise InputError(
+                "have different numbers of runs; select cells with the same number", field="cells"
+            )
         found: dict[str, Array] = {}
         for cells, robots, of_runs in self.arrays(READ):
             ends_s = [cell.scenario.run.t_end_s for cell in cells]

@@ -336,7 +336,8 @@ ITEM: Final = Item(
             "Packet loss as plotted, and the least-squares line.",
             {
                 "robots": Column("robots"), "plotted": Column("plotted", share=True),
-                "line": Column("line", share=True), "off the line": Column("off the line", share=True),
+                "line": Column("line", share=True),
+                "off the line": Column("off the line", "points", share=True, sign=True),
             },
         ),
         TableView(

@@ -164,7 +164,7 @@ ITEM: Final = Item(
                 "other_s": Column("on other seeds", "s"),
                 "change_s": Column("difference", "s", limits=("change_s_low", "change_s_high")),
                 "holds_zero": Column("contains 0"),
-                "stepped_runs": Column("runs by fixed-step"), "stepped_alike": Column("of them equal, event by event"),
+                "stepped_runs": Column("runs by fixed-step"), "stepped_alike": Column("of them with equal figures"),
             },
         ),
     ),

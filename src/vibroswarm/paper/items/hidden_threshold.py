@@ -48,7 +48,7 @@ from vibroswarm.paper.item import (
     picture,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.show.document import Column
+from vibroswarm.show.document import Column, limits_of
 
 COLUMN: Final = "paper"
 """Preset in which the cells are simulated."""
@@ -221,6 +221,10 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             )  # fmt: skip
 
 
+def _difference(title: str, unit: str, name: str) -> Column:
+    return Column(title, unit, share=unit == "points", sign=True, limits=limits_of(name))
+
+
 ITEM: Final = Item(
     number=17,
     name="hidden-threshold",
@@ -247,13 +251,9 @@ ITEM: Final = Item(
                 "strategy": Column("strategy"),
                 "p_c": Column("p_c of soft"),
                 "mean p_c": Column("p_c of none"),
-                "wrong_share": Column("wrong", share=True, limits=("wrong_share_low", "wrong_share_high")),
-                "undecided_share": Column(
-                    "undecided", share=True, limits=("undecided_share_low", "undecided_share_high")
-                ),
-                "decision_time_s": Column(
-                    "time", "s", limits=("decision_time_s_low", "decision_time_s_high")
-                ),
+                "wrong_share": _difference("wrong", "points", "wrong_share"),
+                "undecided_share": _difference("undecided", "points", "undecided_share"),
+                "decision_time_s": _difference("time", "s", "decision_time_s"),
             },
         ),
         TableView(
