@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy import optimize
 from scipy.special import expit, logit
 
 from helpers.inspections import drawn_samples
 from vibroswarm import preset
+from vibroswarm.documents.damage import plan_document
 from vibroswarm.errors import InputError
 from vibroswarm.inspection import missed
 from vibroswarm.inspection.damage import patch_of, random_places
@@ -175,3 +177,15 @@ def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(
     monkeypatch.setattr(missed, "WEAKEST_M", (0.16,))
     found = [weakest_found(samples, patches, shares, critical, (10, 200), seed=seed) for seed in range(3, 8)]
     assert [one["c90_95"].to_list() for one in found] == [[None]] * 5
+
+
+def test_of_plans_that_find_the_same_size_that_with_the_fewest_robot_minutes_is_named() -> None:
+    """Several good plans find the least size that is tried."""
+    table = pl.DataFrame(
+        {"robots": [8, 3, 5], "until_s": [1200.0, 600.0, 600.0], "samples": [900.0, 200.0, 300.0]}
+        | {name: [0.02, 0.02, 0.03] for name in ("a50_m", "a90_m", "a90_95_m", "sweep_a90_m")}
+        | {"false_calls": [0.05, 0.05, 0.05]}
+    )
+    for want_m in (None, 0.02):
+        (answer,) = plan_document(table, want_m, 40, 100, "made up").answer
+        assert answer.startswith("3 robots in 10.0 min")

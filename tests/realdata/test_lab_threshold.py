@@ -58,6 +58,7 @@ def test_the_answer_says_at_what_price_the_threshold_in_use_decides(real: Record
 
     assert len(answer(1.33)) == 2
     assert "one with 50 % to 56 % vibrating tiles would be taken for below 50 %" in answer(1.55)[2]
+    assert "one with 50 % to 100 % vibrating tiles would be taken for below 50 %" in answer(3.0)[2]
     errors = at_threshold(real, 1.55).all_samples
     assert 0.55 * (1 - errors.false_negative) + 0.45 * errors.false_positive < 0.5
 

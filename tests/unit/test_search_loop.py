@@ -356,6 +356,10 @@ def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
     assert "lucky" in low.words
     high = replace(truth, believed=truth.winner.score.estimate * 2.0)
     assert "unlucky" in high.words
+    winner = truth.winner.score
+    known = winner._replace(low=0.999 * winner.estimate, high=1.001 * winner.estimate)
+    sure = replace(truth, winner=replace(truth.winner, score=known), believed=0.996 * winner.estimate)
+    assert "is 0.4 % too low" in sure.words
     equal = replace(truth, believed=truth.winner.score.estimate)
     assert "no sign of selection bias" in equal.words
     few = truth_of(whole, runs=8)

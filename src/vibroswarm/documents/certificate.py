@@ -9,7 +9,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import write_text
-from vibroswarm.core.numbers import count, number, percent, size, span, stated
+from vibroswarm.core.numbers import count, number, percent, size, span, stated, stated_percent
 from vibroswarm.documents.damage import (
     MOST_LISTED,
     UNTESTED,
@@ -39,8 +39,8 @@ def certificate_document(found: Inspection) -> Document:
     question = assessment.question
     asked = (
         f"Is there damage of {in_cm(question.least_m)} cm or larger, with a contrast of at least "
-        f"{stated(min(question.contrasts))}? Tolerated risk {percent(question.risk)}, prior {percent(question.prior)}"
-        f"{', at every place' if question.strict else ', on average over places'}."
+        f"{stated(min(question.contrasts))}? Tolerated risk {stated_percent(question.risk)}, prior "
+        f"{stated_percent(question.prior)}{', at every place' if question.strict else ', on average over places'}."
     )
     resampled = f"drawn, {count(len(samples.law.draws), 'law')} of resampled references"
     covered = (

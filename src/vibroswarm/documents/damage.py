@@ -8,7 +8,17 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.numbers import count, listed, number, p_value, percent, stated, whole, with_limits
+from vibroswarm.core.numbers import (
+    count,
+    listed,
+    number,
+    p_value,
+    percent,
+    stated,
+    stated_percent,
+    whole,
+    with_limits,
+)
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
@@ -40,11 +50,11 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
         where = count(len(found.scan.called_m), "patch", "patches")
         first = f"DAMAGE: {where}, {'; '.join(each)} (centres; p = {p_value(found.scan.p_value)})."
     elif found.verdict == "clear":
-        first = f"CLEAR of damage of {size}: risk {told} (tolerated: {percent(question.risk)})."
+        first = f"CLEAR of damage of {size}: risk {told} (tolerated: {stated_percent(question.risk)})."
     else:
         first = (
             f"OPEN: no damage is called (p = {p_value(found.scan.p_value)}), but the risk of damage of {size} is "
-            f"{told} (tolerated: {percent(question.risk)}); {_next(found)}."
+            f"{told} (tolerated: {stated_percent(question.risk)}); {_next(found)}."
         )
     return first, _pod_words(found)
 
@@ -125,7 +135,7 @@ _RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told 
 
 def scan_words(scan: Scan) -> Text:
     """Return how was scanned, and with which p-value."""
-    level = percent(scan.level, 0 if scan.level >= 0.01 else 1)
+    level = stated_percent(scan.level)
     words = (
         f"Scan of {listed(map(_form, scan.forms))} cm: T = {number(scan.statistic, 2)} "
         f"({level} of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
@@ -192,7 +202,7 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     """Return when the risk is tolerated, and how much damage is cleared all the same."""
     told, question = found.stopping, found.question
     contrasts = listed(map(stated, question.contrasts))
-    heard = f"all but {percent(question.loss, 0)} of" if question.loss else "all of"
+    heard = f"all but {stated_percent(question.loss)} of" if question.loss else "all of"
     places = listed(
         f"{whole(places)} of {_form(form)} cm"
         for form, places in zip(told.patches.forms, told.patches.places.tolist(), strict=True)
@@ -210,9 +220,10 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     )
     return (
         Text(
-            f"Told risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {percent(question.prior)}, and Lambda "
-            f"{rule} and contrast ({contrasts}). A centre that has all samples tolerates it {_when(told.cleared_s)}; "
-            f"the last of the robots, each by its samples and {heard} the others', {_when(told.robots_s)}."
+            f"Told risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, and "
+            f"Lambda {rule} and contrast ({contrasts}). A centre that has all samples tolerates it "
+            f"{_when(told.cleared_s)}; the last of the robots, each by its samples and {heard} the others', "
+            f"{_when(told.robots_s)}."
         ),
         Text(
             f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
@@ -366,9 +377,11 @@ def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: 
 
 
 def _planned(table: pl.DataFrame, want_m: float | None) -> str:
-    """Return the plan with the fewest robot minutes that finds the wanted size, or the size found by each plan."""
+    """Return the plan with the fewest robot minutes that finds the wanted size, or without one the smallest size."""
+    effort = pl.col("robots") * pl.col("until_s")
     if want_m is None:
-        best = table.drop_nulls("a90_m").sort("a90_m")
+        # Of good plans several find the least size that is tried.
+        best = table.drop_nulls("a90_m").sort("a90_m", effort)
         if best.is_empty():
             return "No plan finds squares of any drawn size in 90 % of inspections."
         row = best.row(0, named=True)
@@ -376,7 +389,7 @@ def _planned(table: pl.DataFrame, want_m: float | None) -> str:
             f"{count(row['robots'], 'robot')} in {number(row['until_s'] / 60, 1)} min find squares of "
             f"{in_cm(row['a90_m'])} cm in 90 % of inspections, the smallest of these plans."
         )
-    enough = table.filter(pl.col("a90_95_m") <= want_m).sort(pl.col("robots") * pl.col("until_s"))
+    enough = table.filter(pl.col("a90_95_m") <= want_m).sort(effort, "a90_m")
     if enough.is_empty():
         return (
             f"None of these plans surely finds squares of {in_cm(want_m)} cm in 90 % of inspections (a90/95)."

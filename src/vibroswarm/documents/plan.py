@@ -71,7 +71,7 @@ def work_sentence(
         words.append("the report")
     if left.further_runs:
         words.append(f"{whole(left.further_runs)} to test beliefs and faults")
-    how = f"estimated from {left.tried} trial runs" if left.tried else "a rough estimate"
+    how = f"estimated from {count(left.tried, 'trial run')}" if left.tried else "a rough estimate"
     return f"To do: {listed(words)}; about {duration(runs_s + left.further_s + page_s)} of one core in all ({how})"
 
 

@@ -12,7 +12,17 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.answers_over_time import JUDGED
-from vibroswarm.core.numbers import Estimate, count, listed, number, percent, span, stated, with_limits
+from vibroswarm.core.numbers import (
+    Estimate,
+    count,
+    listed,
+    number,
+    percent,
+    span,
+    stated,
+    stated_percent,
+    with_limits,
+)
 from vibroswarm.documents.cell_figures import answers_table
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.session_estimates import estimate_of
@@ -323,7 +333,7 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]
     """Return why the threshold in use decides this floor where the chosen one does not, and at what price.
 
     Robots take a floor for the wrong side if it lies between the boundary and the share of vibrating tiles at which the
-    share of ones is the boundary.
+    share of ones is the boundary; on any floor on one side of the boundary, if no floor has that share of ones.
     """
     decides, errors = in_use.decidable, in_use.all_samples
     right = (
@@ -332,15 +342,17 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]
     if decides.verdict != "decidable" or chosen.decidable.verdict == "decidable" or right <= 0.0:
         return ()
     boundary = decides.boundary
-    balanced = (decides.tested - errors.false_positive) / right
+    balanced = min(max((decides.tested - errors.false_positive) / right, 0.0), 1.0)
     if abs(balanced - boundary) < 0.005:
         return ()
     fewer, below = ("fewer", "below") if balanced > boundary else ("more", "above")
-    low, high = (percent(share, 0) for share in sorted((balanced, boundary)))
+    asked = stated_percent(boundary)
+    ends = ((balanced, percent(balanced, None, digits=2)), (boundary, asked))
+    (_, low), (_, high) = sorted(ends)
     return (
         f"The {number(in_use.value, in_use.decimals)} {in_use.rule} decides this floor only because it reads {fewer} "
         "samples as vibrating on any floor: "
-        f"one with {low} to {high} vibrating tiles would be taken for {below} {percent(boundary, 0)}.",
+        f"one with {low} to {high} vibrating tiles would be taken for {below} {asked}.",
     )
 
 

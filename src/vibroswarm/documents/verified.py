@@ -22,7 +22,7 @@ def verified_document(verified: Verified) -> Document:
             "same again, bit by bit.",
         )
     elif verified.holds:
-        upper = percent(verified.share_that_differs.high)
+        upper = percent(verified.share_that_differs.high, None, digits=2)
         rest = "" if every else f" With 95 % confidence, less than {upper} of the saved runs differ."
         answer = (f"Verified: {runs} came out the same again, bit by bit.{rest}",)
     else:

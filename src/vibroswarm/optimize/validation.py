@@ -140,13 +140,14 @@ class Truth(NotebookView):
     def words(self) -> str:
         """The explanation of the difference between the believed and the true score, as a sentence."""
         share = self.difference
+        off = percent(abs(share), None, digits=2)
         return {
             "too short": (
                 "No verdict: the swarm made no move, so that its winner is the best of random points; raise --budget."
             ),
             "not defined": "The difference between the believed and the true score is not a share of the true one.",
             "inconclusive": (
-                f"The believed score is {percent(abs(share), 0)} too {'low' if share > 0 else 'high'}, but the "
+                f"The believed score is {off} too {'low' if share > 0 else 'high'}, but the "
                 f"true score has {'no limits' if math.isinf(self.winner.score.high) else 'limits as wide'}: too few "
                 "validation runs; raise --fresh."
             ),
@@ -155,12 +156,10 @@ class Truth(NotebookView):
                 "no sign of selection bias."
             ),
             "lucky": (
-                f"The believed score is {percent(share, 0)} too low: the winner was chosen by its score on few runs, "
+                f"The believed score is {off} too low: the winner was chosen by its score on few runs, "
                 "and was partly lucky."
             ),
-            "unlucky": (
-                f"The believed score is {percent(-share, 0)} too high: the winner was unlucky in the search."
-            ),
+            "unlucky": (f"The believed score is {off} too high: the winner was unlucky in the search."),
         }[self.luck]
 
 
@@ -415,7 +414,7 @@ class Front(NotebookView):
         """A summary of the front in words."""
         stay = sum(m.stays for m in self.members)
         shares = ", ".join(
-            f"{percent(abs(share), 0)} too {'low' if share >= 0 else 'high'} for {name}"
+            f"{percent(abs(share), None, digits=2)} too {'low' if share >= 0 else 'high'} for {name}"
             for name, share in zip(self.names, self.too_little, strict=True)
             if not math.isnan(share)
         )

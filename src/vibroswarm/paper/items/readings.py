@@ -21,7 +21,7 @@ from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, swapped_labels
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.plots import draw_error_bars, draw_forest
-from vibroswarm.show.document import Column
+from vibroswarm.show.document import Column, limits_of
 
 READINGS: Final[dict[str, dict[str, Any]]] = {
     "theta_E 1.55, as in Algorithm 2": {"sensor.rms_threshold": 1.55},
@@ -134,13 +134,13 @@ _CHANGE: Final = {
     "strategy": Column("strategy"),
     **{
         f"{name}_change": Column(
-            title, unit, share=share, limits=(f"{name}_change_low", f"{name}_change_high")
+            title, unit, share=unit == "points", sign=True, limits=limits_of(f"{name}_change")
         )
-        for name, title, unit, share in (
-            ("decision_time_s", "change of time", "s", False),
-            ("belief_in_truth", "of belief in the truth", "", False),
-            ("wrong_share", "of robots wrong", "", True),
-            ("undecided_share", "of robots undecided", "", True),
+        for name, title, unit in (
+            ("decision_time_s", "change of time", "s"),
+            ("belief_in_truth", "of belief in the truth", ""),
+            ("wrong_share", "of robots wrong", "points"),
+            ("undecided_share", "of robots undecided", "points"),
         )
     },
 }
