@@ -21,7 +21,13 @@ from helpers.page_records import make_record
 from vibroswarm.core.jit import is_cached
 from vibroswarm.run_page.payload import RunRecord
 
-pytest_plugins = ["helpers.numba_programs", "helpers.recordings", "helpers.browser", "helpers.page_browser"]
+pytest_plugins = [
+    "helpers.numba_programs",
+    "helpers.few_draws",
+    "helpers.recordings",
+    "helpers.browser",
+    "helpers.page_browser",
+]
 
 os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
 

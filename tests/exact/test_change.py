@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,7 @@ def test_random_changes_are_new_floors_of_the_right_share(to: str) -> None:
 RATE_PER_H, SHARES, UNTIL_S = 6.0, (0.5, 0.3, 0.2), 36_000.0
 
 
+@cache
 def chains(rate_per_h: float = RATE_PER_H) -> tuple[NDArray[np.uint8], Changes]:
     start = np.zeros((40, 50), dtype=np.uint8)
     return start, markov_changes(start, rate_per_h, SHARES, UNTIL_S, seed=5, run=2)

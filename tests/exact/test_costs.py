@@ -10,10 +10,11 @@ from scipy.stats import binom
 
 from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
+from vibroswarm.analysis.intervals import Interval
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.grid import _above_best
-from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from
+from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from, worst_case
 from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of
 
@@ -113,6 +114,8 @@ def test_the_worst_case_counts_or_the_mean_over_cases() -> None:
     rows = np.array([[1.0, 10.0], [3.0, 20.0]])[:, :, None]
     assert Objective("intended", "mean").score(rows) == 15.0
     assert Objective("intended", "mean", over="mean").score(rows) == 8.5
+    two = Interval(5.0, 4.0, 6.0, 0.95, 9, "surer"), Interval(4.0, 1.0, 9.0, 0.95, 9, "may be worse")
+    assert worst_case(lambda k, level: two[k], 2)[:3] == (5.0, 4.0, 9.0)
 
 
 def test_a_false_alarm_and_a_miss_cost_by_their_kind() -> None:
@@ -328,7 +331,7 @@ def test_limits_of_the_worst_of_equal_cases_hold_its_score() -> None:
     assert low[0] <= binom.ppf(1 - 1e-4, 100, 0.025) < low[1]
 
 
-@pytest.mark.parametrize("runs", [2, 3, 10])
+@pytest.mark.parametrize("runs", [2, 10])
 def test_the_bootstrap_of_few_runs_seldom_says_that_equal_scores_differ(runs: int) -> None:
     random, objective = np.random.default_rng(3), Objective("intended")
 
@@ -379,9 +382,12 @@ def test_only_smooth_scores_are_corrected() -> None:
 
 
 def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() -> None:
-    """One cell of 8 at least was called higher in 9 of 15 grids, by the interval of each pair alone."""
+    """One cell of 8 at least was called higher in 9 of 15 grids, by the interval of each pair alone.
+
+    How often that may be is tested where the best group is (``test_league``).
+    """
     random, objective, runs, called = np.random.default_rng(3), Objective("intended"), np.arange(60), 0
-    for _ in range(8):
+    for _ in range(3):
         costs_of_runs = random.gamma(2.0, 1.0, (60, 1)) + random.gamma(2.0, 1.0, (60, 9))
         costs_of_runs[:, 8] += 4.0
         cells = [scored_of("cell", {}, objective, row[:, None, None], runs) for row in costs_of_runs.T]
@@ -389,4 +395,4 @@ def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() 
         assert min(one.estimate for one in above) == 0.0
         assert above[8].low > 0.0, "the control"
         called += any(one.low > 0.0 for one in above[:8])
-    assert called <= 1
+    assert called == 0

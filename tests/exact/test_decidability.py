@@ -109,6 +109,16 @@ def test_vibration_across_edges_counts() -> None:
     assert d.mending_low > (at(floor__source="diagonal:0.48").mending_low or 0.0)
 
 
+def test_ones_are_expected_of_each_stage_for_as_long_as_it_lasts() -> None:
+    """Of 24 % for 30 s, then of 76 % for 70 s."""
+    change = {"change.at_s": [30.0], "change.to": "invert", "run.t_end_s": 100.0}
+    scenario = preset("paper").with_values({"floor.source": "random:0.24"} | change)
+    positive, negative = error_rates(scenario.sensor)
+    felt = 0.3 * 0.24 + 0.7 * 0.76
+    expected = felt * (1.0 - negative) + (1.0 - felt) * positive
+    assert verdict(simulate(scenario, 3, 1)).share_of_ones_expected == pytest.approx(expected)
+
+
 @settings(deadline=None, max_examples=40)
 @given(st.floats(0.1, 0.9), st.floats(0.1, 0.9), st.floats(0.01, 0.99))
 def test_inside_the_mending_range_both_sides_are_right_and_outside_one_is_not(

@@ -9,7 +9,7 @@ from scipy.stats import gamma
 from vibroswarm.observation.energy_model import MOST, energies_of, error_rates, log_ratios, typical_factors
 from vibroswarm.scenario.fields import Sensor
 
-U = (np.arange(50_000) + 0.5) / 50_000
+U = (np.arange(10_000) + 0.5) / 10_000
 
 
 def drawn(sensor: Sensor, vibrating: bool) -> np.ndarray:

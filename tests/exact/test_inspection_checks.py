@@ -12,8 +12,11 @@ from helpers.documents import ROOT
 from helpers.inspections import drawn_samples
 from vibroswarm import inspect, preset
 from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.io import read_tiles
 from vibroswarm.inspection.checks import PLACES, _statistics, law_checks
 from vibroswarm.inspection.damage import drawn_values, values_at
+from vibroswarm.inspection.laws import hash_of_run, law_for_session
 from vibroswarm.inspection.others import Others, by_patches, by_tiles
 from vibroswarm.inspection.patches import declared, shares_of
 from vibroswarm.inspection.samples import Law, Samples, read_by
@@ -21,6 +24,8 @@ from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import felt_on
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
 
 EXAMPLE = ROOT / "examples" / "inspection"
 LAW = Law(preset("paper").sensor, "preset paper")
@@ -38,6 +43,7 @@ def outcomes(samples: Samples, others: Others | None = None) -> dict[str, str]:
     return dict(zip(checks["check"], checks["outcome"], strict=True))
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_swapped_laws_are_not_certified(tmp_path: Path) -> None:
     """Nearly everything is called, so that the law of still places cannot be checked: nothing is certified."""
     given = {"size_m": (1.0, 1.0), "question": Question(contrasts=(1.0,)), "replicates": 39}
@@ -178,3 +184,11 @@ def test_what_is_read_of_energies_of_the_physics_has_their_shape() -> None:
     features = {"sensor.model": "acceleration", "sensor.acceleration.features": ["variance"]}
     with pytest.raises(InputError, match="several numbers"):
         read_by(Law(preset("paper").with_values(features).sensor, "", bits=True), energy)
+
+
+def test_a_session_is_judged_by_the_law_of_the_others_alone() -> None:
+    lab = ROOT / "examples" / "lab"
+    logs = [read_log(lab / f"session-{number}.csv") for number in (1, 2)]
+    recording = recording_of(logs, Floor.filling(read_tiles(lab / "floor.txt", (5, 5))), preset("paper"))
+    for run in (0, 1):
+        assert law_for_session(recording, run, draws=0).law.sessions == (hash_of_run(recording, 1 - run),)

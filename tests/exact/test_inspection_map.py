@@ -12,6 +12,7 @@ from scipy.special import expit
 from helpers.inspections import drawn_samples, enumerated
 from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.samples import Samples, check_law, ratios_of_values
 from vibroswarm.inspection.sources import grid_of
@@ -137,6 +138,9 @@ def test_scores_of_known_maps() -> None:
     assert (nothing["brier"], nothing["auc"]) == (0.25, 0.5)
     assert nothing["log_score"] == pytest.approx(np.log(2))
     assert map_scores(1 - x, samples.floor)["surely_wrong"] == 9
+    wide = Floor(np.array([[1, 0], [0, 0]], dtype=np.uint8), 0.2, 0.1)
+    apart_m = [map_scores(p, wide)["location_error_m"] for p in np.eye(4)]
+    assert apart_m == pytest.approx([0.0, 0.2, 0.1, np.hypot(0.2, 0.1)])
 
 
 def test_calibration_counts_tiles_by_bin() -> None:

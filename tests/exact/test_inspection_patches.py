@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.special import ndtr
 
 from helpers.inspections import drawn_samples
 from vibroswarm.errors import InputError
+from vibroswarm.floors.patches import Patch
+from vibroswarm.inspection.assessment import _visited
 from vibroswarm.inspection.damage import (
     CRACK_M,
     contrast_ratios,
@@ -23,7 +26,7 @@ from vibroswarm.inspection.damage import (
     tables_of,
     values_at,
 )
-from vibroswarm.inspection.laws import law_of_measured
+from vibroswarm.inspection.laws import law_of_measured, law_table
 from vibroswarm.inspection.missed import SIDES_M as DRAWN_M
 from vibroswarm.inspection.missed import lengths_within
 from vibroswarm.inspection.patches import (
@@ -219,6 +222,15 @@ def test_the_scan_statistic_counts_places() -> None:
     assert scan_statistic(patches, logs)[0] == pytest.approx(-np.log(patches.places.min()))
 
 
+def test_the_table_of_a_law_has_the_spread_of_its_draws() -> None:
+    """41 laws at even steps: the second and the last but one are the 95 % limits."""
+    drawn = [LAW.sensor.model_copy(update={"still_scale": 0.2 + 0.01 * k}) for k in range(41)]
+    table = law_table(Law(LAW.sensor, "fitted", draws=tuple(Draw(one, one) for one in drawn)))
+    row = table.row(by_predicate=pl.col("field") == "sensor.still_scale", named=True)
+    assert (row["low"], row["high"], row["value"]) == pytest.approx((0.21, 0.59, LAW.sensor.still_scale))
+    assert row["error"] == pytest.approx(0.01 * np.sqrt(41 * 42 / 12))
+
+
 def test_surfaces_are_drawn_from_the_error_of_the_law() -> None:
     samples = drawn_samples(3, count=200, spread_m=0.0)
     sensor = LAW.sensor
@@ -232,6 +244,27 @@ def test_surfaces_are_drawn_from_the_error_of_the_law() -> None:
     means = np.array([0.5, 1.0, 2.0]) * sensor.still_scale * sensor.still_shape + sensor.still_location
     assert spreads[0] < 0.05
     assert spreads[1] == pytest.approx(means.std(), rel=0.05)
+
+
+def test_differences_between_tiles_and_robots_keep_the_mean_of_the_law() -> None:
+    samples = drawn_samples(3, count=200, spread_m=0.0)
+    differ = LAW.sensor.model_copy(update={"tile_spread": 0.5, "robot_spread": 0.3})
+    alike, apart = (
+        drawn_values(np.random.default_rng(1), replace(samples, law=Law(sensor, "drawn")), 2000).mean()
+        for sensor in (LAW.sensor, differ)
+    )
+    assert apart == pytest.approx(alike, rel=0.02)
+
+
+def test_estimated_places_differ_along_each_axis_by_their_own_spread() -> None:
+    """Along x they are unsure, which does not matter for a band across the surface."""
+    sure = {"still_scale": 1e-6, "vibrating_scale": 1e-6, "vibrating_location": 5.0}
+    samples = drawn_samples(4, count=300, spread_m=0.0).with_columns(spread_x_m=np.full(300, 0.2))
+    unknown = samples.with_frame(samples.frame.with_columns(true_x_m=None, true_y_m=None))
+    drawn = replace(unknown, law=Law(LAW.sensor.model_copy(update=sure), "drawn"))
+    band = Patch(np.full(1, 0.3), np.zeros(1), np.full(1, 9.0), np.full(1, 0.6), np.ones(1))
+    value = drawn_values(np.random.default_rng(1), drawn, 1, band)[:, 0]
+    assert ((value > 2.0) == (samples.column("y_m") < 0.3)).all()
 
 
 def test_cracks_lie_along_both_axes_within_the_surface() -> None:
@@ -255,9 +288,17 @@ def test_false_calls_of_repeated_looks_are_those_of_their_own_threshold() -> Non
     fresh = intact_statistics(samples, patches, shares, 1000, 2, looks=8)
     assert 0.03 < (fresh >= often).mean() < 0.07
     assert (fresh >= once).mean() > 0.09  # the control: the threshold of one look
-    found = scan(samples, patches, shares, replicates=99, looks=8)
-    assert found.looks == 8
-    assert found.called_s is None or found.called_s <= samples.column("time_s").max()
+    # Damage is called at the first look that reaches its threshold.
+    value = drawn_values(np.random.default_rng(5), samples, 1, patch_of(*np.full((2, 1), 0.3), 0.2, 0.5))[
+        :, 0
+    ]
+    damaged = samples.with_columns(value=value, log_ratio=ratios_at(LAW, value))
+    found, (times_s, _) = scan(damaged, patches, shares, replicates=99, looks=8), looks_of(damaged, 8)
+    logs = log_likelihoods(shares, np.stack([drawn_until(damaged, time_s) for time_s in times_s], axis=1))
+    reached = scan_statistic(patches, logs) >= found.critical
+    assert 0 < reached.argmax() < 7
+    assert reached[-1]
+    assert (found.looks, found.called_s) == (8, times_s[reached.argmax()])
 
 
 def test_a_threshold_from_the_plates_that_are_judged_says_nothing_of_others() -> None:
@@ -296,6 +337,22 @@ def test_a_place_without_samples_is_not_called() -> None:
 def drawn_until(samples: Samples, time_s: float) -> Floats:
     """The log ratios of the samples until a time, and 0 for the others."""
     return np.where(samples.column("time_s") <= time_s, samples.column("log_ratio"), 0.0)
+
+
+def test_values_are_exchanged_within_a_robots_block_of_two_minutes_only() -> None:
+    samples = replace(drawn_samples(7, count=600, spread_m=0.0), law=LAW)
+    time_s, patches = samples.column("time_s"), declared(samples.size_m, SIDES_M)
+    place_m, ratio = (np.where(time_s < 120.0, early, later) for early, later in ((0.1, 0.5), (1.0, -1.0)))
+    for slower, p in ((1.0, 1.0), (0.1, 0.01)):  # then all is one block
+        drawn = samples.with_columns(x_m=place_m, y_m=place_m, log_ratio=ratio, time_s=slower * time_s)
+        found = scan(drawn, patches, shares_of(drawn, patches), replicates=99)
+        assert found.permuted_p_value == pytest.approx(p)
+
+
+def test_half_of_a_wide_surface_is_visited() -> None:
+    wide = replace(drawn_samples(7, count=100, spread_m=0.0), size_m=(2.0, 1.0))
+    at_m = np.arange(100) / 100 + 0.005
+    assert _visited(wide.with_columns(x_m=at_m // 0.1 * 0.1 + 0.05, y_m=at_m * 10 % 1)) == 0.5
 
 
 def test_looks_are_evenly_spaced_over_the_samples_whenever_the_clock_was_started() -> None:

@@ -177,6 +177,7 @@ def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(
     monkeypatch.setattr(missed, "WEAKEST_M", (0.16,))
     found = [weakest_found(samples, patches, shares, critical, (10, 200), seed=seed) for seed in range(3, 8)]
     assert [one["c90_95"].to_list() for one in found] == [[None]] * 5
+    assert found[0]["area_m2"].to_list() == pytest.approx([0.0256])
 
 
 def test_of_plans_that_find_the_same_size_that_with_the_fewest_robot_minutes_is_named() -> None:

@@ -104,13 +104,16 @@ def test_the_told_risk_at_a_look_is_that_of_the_samples_so_far(strict: bool) -> 
 
 
 def test_missed_damage_is_that_of_the_first_look_which_tolerates_the_risk() -> None:
-    """At the end of an inspection that nobody ended, fewer are missed: what was promised before was half as much."""
+    """At the end of an inspection that nobody ended, fewer are missed: what was promised before was half as much.
+
+    Damage has the weakest of the contrasts that are asked for.
+    """
     samples = replace(drawn_samples(9, count=300, spread_m=0.0), law=LAW)
-    patches, question = declared(samples.size_m, [0.2]), Question(0.2, (1.0,), risk=0.1)
+    patches, question = declared(samples.size_m, [0.2]), Question(0.2, (1.0, 0.8), risk=0.1)
     found = stopping(samples, patches, question)
     random = np.random.default_rng(3)
     x_m, y_m = random.uniform(0.1, 0.5, (2, 2000))
-    values = drawn_values(random, samples, 2000, patch_of(x_m, y_m, 0.2))
+    values = drawn_values(random, samples, 2000, patch_of(x_m, y_m, 0.2, 0.8))
     told = rule_of(samples, patches, question, LOOKS).told(values)
     for share, cleared in ((found.missed, (told <= 0.1).any(axis=0)), (found.missed_at_end, told[-1] <= 0.1)):
         assert share.low - 0.01 <= cleared.mean() <= share.high + 0.01

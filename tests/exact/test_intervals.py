@@ -371,6 +371,8 @@ def test_rates_of_events_have_limits_of_counts() -> None:
     assert (found.estimate, found.low, found.high) == pytest.approx((0.9, *by_hand))
     none = rate_interval([0.0] * 10, 3.0)
     assert (none.low, none.high) == pytest.approx((0.0, -math.log(0.025) * 0.3))
+    by_name = interval_of_figure("false_changes_per_h", {"false_changes_per_h": np.zeros(10)}, t_end_s=1200.0)
+    assert by_name == none
     assert rate_interval([0.0] * 10).high == math.inf
     assert rate_interval([3.0] * 4) == (3.0, 3.0, 3.0, 0.95, 4, "quasi-Poisson")
     assert math.isnan(rate_interval([math.nan]).low)

@@ -195,6 +195,7 @@ def test_a_wall_places_a_robot_and_a_robot_does_not() -> None:
     for each in meet(f, 0, of, 0.05, of.robots_per_m, 0.0):
         assert each == pytest.approx(of.robots_per_m, rel=1e-3)
     assert f.means[0, :2].tolist() == [0.5, 0.5]
+    assert program_of(Scenario().with_values({"swarm.robots": 1})).robots_per_m == 0.0
 
 
 def test_the_monitor_counts_what_was_not_expected() -> None:

@@ -60,8 +60,9 @@ def windows(count: int, receivers: int) -> list[Windows]:
 
 
 def test_a_fit_finds_the_model_that_windows_were_drawn_from() -> None:
+    assert (MODEL.lost, MODEL.aic) == (pytest.approx(0.2 * 0.9 + 0.8 * 0.05), 10.0)
     truth = Bursts(0.05, 12.0, 0.9, 0.02, 0.4, 0.0, 5)
-    drawn = simulated(windows(80, 20), truth, 1.0, draw=6)
+    drawn = simulated(windows(40, 40), truth, 1.0, draw=6)
     found, plain = fit_bursts(drawn, truth), fit_independent(drawn)
     assert found.bad_share == pytest.approx(0.05, abs=0.03)
     assert 6.0 < found.bad_s < 24.0
@@ -69,7 +70,7 @@ def test_a_fit_finds_the_model_that_windows_were_drawn_from() -> None:
     assert found.lost_in_good == pytest.approx(0.02, abs=0.006)
     assert found.aic < plain.aic - 100.0
     # Negative control: where losses are independent, the same bursts are less likely.
-    alone = simulated(windows(80, 20), Bursts(0.0, 1.0, 0.0, 0.06, 0.4, 0.0, 2), 1.0, draw=3)
+    alone = simulated(windows(40, 40), Bursts(0.0, 1.0, 0.0, 0.06, 0.4, 0.0, 2), 1.0, draw=3)
     plain = fit_independent(alone)
     assert plain.lost_in_good == pytest.approx(0.06, abs=0.01)
     assert _Table(alone).log_likelihood(found, 1.0) < plain.log_likelihood - 100.0
@@ -104,5 +105,5 @@ def test_standard_errors_need_two_receivers() -> None:
     with pytest.raises(InputError, match="at least two receivers") as refused:
         jackknife(windows(20, 1), MODEL)
     assert refused.value.field == "windows"
-    errors = jackknife(simulated(windows(20, 2), MODEL, 1.0, 0), MODEL)
+    errors = jackknife(simulated(windows(6, 2), MODEL, 1.0, 0), MODEL)
     assert errors["lost_in_bad"] >= 0.0

@@ -21,7 +21,8 @@ def swarm(seed: int = 1, starts: Any = None, **settings: Any) -> Pso:
 
 def test_positions_and_velocities_follow_the_papers_equations() -> None:
     """Three iterations worked out beside the swarm, with the same chance."""
-    found = swarm(seed=4, particles=6, iterations=3, evaluations=1, extra=0, noise="fixed")
+    weights = {"weight_personal": 0.6, "weight_global": 0.9}
+    found = swarm(seed=4, particles=6, iterations=3, evaluations=1, extra=0, noise="fixed", **weights)
     random = chance(4, "pso begins")
     p = random.random((6, 3))
     v = 0.1 * (2 * random.random((6, 3)) - 1)
@@ -30,7 +31,7 @@ def test_positions_and_velocities_follow_the_papers_equations() -> None:
         if k:
             r_1, r_2 = chance(4, f"pso {k + 1}").random((2, 6, 3))
             leader = best[np.argmin(best_score)]
-            v = inertia * v + 0.75 * r_1 * (best - p) + 0.75 * r_2 * (leader - p)
+            v = inertia * v + 0.6 * r_1 * (best - p) + 0.9 * r_2 * (leader - p)
             p = np.clip(p + v, 0.0, 1.0)
         np.testing.assert_allclose(found.position, p, atol=1e-15)
         for ask in found.ask():

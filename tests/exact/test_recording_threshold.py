@@ -67,6 +67,12 @@ def test_the_curves_count() -> None:
     assert doubled[1].tolist() == [0.0, 0.0, 0.0]
 
 
+def test_errors_are_equal_where_the_lines_between_thresholds_cross() -> None:
+    """From 2.75 to 3.5 the false positives fall from 1/2 to 1/4, and the false negatives stay 1/3."""
+    energy = np.array([1.0, 2.0, 3.0, 4.0, 2.5, 5.0, 6.0])
+    assert equal_error(energy, np.arange(7) > 3, np.ones(7)) == pytest.approx(2.75 + 2 / 3 * 0.75)
+
+
 def test_the_least_cost_lies_at_the_threshold_itself() -> None:
     """Where thresholds that are no neighbours have the least cost, and where it is that of reading all as vibrating."""
     one = np.ones(4)

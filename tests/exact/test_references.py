@@ -90,6 +90,16 @@ def test_pooled_counting_has_the_strategys_error_and_is_judged_on_other_runs(
     json.dumps(found.as_dict(), allow_nan=False)
 
 
+def test_who_counts_in_vain_takes_the_whole_time() -> None:
+    """No robot decides within a minute, so none is wrong; of those who count, who err as seldom, few decide."""
+    result = simulate(preset("paper").with_values({"run.t_end_s": 60.0}), 3, 40)
+    found = pooled_counting(result)
+    assert found.strategy_undecided.estimate == 1.0
+    assert found.undecided.estimate > 0.0
+    passages = first_passages(result, list(range(1, 40, 2)), "count", np.array([found.threshold]))
+    assert found.time_s.estimate == pytest.approx(np.minimum(passages.time_s, 60.0).mean())
+
+
 def test_pooled_counting_judges_nothing_that_it_was_tuned_on(paper: Result) -> None:
     """With the bits of the tuning half turned round, the judged half is judged at another threshold only."""
     even = paper.observations["run"] % 2 == 0

@@ -239,6 +239,9 @@ def test_gradients_and_hills_are_as_their_formula() -> None:
     assert (rows == rows[0]).all()
     up = on("gradient:0.2..0.8@90").floor_for(1, 0).surface.values
     np.testing.assert_array_equal(np.asarray(up)[::-1, 0], rows[0])
+    diagonal = on("gradient:0..1@45").floor_for(1, 0).surface.values
+    k = np.arange(10) + 0.5
+    np.testing.assert_allclose(np.asarray(diagonal)[::-1] / STEPS, (k + k[:, None]) / 20, atol=0.5 / STEPS)
     hill = on("hill:0.25,0.75,0.2").floor_for(1, 0).surface.values
     assert np.unravel_index(np.asarray(hill).argmax(), (10, 10)) == (2, 2)
 

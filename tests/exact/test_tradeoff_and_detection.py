@@ -48,8 +48,8 @@ def test_who_waits_errs_less_and_who_never_decides_errs_never(curve: pl.DataFram
     assert (on_front["error"].diff().drop_nulls() < 0).all()
     counted = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=1.0)
     assert counted["error"][0] == 1.0
-    half = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=0.5)
-    assert half["error"][0] == 0.5
+    quarter = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=0.25)
+    assert quarter["error"][0] == 0.25
 
 
 def test_a_mistake_counts_by_its_cost() -> None:

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.vibration_facts import fact_samples, facts, robot_spread, tile_spread
+from vibroswarm.calibrate.vibration_facts import _spread, fact_samples, facts, robot_spread, tile_spread
 from vibroswarm.floors.floor import Floor
 
 SESSIONS, ROBOTS, ROWS = 12, 20, 6000
@@ -75,6 +75,8 @@ def test_spreads_are_those_of_tiles_and_robots_and_of_few_samples() -> None:
         assert 0.05 < without < 0.2  # means of few samples scatter by themselves
         found_spread = math.sqrt(spread(samples, both, rows) ** 2 - without**2)
         assert found_spread == pytest.approx(true, rel=0.2)
+    by_hand = _spread(np.array([0, 0, 1, 1]), np.arange(4), np.array([0.0, 2.0, 10.0, 14.0]))
+    assert by_hand == pytest.approx(math.sqrt((1 + 1 + 4 + 4) / (4 - 2)))
 
 
 def test_samples_beside_tiles_are_those_near_a_border() -> None:

@@ -26,6 +26,7 @@ def test_robots_that_sample_half_as_often_decide_later() -> None:
     (one,) = effects(EASY, slow, runs=12, strategies=("none",))
     time = next(each for each in one.differences if each.first.figure == "decision_time_s")
     assert time.confirmed
+    assert time.second.difference.estimate != time.first.difference.estimate  # other motion, on other floors
     assert time.first.difference.low > 20.0
     assert sum(one.consensus[0].values()) == 1.0
 

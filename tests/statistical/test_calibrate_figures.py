@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
+from scipy.special import ndtri
 
-from vibroswarm.calibrate.drive import drive_of, drive_table
-from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
+from vibroswarm.calibrate.drive import drive_of, drive_table, quartile_spread
+from vibroswarm.calibrate.session_statistics import FIGURES, _of_samples, figures_of
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
@@ -53,6 +55,21 @@ def test_a_veer(misalignment: float) -> None:
     assert found["veer_between_rad_s"] < 0.01
 
 
+def test_figures_of_two_robots_drives_by_hand() -> None:
+    """Speeds alternate by 1 cm/s, + - - +, about those that the robots keep, and veers are theirs alone."""
+    kept = pl.DataFrame({"robot": [0, 1], "speed_m_s": [0.05, 0.07], "veer_rad_s": [0.1, 0.3]})
+    steps = pl.DataFrame({"time_s": np.arange(12.0), "step": 0.01 * np.array([1, -1, -1, 1] * 3)})
+    drives = kept.join(steps, how="cross").with_columns(speed_m_s=pl.col("speed_m_s") + pl.col("step"))
+    speeds = {"speed_m_s": 0.06, "start_speed_m_s": 0.06, "drop": 0.0, "lag_one": -1 / 11}
+    spreads = {"between_m_s": 0.02 / 2**0.5, "within_m_s": 0.01, "share_between": 2 / 3}
+    veers = {"veer_rad_s": 0.2, "veer_between_rad_s": 0.2 / 2**0.5, "veer_within_rad_s": 0.0}
+    assert drive_of(drives) == pytest.approx(speeds | spreads | veers)
+
+
+def test_quartiles_of_normal_values_tell_their_standard_deviation() -> None:
+    assert quartile_spread(3.0 * ndtri((np.arange(1000) + 0.5) / 1000)) == pytest.approx(3.0, rel=0.01)
+
+
 def test_a_log_tells_the_same_as_the_paths(tmp_path: Path) -> None:
     result = made(1, floor__tiles=("01", "10"), robot__speed_redraw="robot")
     write_rugbot(result, tmp_path / "log.csv")
@@ -66,12 +83,19 @@ def test_a_log_tells_the_same_as_the_paths(tmp_path: Path) -> None:
     assert theirs["distance_m"] == pytest.approx(ours["distance_m"], rel=0.02)
 
 
-def test_an_even_spread_has_density_one() -> None:
-    from vibroswarm.calibrate.session_statistics import _ring
-
-    rng = np.random.default_rng(1)
-    wall = np.min([np.minimum(one, 1 - one) for one in rng.random((2, 200_000))], axis=0)
-    assert _ring(wall, 0.05, 0.075, 1.0, 1.0) == pytest.approx(1.0, abs=0.02)
+def test_figures_of_four_samples_by_hand() -> None:
+    """At 1 cm and at 6 cm from the left wall, in the middle, and in a corner tile, on 5 x 5 tiles."""
+    samples = pl.DataFrame({
+        "robot": [0, 0, 1, 1], "x_m": [0.01, 0.06, 0.5, 0.1], "y_m": [0.5, 0.5, 0.5, 0.1],
+        "avoid_s": [0.0, 1.0, 2.0, 3.0], "spacing_s": [4.0, 5.0, 6.0, 7.0], "distance_m": [0.1, 0.1, 0.1, 0.3],
+        "energy": [1.0, 2.0, 1.0, 2.0], "vibrating": [False, False, False, True],
+    })  # fmt: skip
+    found = _of_samples(made(1, run__t_end_s=10.0), samples, 1.33)
+    rings = {"near_walls": 0.25 / (1 - 0.95**2), "off_walls": 0.25 / (0.9**2 - 0.85**2)}
+    tiles = {"density_corners": 0.25 * 25 / 4, "density_inside": 0.25 * 25 / 9}
+    avoided = {"avoid_s": 1.5, "avoid_none": 0.25, "avoid_most_s": 2.95}
+    readings = {"false_positive": 1 / 3, "false_negative": 0.0, "lag_one_bits": -1.0}
+    assert found == pytest.approx({"spacing_s": 5.5, "distance_m": 0.15} | rings | tiles | avoided | readings)
 
 
 def test_in_a_narrow_arena_no_place_is_far_from_the_walls() -> None:

@@ -60,6 +60,8 @@ def test_rows_are_those_of_the_summary_whatever_their_order(
         belief = result.robots["belief_in_truth"].drop_nulls().to_numpy()
         bar = belief.std() / np.sqrt(RUNS) if belief.size else None
         assert one.row["belief_in_truth_bar"] == bar
+        time_s = result.robots["decision_time_s"].fill_null(400.0).to_numpy()
+        assert one.row["decision_time_s_bar"] == pytest.approx(time_s.std() / np.sqrt(RUNS))
 
 
 def test_figures_are_those_of_each_run(came: list[CellResult], results: list[Result]) -> None:

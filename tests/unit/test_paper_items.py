@@ -13,9 +13,10 @@ import pytest
 from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.documents.reproduction import reproduction_document
 from vibroswarm.networks.loss_by_size import share_lost
+from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.paper.cells import READ, Cell, CellResult, CellResults, summarise
 from vibroswarm.paper.claims import all_claims, decide
-from vibroswarm.paper.columns import COLUMNS, published, scenario_of
+from vibroswarm.paper.columns import COLUMNS, parameters, published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiment_times, items_named, search
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
@@ -187,6 +188,14 @@ def test_larger_swarms_of_calibrated_robots_lose_messages_by_size() -> None:
     # The preset's share is that of the messages addressed to a robot which were lost, as plotted.
     for robots in range(6, 11):
         assert share_lost(robots) == pytest.approx(experiment_times.loss_of(robots), abs=0.0045)
+
+
+def test_controls_and_empirical_parameters_have_the_numbers_that_they_name() -> None:
+    assert error_rates(scenario_of("paper", control="false-positives").sensor) == pytest.approx((0.24, 0.045))
+    slow, paper = scenario_of("paper", control="standstill"), preset("paper")
+    assert slow.robot.full_speed_m_s == pytest.approx(paper.robot.full_speed_m_s / 20)
+    empirical = scenario_of("paper", parameter_set="P0")
+    assert {name: empirical[name] for name in parameters("P0")} == parameters("P0")
 
 
 OF_SHORT_SEARCHES = (

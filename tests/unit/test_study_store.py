@@ -467,7 +467,7 @@ def test_runs_of_a_registered_source_of_motion_that_has_changed_are_not_continue
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder, write, room = tmp_path / "full", Path.write_bytes, [150_000]
+    folder, write, room = tmp_path / "full", Path.write_bytes, [40_000]
 
     def full(path: Path, data: bytes) -> int:
         room[0] -= len(data)
@@ -479,13 +479,13 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         with pytest.raises(RunError, match="No space left on device"):
-            STUDY.with_runs(6000).run(folder, workers=1)
+            STUDY.with_runs(1500).run(folder, workers=1)
     assert not list(folder.rglob(".*"))
     store = Store.open(folder)
     assert store.damaged == []
-    assert 0 < store.runs(0) < 6000
-    whole = STUDY.with_runs(6000).run(folder, workers=2)
-    assert whole.runs().height == 12_000
+    assert 0 < store.runs(0) < 1500
+    whole = STUDY.with_runs(1500).run(folder, workers=2)
+    assert whole.runs().height == 3000
 
 
 def test_a_folder_that_can_only_be_read(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
