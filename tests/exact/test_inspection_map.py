@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.special import expit
 
@@ -14,6 +16,7 @@ from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.inspection import inspect
+from vibroswarm.inspection.patches import declared, shares_of
 from vibroswarm.inspection.samples import Samples, check_law, ratios_of_values
 from vibroswarm.inspection.sources import grid_of
 from vibroswarm.inspection.tile_map import tile_map
@@ -159,6 +162,22 @@ def test_places_outside_are_refused() -> None:
     samples = drawn_samples(1, count=60, spread_m=0.0)
     with pytest.raises(InputError, match="outside the surface"):
         samples.with_columns(x_m=samples.column("x_m") * 1000.0)
+
+
+def test_places_on_the_border_count_as_those_inside_it(tmp_path: Path) -> None:
+    """The lower and the right edge of a raster were on no tile, and its border lay half outside of damage."""
+    at_m = np.linspace(0.0, 0.9, 6)
+    x_m, y_m = (axis.ravel() for axis in np.meshgrid(at_m, at_m))
+    raster = pl.DataFrame({"time_s": np.arange(36), "x_m": x_m, "y_m": y_m, "value": np.full(36, 0.5)})
+    raster.write_csv(tmp_path / "raster.csv")
+    found = inspect(tmp_path / "raster.csv", laws="paper", size_m=(0.9, 0.9), floor=(3, 3))
+    each = found.samples.column("log_ratio")[0]
+    assert found.pooled is not None
+    assert found.pooled[-1] == pytest.approx(
+        expit(np.full(9, 4 * each)), rel=1e-9
+    )  # two along each side of a tile
+    whole = shares_of(found.samples, declared((0.9, 0.9), [0.9]))
+    assert whole.share.tolist() == [1.0] * 36
 
 
 def test_laws_that_overlap_wholly_are_refused() -> None:

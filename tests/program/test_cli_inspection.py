@@ -185,16 +185,23 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
     ):
         (tmp_path / name).write_text(text.replace("robot,time_min,x_mm,y_mm,value", head))
     (tmp_path / "semicolons.csv").write_text(text.replace(",", ";"))
+    (tmp_path / "tabs.csv").write_text(text.replace(",", "\t"))
+    twice = (f"{line},{line.rpartition(',')[2]}" for line in text.splitlines())
+    (tmp_path / "repeated.csv").write_text("\n".join(twice))
     (tmp_path / "few.csv").write_text("\n".join(text.splitlines()[:6]))
     sized = (*laws, "--size", "1x1")
     assert "--size" in error_of(capsys, csv, *laws)
     assert "--laws" in error_of(capsys, csv, "--size", "1x1")
-    assert "two units" in error_of(capsys, tmp_path / "two.csv", *sized)
+    assert "two columns: x_mm and x_m" in error_of(capsys, tmp_path / "two.csv", *sized)
+    assert "one column of values" in error_of(
+        capsys, tmp_path / "repeated.csv", *sized
+    )  # the first was taken
     assert "no column for x" in error_of(capsys, tmp_path / "none.csv", *sized)
     assert "not a unit" in error_of(capsys, tmp_path / "odd.csv", *sized)
     assert "one unit" in error_of(capsys, tmp_path / "mixed.csv", *sized)
     assert "column of values" in error_of(capsys, tmp_path / "valueless.csv", *sized)
-    assert "use ','" in error_of(capsys, tmp_path / "semicolons.csv", *sized)
+    assert "';' between columns; use ','" in error_of(capsys, tmp_path / "semicolons.csv", *sized)
+    assert "tabs between columns; use ','" in error_of(capsys, tmp_path / "tabs.csv", *sized)
     assert "size of the surface in m" in error_of(capsys, csv, *laws, "--size", "1000x1000")
     assert "nothing can be said" in error_of(capsys, tmp_path / "few.csv", *sized)
     assert "outside the surface" in error_of(capsys, csv, *laws, "--size", "0.1x0.1")
@@ -454,6 +461,11 @@ def test_what_is_odd_about_a_file_is_said(capsys: pytest.CaptureFixture[str], tm
         (tmp_path / "odd.csv").write_text("\n".join([head, *(",".join(map(str, row)) for row in odd)]))
         assert run("inspect", *small(tmp_path / "odd.csv", "--tiles", "5x5")) == 0
         assert words in " ".join(capsys.readouterr().out.split())
+    # A raster may begin in the corner: one of 16 places.
+    raster = [[r, t, k % 4 * 333, k // 4 % 4 * 333, v] for k, (r, t, _, _, v) in enumerate(rows)]
+    (tmp_path / "raster.csv").write_text("\n".join([head, *(",".join(map(str, row)) for row in raster)]))
+    assert run("inspect", *small(tmp_path / "raster.csv", "--tiles", "4x4")) == 0
+    assert "Warning" not in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("few_draws")
@@ -467,6 +479,22 @@ def test_a_beam_is_asked_of_what_can_lie_on_it(capsys: pytest.CaptureFixture[str
     assert "squares: at most 5 cm" in error_of(capsys, *given)
     assert "--least-cm: squares of 10 cm" in error_of(capsys, *given, "--sizes", "5,20x2")
     assert run("inspect", *given, "--sizes", "5,20x2", "--least-cm", "5", "--shapes", "crack") == 0
+
+
+@pytest.mark.usefixtures("few_draws")
+def test_a_plate_with_a_part_that_does_not_exist_is_told_why_it_is_open(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """More samples were asked for, and not where: of an L none would ever have been enough."""
+    x_mm, y_mm = (axis.ravel() for axis in np.meshgrid(*[np.arange(25, 1000, 50)] * 2))
+    value = energy_of(preset("paper").sensor, 0, np.random.default_rng(1).random(400))
+    columns = {"robot": np.arange(400) % 2, "time_s": np.arange(400), "x_mm": x_mm, "y_mm": y_mm}
+    table = pl.DataFrame({**columns, "value": value}).filter((pl.col("x_mm") < 500) | (pl.col("y_mm") < 500))
+    table.write_csv(tmp_path / "l.csv")
+    asked = ("--laws", "paper", "--size", "1x1", "--contrasts", "1", "--replicates", "19")
+    assert run("inspect", tmp_path / "l.csv", *asked) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "more samples are needed: 25 % of the cells of 10 cm have none." in said
 
 
 def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(

@@ -13,7 +13,8 @@ import pytest
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT, kind_of
-from vibroswarm.documents.saved import begin
+from vibroswarm.documents.saved import begin, save
+from vibroswarm.show.document import Document, Table
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
@@ -227,6 +228,14 @@ def test_a_damaged_file_of_what_was_printed_is_named(harm, tmp_path, capsys):
     (tmp_path / "printed.json").write_text(json.dumps(about))
     assert main(["show", str(tmp_path)]) == 2
     assert "printed.json" in capsys.readouterr().err
+
+
+def test_what_was_printed_is_saved_without_indents(tmp_path):
+    """A number a line made two thirds of a file of 30 MB."""
+    rows = Table(pl.DataFrame({"a": range(1000)}))
+    save(Document("x", ("fine",), parts=(rows,)), tmp_path, "league", page=None)
+    assert (tmp_path / "printed.json").read_text().count("\n") == 1
+    assert main(["show", str(tmp_path)]) == 0
 
 
 def test_escape_sequences_of_a_foreign_file_reach_no_terminal(tmp_path, capsys):

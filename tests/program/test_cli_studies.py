@@ -164,6 +164,8 @@ def test_until_a_precision(tmp_path, capsys):
     assert result.cells["wanted"].to_list() == [100]
     assert main(["show", str(tmp_path / "u")]) == 0
     assert "until decision_time_s is known to 20%" in " ".join(capsys.readouterr().out.split())
+    assert main(["evaluate", *SHORT, "--until", "20%", "--figure", "sent", "--max-runs", "100", *QUIET]) == 0
+    assert "messages sent by a robot" in capsys.readouterr().out  # not only how its interval was found
 
 
 def test_shares_are_merged(study, tmp_path, capsys):

@@ -21,6 +21,7 @@ def test_kinds_and_energies(tmp_path):
     [
         ("", "is empty"),
         ("a,b\n1,2\n", "has to name kind and energy"),
+        ("kind;energy\nstill;1,5\n", "'kind;energy'; it has to name kind and energy, with ',' between them"),
         ("kind,energy\nstill,1\n", "no energy of a vibrating tile"),
         ("kind,energy\nvibrating,1\n", "no energy of a still tile"),
         ("kind,energy\nwobbling,1\n", "line 2: 'wobbling' is not a kind"),

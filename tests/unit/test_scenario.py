@@ -792,3 +792,11 @@ def test_a_default_that_is_missing_or_wrong_is_refused(default: dict[str, int], 
     declared = type("Params", (), {"__annotations__": {"lead": Annotated[int, Field(ge=1)]}, **default})
     with pytest.raises(InputError, match=words):
         as_params(declared, "mine")
+
+
+@pytest.mark.parametrize("made", [Scenario.model_validate, Scenario.from_values, Scenario.from_base])
+def test_each_way_from_mappings_names_field_value_and_what_would_be_right(made):
+    with pytest.raises(
+        InputError, match=r"swarm.robots: 0 is wrong: input should be greater than or equal to 1"
+    ):
+        made({"swarm": {"robots": 0}})

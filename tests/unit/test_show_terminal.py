@@ -12,6 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from helpers.table_checks import too_wide
+from vibroswarm.show import cells
 from vibroswarm.show.document import Column, Document, Section, Table, Text
 from vibroswarm.show.terminal import print_document
 
@@ -171,3 +172,18 @@ def test_a_terminal_acts_on_no_text_of_a_file() -> None:
 
 def test_sections_of_figures_alone_are_left_out() -> None:
     assert printed(Section("Pictures", ())) == "It is.\n"
+
+
+@pytest.mark.parametrize(
+    ("values", "written"),
+    [
+        ([0.52, 0.4], ["0.52", "0.40"]),  # they were 1 and 0
+        ([3.26, 0.4], ["3.3", "0.4"]),
+        ([812.4, 0.4], ["812", "0"]),
+        ([3.0, 2.0], ["3", "2"]),
+        ([0.0, None], ["0", "-"]),
+    ],
+)
+def test_columns_of_whole_numbers_have_decimals_where_all_are_small(values, written):
+    laid = cells.written(Table(pl.DataFrame({"a": values}), {"a": Column("time", "s", decimals=0)}))
+    assert [row[0].text for row in laid.rows] == written

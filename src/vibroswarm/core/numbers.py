@@ -79,6 +79,14 @@ def decimals_of(values: Iterable[float | None], digits: int = DIGITS) -> int | N
     return decimals
 
 
+def few_decimals_of(values: Iterable[float | None]) -> int:
+    """Return as few decimals as leave the largest of several numbers two digits; whole numbers have none."""
+    sizes = [abs(float(value)) for value in values if value is not None and math.isfinite(value)]
+    if all(round(size, 9).is_integer() for size in sizes):  # also if there are no sizes
+        return 0
+    return max(1 - math.floor(math.log10(max(sizes))), 0)
+
+
 def number(
     value: float | None, decimals: int | None = None, *, digits: int = DIGITS, sign: bool = False
 ) -> str:
@@ -145,13 +153,14 @@ def with_limits(
     Args:
         unit: empty: none; "%": estimate and limits are shares, written in percent; "points": likewise, of differences
             of shares.
-        decimals: None: as many as suit all three numbers.
+        decimals: None: as many as suit all three numbers. 0: see ``few_decimals_of``.
     """
     values = [interval.estimate, interval.low, interval.high]
     if unit in ("%", "points"):
         values = [100 * value for value in values]
         decimals = 1 if decimals is None else decimals
-    decimals = decimals_of(values) if decimals is None else decimals
+    if not decimals:
+        decimals = decimals_of(values) if decimals is None else few_decimals_of(values)
     estimate, low, high = (number(value, decimals, sign=sign) for value in values)
     text = estimate if estimate == MISSING or not unit else f"{estimate} {unit}"
     is_known = math.isfinite(values[0]) and (math.isfinite(values[1]) or math.isfinite(values[2]))

@@ -63,7 +63,8 @@ def _next(found: Assessment) -> str:
     """Return what to do about an open question: if damage is as sure as clearing asks, it is too weak to be called."""
     suspected = found.stopping.suspected
     if suspected is None or found.stopping.told[-1] < 1.0 - found.question.risk:
-        return "more samples are needed"
+        unvisited = f": {percent(1.0 - found.visited, 0)} of the cells of 10 cm have none"
+        return f"more samples are needed{unvisited if found.visited < WHOLLY else ''}"
     box, contrast = suspected
     return (
         f"the samples fit damage of contrast {stated(contrast)} better than none, best {_placed(box)} (centre): "

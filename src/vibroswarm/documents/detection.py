@@ -15,7 +15,15 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.numbers import count, decimals_of, listed, number, stated, stated_percent
+from vibroswarm.core.numbers import (
+    count,
+    decimals_of,
+    few_decimals_of,
+    listed,
+    number,
+    stated,
+    stated_percent,
+)
 from vibroswarm.documents.cell_figures import map_table, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
@@ -101,6 +109,10 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
     )
 
 
+def _seconds(time_s: float) -> str:
+    return f"{number(time_s, few_decimals_of([time_s]))} s"
+
+
 def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolerated: Detection) -> str:
     """Name the found fill ratio nearest to the boundary, that farthest from it, and those that are not found."""
     who = f"{who} {'finds' if is_one else 'find'}"
@@ -110,11 +122,11 @@ def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolera
         return f"{who} none of these floors within {stated(t_end_s)} s."
     nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
     sentence = (
-        f"{who} {stated_percent(nearest['fill_ratio'])} vibrating within {number(nearest['time_s'], 0)} s, with "
+        f"{who} {stated_percent(nearest['fill_ratio'])} vibrating within {_seconds(nearest['time_s'])}, with "
         f"{_most(tolerated)} on floors up to {stated_percent(nearest['fill_ratio_below'])}"
     )
     if farthest["fill_ratio"] != nearest["fill_ratio"]:
-        sentence += f"; {stated_percent(farthest['fill_ratio'])} within {number(farthest['time_s'], 0)} s"
+        sentence += f"; {stated_percent(farthest['fill_ratio'])} within {_seconds(farthest['time_s'])}"
     if missed:
         sentence += f"; not {listed(map(stated_percent, missed))} by {stated(t_end_s)} s"
     return f"{sentence}."

@@ -71,8 +71,9 @@ def work_sentence(
         words.append("the report")
     if left.further_runs:
         words.append(f"{whole(left.further_runs)} to test beliefs and faults")
+    seconds = max(runs_s + left.further_s + page_s, 0.1)
     how = f"estimated from {count(left.tried, 'trial run')}" if left.tried else "a rough estimate"
-    return f"To do: {listed(words)}; about {duration(runs_s + left.further_s + page_s)} of one core in all ({how})"
+    return f"To do: {listed(words)}; about {duration(seconds)} of one core in all ({how})"
 
 
 def batch_sentence(batch: str, store: Store) -> str:

@@ -202,6 +202,8 @@ def _outcome_table(outcome: Outcome) -> Table:
     ends = sorted({one.summary.t_end_s for one in outcome.cells})
     whole = f"{number(ends[0])} s" if len(ends) == 1 else "the whole run"
     figures, shown = _figures_of(outcome)
+    if until := outcome.result.study.until:  # its interval is what was asked for
+        figures, shown = (*figures, until.figure), (*shown, until.figure)
     names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *figures])
     rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
     wide = [name for name in ("runs", *figures) if name not in shown]

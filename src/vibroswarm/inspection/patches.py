@@ -254,7 +254,7 @@ def _along(samples: Samples, axis: str, low_m: Floats, high_m: Floats) -> tuple[
     intervals, which = np.unique(np.stack([low_m, high_m]), axis=1, return_inverse=True)
     edges_m, edge = np.unique(intervals, return_inverse=True)  # intervals share many edges
     blur_m = samples.law.sensor.edge_blur_m or 0.0
-    spread_m = np.maximum(np.hypot(samples.column(f"spread_{axis}_m"), blur_m), 1e-9)
+    spread_m = np.maximum(np.hypot(samples.column(f"spread_{axis}_m"), blur_m), 1e-10)
     below = ndtr((edges_m[:, None] - samples.column(f"{axis}_m")) / spread_m)
     low, high = edge.reshape(intervals.shape)
     return np.asarray(below[high] - below[low]), which.astype(np.int64).ravel()

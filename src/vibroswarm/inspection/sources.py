@@ -28,6 +28,7 @@ from vibroswarm.inspection.samples import (
     session_hash,
 )
 from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -165,7 +166,9 @@ def _samples(
     known = law.law if law.law.bits == bits else replace(law.law, bits=bits)
     _check_classes(known, frame["value"].to_numpy())
     ratios = ratios_of_values(known, frame["value"].to_numpy())
-    table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
+    x_m, y_m = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), size_m)
+    columns = {"x_m": pl.Series(x_m), "y_m": pl.Series(y_m), "log_ratio": pl.Series(ratios)}
+    table = frame.with_columns(**columns).select(list(SAMPLES)).cast(SAMPLES)
     warnings = [SELF_JUDGED] if own in law.law.sessions else []
     last_s = float(frame["time_s"].to_numpy().max(initial=0.0))
     until_s = [time_s for time_s in changed_s if time_s <= last_s]
@@ -282,7 +285,8 @@ def _doubts(samples: Samples) -> Iterator[str]:
     at_corner = np.all(
         [np.abs(samples.column(f"{axis}_m")) < CORNER * whole for axis, whole in near_m], axis=0
     )
-    if at_corner.mean() > CORNERED:
+    places = frame.filter(pl.Series(at_corner)).select("x_m", "y_m").n_unique()
+    if at_corner.mean() > CORNERED and places > 1:  # one: a raster begins there
         yield (
             f"{at_corner.sum()} of {frame.height} places are in the lower left corner, within {percent(CORNER, 0)} of "
             "width and height, as if they were in a larger unit than the others."
@@ -321,7 +325,9 @@ def _doubts_of_values(law: Law, value: Floats, judges_itself: bool) -> Iterator[
 def _column_map(names: list[str], path: Path) -> ColumnMap:
     """Return how to read a CSV from the names of its columns, whose ends are units."""
     found: dict[str, Column] = {}
-    lower = {name: name.strip().lower() for name in names}
+    lower = {
+        name: re.sub(r" \(\d+\)$", "", name.lower()) for name in names
+    }  # names that are repeated have numbers
     for use, units, column in (("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m")):
         fitting = [
             (name, match[1]) for name, word in lower.items() if (match := re.fullmatch(rf"{use}_(\w+)", word))
@@ -334,7 +340,7 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
             )
         if len(fitting) > 1:
             raise InputError(
-                f"has {use} in two units: {' and '.join(name for name, _ in fitting)}; leave one",
+                f"has {use} in two columns: {' and '.join(name for name, _ in fitting)}; leave one",
                 field=str(path),
             )
         name, unit = fitting[0]

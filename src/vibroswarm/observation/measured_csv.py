@@ -64,7 +64,8 @@ def _head(row: list[str], name: str) -> list[str]:
     head = [cell.strip().lower() for cell in row]
     if "kind" not in head or "energy" not in head:
         raise InputError(
-            f"its first line is {shown(','.join(row))}; it has to name kind and energy", field=name
+            f"its first line is {shown(','.join(row))}; it has to name kind and energy, with ',' between them",
+            field=name,
         )
     return head
 

@@ -339,7 +339,7 @@ def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.D
 
     A bit that is not logged is computed as E > theta_E.
     """
-    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario)
+    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario.arena.size_m)
     read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
     tile = pl.Series(floor.tile_at(x, y))
     return _in_schema(
@@ -347,20 +347,19 @@ def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.D
     )
 
 
-def inside(x_m: Any, y_m: Any, scenario: Scenario) -> tuple[Any, Any]:
+def inside(x_m: Any, y_m: Any, size_m: tuple[float, float]) -> tuple[Any, Any]:
     """Move positions on a wall a nanometre inside, so that they lie on a tile; return x and y, m.
 
-    Logs have such positions, since the camera clips a marker to the arena. x = 0 lies on a tile already, since an edge
-    belongs to the tile on its right; y = 0 does not, since an edge belongs to the tile below it.
+    Logs have such positions, since the camera clips a marker to the arena, and so has a raster that begins at an edge.
 
     Args:
-        x_m, y_m: positions, m, arrays of the same shape. scenario: its arena has the walls.
+        x_m, y_m: positions, m, arrays of the same shape. size_m: distance between the walls along x and along y.
     """
-    width, height = scenario.arena.size_m
-    x = np.where(np.abs(x_m - width) < EDGE_M, width - EDGE_M, x_m)
-    return x, np.where(
-        np.abs(y_m) < EDGE_M, EDGE_M, np.where(np.abs(y_m - height) < EDGE_M, height - EDGE_M, y_m)
+    x, y = (
+        np.where(np.abs(at - whole) < EDGE_M, whole - EDGE_M, np.where(np.abs(at) < EDGE_M, EDGE_M, at))
+        for at, whole in zip((x_m, y_m), size_m, strict=True)
     )
+    return x, y
 
 
 def _problem_counts(

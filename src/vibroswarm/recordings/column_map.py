@@ -105,8 +105,9 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     rows: list[list[str]] = []
     try:
         head = [cell.strip() for cell in next(reader)]
-        if len(head) == 1 and ";" in head[0]:
-            raise InputError("has ';' between columns; use ',' there, and '.' in numbers", field=name)
+        if len(head) == 1 and (mark := next((one for one in ";\t" if one in head[0]), "")):
+            mark = "tabs" if mark == "\t" else f"'{mark}'"
+            raise InputError(f"has {mark} between columns; use ',' there, and '.' in numbers", field=name)
         begins = reader.line_num + 1  # a quoted cell may have line breaks
         for row in reader:
             if row:
@@ -142,15 +143,17 @@ def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> Non
         wanted: for each use (what the column is read as) the name of the column in the file.
         there: names of the columns that the file has. name: name of the file, for errors.
     Raises:
-        InputError: a column is missing; the error names the first.
+        InputError: a column is missing; the error names the first, and says how a log without it is read.
     """
     missing = [(use, column) for use, column in wanted.items() if column not in there]
     if missing:
         use, column = missing[0]
         others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
+        is_optional = use in USES and use not in REQUIRED
+        without = "; if it was not logged, give a column map without it (--columns)" if is_optional else ""
         raise InputError(
             f"has no column '{column}'{nearest(column, there)}, needed for {use}{others}; it has "
-            f"{', '.join(repr(name_of) for name_of in there[:20])}",
+            f"{', '.join(repr(name_of) for name_of in there[:20])}{without}",
             field=name,
         )
 

@@ -111,6 +111,11 @@ class Recording(Result):
         """
         return bool(self.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
+    def knows(self, *names: str) -> bool:
+        """Return whether user or logs stated these fields of the scenario, or the logs show them."""
+        shown = {one["name"] for one in self.inferred if one["value"] is not None}
+        return shown.union(self.stated).issuperset(names)
+
     @property
     def floor_by_run(self) -> dict[int, Floor]:
         """The floor of each session, by its number."""

@@ -389,7 +389,9 @@ def _restored(
         x, y = after["x_m"], after["y_m"]  # without a path, the place of the next row
         if recording.segments is not None:
             x, y, _ = pose(recording.segments, run, after["robot"], time_s)
-        tile = recording.floor(run).tile_at(*inside(np.array([x]), np.array([y]), recording.scenario))[0]
+        tile = recording.floor(run).tile_at(
+            *inside(np.array([x]), np.array([y]), recording.scenario.arena.size_m)
+        )[0]
         yield {
             "run": run,
             "robot": after["robot"],

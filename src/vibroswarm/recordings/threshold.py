@@ -181,7 +181,7 @@ def labelled(recording: Recording) -> Labelled:
     vibrating = floor.tiles.ravel()[tile] == 1
     if vibrating.all() or not vibrating.any():
         raise InputError("has samples on one kind of tile only; both are needed", field="the recording")
-    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), recording.scenario)
+    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), recording.scenario.arena.size_m)
     return Labelled(
         energy=frame["energy"].to_numpy(),
         vibrating=vibrating,
@@ -463,8 +463,7 @@ def recommend(
         thresholds.append(at_threshold(recording, at, margin_m=margin_m))
     is_special = at is not None or costs[0] != costs[1]
     field = "sensor.rms_threshold"
-    inferred = [one["name"] for one in recording.inferred if one["value"] is not None]
-    name = "in use" if field in (*recording.stated, *inferred) else "of the scenario"
+    name = "in use" if recording.knows(field) else "of the scenario"
     return Recommendation(
         thresholds=tuple(thresholds),
         chosen=thresholds[-1 if is_special else 0],

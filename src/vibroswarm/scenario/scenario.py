@@ -51,16 +51,16 @@ SCHEMA_VERSION = 3
 class Scenario(Sections, NotebookView):
     """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
 
-    Raises (through ``read``, ``from_toml``, ``from_values``, ``from_base`` and ``with_values``):
-        InputError: naming the field, its value and what would be right. The class itself, called with sections, and
-            Pydantic's own ways in, such as ``model_validate``, raise Pydantic's ``ValidationError`` instead.
+    Raises (through ``read``, ``from_toml``, ``from_values``, ``from_base``, ``with_values`` and ``model_validate``):
+        InputError: naming the field, its value and what would be right. The class itself, called with sections, raises
+            Pydantic's ``ValidationError`` instead.
     """
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         """Run all checks across fields.
 
-        If one fails, Pydantic wraps its ``InputError`` in a ``ValidationError``, from which ``from_values`` gets it.
+        If one fails, Pydantic wraps its ``InputError`` in a ``ValidationError``, from which ``field_error`` gets it.
         """
         for check in validation.ALL:
             check(self)
@@ -76,8 +76,19 @@ class Scenario(Sections, NotebookView):
             InputError: there is no such field, or a value is wrong.
         """
         check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
+        return cls.model_validate(plain_value(dict(values)))
+
+    @classmethod
+    def model_validate(cls, obj: Any, **how: Any) -> Self:
+        """Build a scenario by Pydantic, whose error becomes that of ``from_values``.
+
+        Args:
+            obj: as of ``from_values``. how: further arguments of Pydantic's method.
+        Raises:
+            InputError: there is no such field, or a value is wrong.
+        """
         try:
-            return cls.model_validate(plain_value(dict(values)))
+            return super().model_validate(obj, **how)
         except ValidationError as error:
             raise field_error(error, _nearest_field) from None
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from vibroswarm.core.numbers import MISSING, decimals_of, is_missing, number, p_value
+from vibroswarm.core.numbers import MISSING, decimals_of, few_decimals_of, is_missing, number, p_value
 from vibroswarm.show.document import Column, Table, Tone
 
 
@@ -74,13 +74,12 @@ def written(table: Table, rows_up_to: int | None = None, *, wide: bool = True) -
 def _decimals(frame: pl.DataFrame, head: Heading) -> int | None:
     """Return with how many decimals all numbers of a column and their limits are written."""
     column = head.column
+    values = pl.concat([frame[name].cast(pl.Float64) for name in (head.name, *(column.limits or ()))])
+    if column.decimals == 0:
+        return few_decimals_of(100 * values if column.share else values)
     if column.decimals is not None or column.mixed:
         return column.decimals
-    if column.share:
-        return 1
-    return decimals_of(
-        pl.concat([frame[name].cast(pl.Float64) for name in (head.name, *(column.limits or ()))])
-    )
+    return 1 if column.share else decimals_of(values)
 
 
 def _number_cell(row: Mapping[str, Any], head: Heading, decimals: int | None) -> Cell:

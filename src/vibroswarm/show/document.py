@@ -78,7 +78,8 @@ class Column(NotebookView):
     p_value: bool = False
     """Whether numbers are p-values."""
     decimals: int | None = None
-    """Decimals of all numbers; by default one of shares, otherwise as many as suit all numbers of the column."""
+    """Decimals of all numbers; by default one of shares, otherwise as many as suit all numbers of the column. 0: none,
+    unless all are small (``core.numbers.few_decimals_of``)."""
     mixed: bool = False
     """Whether its numbers are of different quantities, and each is written with decimals of its own."""
     sign: bool = False
