@@ -351,6 +351,15 @@ def test_changed_asks_whether_the_floor_is_as_it_was() -> None:
     assert simulate(few, 3, 1).runs["truth"].to_list() == [0]
 
 
+@pytest.mark.parametrize("source", ["gradient:0.2..0.8", "patch:0.3"])
+def test_values_and_patches_have_not_changed(source: str) -> None:
+    """The share of tiles that differ was that of the patches, or the mean of the values: the answer was "changed"."""
+    told = scenario(
+        "reset", **{"floor.source": source, "task.name": "changed", "strategy.reset.tells_change": True}
+    )
+    assert simulate(told.with_values({"run.t_end_s": 60.0}), 1, 2).runs["truth"].to_list() == [0, 0]
+
+
 def test_robots_answer_each_change_once_and_say_when_it_was() -> None:
     sure = {"strategy.reset.threshold": 12.0, "strategy.reset.least": 0.12, "run.t_end_s": 1200.0}
     anew = scenario("reset", **INVERTED).with_values(ANEW | sure | {"change.at_s": [400, 800]})
@@ -426,5 +435,10 @@ def test_what_is_probably_not_meant_is_a_warning(capsys: pytest.CaptureFixture[s
     assert "decisions are final; set decision.revise" in capsys.readouterr().err
     assert main([*short, *inverted, "--strategy", "forget", "--set", "decision.revise=true"]) == 0
     assert "Warning: the floor changes" not in capsys.readouterr().err
+    tells = ["--strategy", "reset", "--task", "changed", "--set", "strategy.reset.tells_change=true"]
+    for since, is_warned in (("start", True), ("answer", False)):
+        asked = ["--set", "strategy.reset.tells_anew=true", "--set", f"task.changed.since={since}"]
+        assert main([*short, *inverted, *tells, *asked]) == 0
+        assert ("robots withdraw each answer, and are asked once" in capsys.readouterr().err) == is_warned
     assert main([*short, "--set", "change.at_s=30", "--set", "change.to=invert"]) == 0
     assert "the run ends at 20 s, and the floor changes at 30 s" in capsys.readouterr().err

@@ -78,6 +78,26 @@ def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     assert 0.5 < table["map_auc"].item() <= 1.0
 
 
+@pytest.mark.parametrize(("name", "boundary"), [("places", 0.3), ("fading", 0.5)])
+def test_maps_are_reported_as_they_are_at_the_end(name: str, boundary: float) -> None:
+    """The array ``p`` of a robot is scratch: it had sums of the last update, or tiles before the last reading."""
+    scenario = preset("paper").with_values({
+        "strategy.name": name, "run.t_end_s": 200.0, "localisation.method": "true",
+        "decision.decision_boundary": boundary, "floor.source": "random:0.25", "floor.rows": 4, "floor.columns": 4,
+    })  # fmt: skip
+    if name == "fading":
+        scenario = scenario.with_values({"strategy.fading.memory_s": 20.0})
+    result = simulate(scenario, 3, 2)
+    assert result.reports is not None
+    reported = result.reports.filter(name="p").sort("run", "robot", "index")["value"].to_numpy()
+    maps = floor_maps(result).drop_nulls("robot").sort("run", "robot", "row", "column")
+    np.testing.assert_array_equal(reported, maps["vibrating"].to_numpy())
+    of_study = (
+        Study.of(scenario, runs=2, seed=3).run().reported().filter(name="p").sort("run", "index")["value"]
+    )
+    np.testing.assert_allclose(of_study, reported.reshape(2, 5, 16).mean(axis=1).ravel(), rtol=1e-12)
+
+
 def test_a_map_with_nan_has_no_score() -> None:
     """The AUC took nan for the largest probability."""
     floor = preset("paper").floor_for(0, 0)

@@ -137,6 +137,15 @@ def test_the_priors_median_is_the_boundary(median: float) -> None:
     assert prior_shape(1.0 - median) == pytest.approx(prior_shape(median))
 
 
+@pytest.mark.parametrize("median", [0.0005, 0.5, 0.999, 0.99999])
+def test_a_prior_far_to_one_side_is_known_on_large_floors(median: float) -> None:
+    """Where all but few of 400 tiles vibrate, the prior was infinite, and all beliefs were 1/2."""
+    prior = prior_of(400, median)
+    below, above, mean = count_posterior(memory(np.zeros(400)), params(median), world(20, 0.999))
+    assert (below, above) == pytest.approx((prior[:400].sum(), prior[400]), rel=1e-9, abs=1e-300)
+    assert mean == pytest.approx(prior @ np.arange(401), rel=1e-9)
+
+
 def test_caution_divides_the_score_and_certainty_is_finite() -> None:
     tails = [(0.97, 0.03), (0.2, 0.8), (1.0, 1e-200), (0.0, 1.0)]
     once, twice = ([score_of_tails(*tail, params(v=v)) for tail in tails] for v in (1.0, 2.0))

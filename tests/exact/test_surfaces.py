@@ -314,6 +314,15 @@ def test_files_of_values_become_floors(tmp_path: Any) -> None:
         values_in(f"values:{tmp_path / 'high.csv'}")
 
 
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
+def test_files_of_values_have_finite_numbers(number: str, tmp_path: Any) -> None:
+    from vibroswarm.floors.source import values_in
+
+    (tmp_path / "mine.csv").write_text(f"0.1,0.2\n{number},0.4\n", encoding="utf-8")
+    with pytest.raises(InputError, match=f"row 2, column 1 holds {number}"):
+        values_in(f"values:{tmp_path / 'mine.csv'}")
+
+
 def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
     scenario = on("field:3", **{"task.name": "mean"})
     result = simulate(scenario, 1, 4)

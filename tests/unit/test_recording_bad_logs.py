@@ -54,6 +54,7 @@ def put(line: int, cell: int, text: str) -> Callable[[Rows], object]:
     ("change", "words"),
     [
         (put(1, 6, "Energie"), r"has no column 'Energy', did you mean 'Energie'\?"),
+        (put(1, 11, "Sent"), r"has no column 'Swarm Send'.*give a column map without it \(--columns\)"),
         (put(40, 4, "left"), r"row 40: 'left' in column 'X Meter' is not a number"),
         (put(40, 1, "nan"), r"row 40: 'nan' in column 'Timestamp' is not a number"),
         (put(40, 1, ""), r"row 40: empty cell in column 'Timestamp'"),

@@ -11,7 +11,9 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.fit import contradictions
-from vibroswarm.documents.recording import _inferred_value
+from vibroswarm.documents.recording import _inferred_value, write_pages
+from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot, write_webots
 from vibroswarm.recordings.infer_settings import infer_gate, infer_settings, infer_tau, infer_threshold
 from vibroswarm.recordings.inferred import Inferred
@@ -53,12 +55,33 @@ def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: 
         assert gate in infer["decision.gate"].evidence
 
 
-@pytest.mark.parametrize(("low", "high", "value"), [(0.102, 0.9, 0.501), (1.549, 1.555, 1.55)])
+@pytest.mark.parametrize(
+    ("low", "high", "value"), [(0.102, 0.9, 0.501), (1.549, 1.555, 1.55), (0.0015, 0.001502, 0.001501)]
+)
 def test_a_threshold_whose_bounds_are_far_apart_is_in_their_middle(
     low: float, high: float, value: float
 ) -> None:
     between = pl.DataFrame({"energy": [low / 2, low, high], "bit": [0, 0, 1]})
     assert infer_threshold(between).value == value
+
+
+def test_one_robot_does_not_tell_the_strategy(logs: list[Path]) -> None:
+    log = in_order(read_log(logs[0]))
+    alone = replace(log, samples=log.samples.filter(pl.col("robot") == 1))
+    strategy = next(one for one in infer_settings([alone]) if one.name == "strategy.name")
+    assert strategy.value is None
+    assert "of several robots" in strategy.evidence
+
+
+def test_a_page_shows_no_gate_that_the_logs_do_not_show(
+    logs: list[Path], ground: Floor, told: Scenario, tmp_path: Path
+) -> None:
+    """That of the scenario may be another than the robots'."""
+    for known, stated in ((False, ()), (True, ("decision.gate", "decision.min_observations"))):
+        recording = recording_of([read_log(logs[0])], ground, told, stated)
+        unknown = [one | {"value": None} for one in recording.inferred]
+        (page,) = write_pages(replace(recording, inferred=tuple(unknown)), tmp_path)
+        assert f'"gated":{str(known).lower()}' in (tmp_path / page).read_text(encoding="utf-8")
 
 
 def test_the_gate_is_found_where_it_held_robots_back(told: Scenario, tmp_path: Path) -> None:

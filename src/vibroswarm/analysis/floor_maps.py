@@ -23,18 +23,17 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from vibroswarm.core.jit import read_only
 from vibroswarm.errors import InputError
-from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import classes_and_values, replay_to_end
+from vibroswarm.inference.robot_maps import beliefs_of
 from vibroswarm.localisation.locate import draws_read, estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies.place_map import PAIRS, WITH_MAP
+from vibroswarm.strategies.place_map import WITH_MAP
 
 MAPS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -70,7 +69,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
     by_robot, pooled = beliefs_of(
-        replay_to_end(scenario, seed, timeline, *classes_and_values(result.observations)),
+        replay_to_end(scenario, seed, timeline, *classes_and_values(result.observations)).arrays,
         len(runs),
         robots,
         draws_read(scenario),
@@ -118,7 +117,7 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
             so_far = replace(so_far, _estimates=cache)
         energy_so_far = None if energy is None else energy[taken]
         swarm = replay_to_end(scenario, seed, so_far, read_only(observation[taken]), energy_so_far)
-        by_robot, pooled = beliefs_of(swarm, runs=1, robots=robots, draws=draws_read(scenario))
+        by_robot, pooled = beliefs_of(swarm.arrays, runs=1, robots=robots, draws=draws_read(scenario))
         maps.append(np.concatenate([by_robot[0], pooled]))
     return np.array(maps).reshape(len(time_s), robots + 1, tiles)
 
@@ -140,35 +139,6 @@ def _check_maps(result: Result) -> int:
             "is a recording, whose maps cannot be recomputed; give a simulated result", field="result"
         )
     return result.seed
-
-
-def beliefs_of(
-    swarm: Swarm, runs: int, robots: int, draws: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each robot's map, (runs, robots, tiles), and the pooled map, (runs, tiles).
-
-    Args:
-        swarm: final state of all robots of all runs. draws: number of draws of each place; 0: none.
-    """
-    # A robot keeps one map for each pair of error rates (with the pair's probability, ``credence``) or for each draw.
-    has_pairs = hasattr(swarm.arrays, "credence")
-    maps = PAIRS if has_pairs else max(draws, 1)
-    # Axes: run, robot, map, sender, tile.
-    odds = swarm.arrays.odds.reshape(runs, robots, maps, robots, -1)
-    weight = swarm.arrays.weight.reshape(runs, robots, 1, robots, 1)
-    credence = np.full((runs, robots, maps, 1), 1.0 / maps)
-    if has_pairs:
-        credence = swarm.arrays.credence.reshape(runs, robots, PAIRS, 1)
-    # Log odds of a tile of which nothing is known, as each robot has learned them; 0 if tiles are independent.
-    prior = np.zeros((runs, robots, 1, 1))
-    if hasattr(swarm.arrays, "prior_odds"):
-        prior = swarm.arrays.prior_odds.reshape(runs, robots, 1, 1)
-    by_robot = (expit((odds * weight).sum(axis=3) + prior) * credence).sum(axis=2)
-    # Robot i's log odds from sender i are those from its own samples; indexing puts the axis of robots first.
-    own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
-    pooled = (expit(own + prior.mean(axis=1)) * credence.mean(axis=1)).sum(axis=1)
-    # Rounding may put a sum of weighted probabilities outside [0, 1].
-    return np.clip(by_robot, 0.0, 1.0), np.clip(pooled, 0.0, 1.0)
 
 
 def _frame(

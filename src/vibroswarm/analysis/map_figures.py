@@ -27,11 +27,12 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm import strategies
-from vibroswarm.analysis.floor_maps import beliefs_of, floor_maps
+from vibroswarm.analysis.floor_maps import floor_maps
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.outcomes import fills_and_truth
+from vibroswarm.inference.robot_maps import beliefs_of
 from vibroswarm.localisation.locate import draws_read
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -67,7 +68,7 @@ def map_figures(
     """
     runs, robots = len(floors), scenario.swarm.robots
     if scenario.strategy.name in WITH_MAP:
-        maps = beliefs_of(swarm, runs, robots, draws_read(scenario))[0]
+        maps = beliefs_of(swarm.arrays, runs, robots, draws_read(scenario))[0]
     else:  # without an array p a field has this name, which is no map
         reported = getattr(swarm.arrays, "p", np.empty((runs * robots, 0)))
         maps = np.asarray(reported, dtype=np.float64).reshape(runs, robots, -1)

@@ -19,6 +19,7 @@ from scipy.special import stdtrit
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import calm_intervals
+from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, AvoidanceFit, fields_of, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
@@ -328,7 +329,7 @@ def fit_loss(found: Dataset) -> Fitted | None:
 
 
 def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Floats]) -> list[Fitted]:
-    """Return estimates with standard errors and 95 % intervals from their bootstrap draws, (draws,) each.
+    """Return estimates with standard errors and 95 % intervals from their draws, (draws,) each.
 
     Args:
         section: begins their names: of the scenario if they are its fields, else empty.
@@ -339,7 +340,7 @@ def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Fl
     for name, value in values.items():
         if not draws[name].size:
             continue
-        low, high = np.quantile(draws[name], [0.025, 0.975])
+        low, high = limits_of(draws[name])
         error = float(draws[name].std(ddof=1))
         figures.append(Fitted(f"{section}{name}", value, error, float(low), float(high)))
     return figures
@@ -378,7 +379,8 @@ FITS: Final = (
             "robot.misalignment_max", "robot.misalignments", "robot.misalignment_wander",
             "robot.misalignment_drift", "robot.misalignment_run_spread",
         ),
-        "undisturbed: the robot only drove", "bootstrap over robots in sessions", _of_drive,
+        "undisturbed: the robot only drove",
+        "t and chi-square of the robots; of variation within robots, bootstrap over robots in sessions", _of_drive,
     ),
     Source(
         "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",

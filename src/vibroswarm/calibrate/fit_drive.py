@@ -25,7 +25,9 @@ Variation of speed within a robot is taken as independent between samples, but n
 change slowly. It is the error of a line of which the deviations of ``BLOCKS`` parts of a session are independent, not
 those of its drives.
 
-Errors: bootstrap over robots in sessions; of the variation of v_0 between sessions, over robots.
+Errors: of the mean and spread of robots, Student's t and chi-square of so many robots (``few_groups``), which count once
+in each session if they cannot be matched; of the variation of v_0 between sessions, chi-square of robots in sessions; of
+all else, bootstrap over robots in sessions.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -47,6 +49,7 @@ from vibroswarm.calibrate.drive import (
     course_of,
     undisturbed,
 )
+from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances, evenly_drawn
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
@@ -56,7 +59,7 @@ from vibroswarm.scenario.scenario import Scenario
 SHAPE: Final = 100.0
 """Shape of the Gamma law of speed factors: large, so that it is nearly normal."""
 DRAWS: Final = 200
-"""Bootstrap resamples."""
+"""Draws of each estimate."""
 _SEED: Final = 32
 """Seed of the bootstrap."""
 APART: Final = (0.003, np.radians(1.5))
@@ -72,14 +75,14 @@ MOST_VARIATION: Final = 0.08
 
 @dataclass(frozen=True)
 class DriveFit:
-    """Estimates by name and their bootstrap draws, (draws,)."""
+    """Estimates by name and their draws, (draws,)."""
 
     values: dict[str, float]
     """Estimates by name, see ``_estimates``; SI units. ``between_sessions`` is the sd of a robot's speed at the start
     between sessions, relative: 0 if the error of these speeds explains all of it. It is missing with one session, or
     if robots cannot be matched."""
     draws: dict[str, Floats]
-    """Bootstrap draws by the same names, (draws,) each; shorter where some resamples do not determine the estimate."""
+    """Draws by the same names, (draws,) each; shorter where some resamples do not determine the estimate."""
     distance_ratio: float
     """Distance driven between the samples of an undisturbed interval, divided by that at driving speed: below 1
     because of starts, stops and clocks. The speeds of the scenario are multiplied by it."""
@@ -189,7 +192,7 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     Args:
         found: sessions, with positions corrected for the camera.
         base: scenario with the sample interval that the robots were programmed with.
-        draws: number of bootstrap resamples of robots in sessions.
+        draws: number of draws.
     Raises:
         InputError: fewer than two robots with ten drives; a robot counts once in each session.
     """
@@ -210,20 +213,19 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
         name: np.array([estimates[name] for estimates in resampled if name in estimates]) for name in values
     }
     matched = _matched(table, runs)
+    robots = table if matched is None else _mean_of_known(matched)
+    draws_by_name |= _drawn_laws(robots if len(robots) > 1 else table, draws)
+    between, within = (draws_by_name[name] ** 2 for name in ("between_m_s", "within_m_s"))
+    draws_by_name["share_between"] = between / np.maximum(between + within, 1e-30)
     if matched is not None and len(matched) > 1:
-        values["between_sessions"] = _speed_between_sessions(matched)
-        robots = matched.shape[1]
-        draws_by_name["between_sessions"] = np.array(
-            [
-                _speed_between_sessions(matched[:, resample(_SEED, draw, stream=1, count=robots)])
-                for draw in range(draws)
-            ]
+        values["between_sessions"], draws_by_name["between_sessions"] = _speed_between_sessions(
+            matched, draws
         )
     return DriveFit(
         values=values,
         draws=draws_by_name,
         distance_ratio=_distance_ratio(found, table, base),
-        bodies=np.zeros((0, 2)) if matched is None else _mean_of_known(matched[:, :, :2]),
+        bodies=np.zeros((0, 2)) if matched is None else robots[:, [START, BEND]],
         bend_between_sessions_per_m=0.0 if matched is None else _between_sessions(matched, values, table),
     )
 
@@ -263,48 +265,46 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
 
 
 def _matched(table: Floats, runs: Ints) -> Floats | None:
-    """Match the robots of all sessions; return a row for each robot in each session, (sessions, robots, 3).
-
-    A row is the speed at the start, the bend, and the standard error of the speed at the start.
+    """Match the robots of all sessions; return the row of each robot in each session, (sessions, robots, 12).
 
     Robots of every session are in the order of the first session's. The result is None if sessions have different
     numbers of robots, or if matched robots differ too much between sessions: their variance, in units of ``APART``
-    squared, exceeds 1 in the mean over robots, speed and bend. The sessions then have different robots.
+    squared, exceeds 1 in the mean over robots, speed and bend (if all bends are known). The sessions then have
+    different robots.
 
     Args:
         table, runs: from ``_table_of_robots``.
     """
     speed = float(table[:, MEAN].mean())
-    sessions = [table[runs == run][:, [START, BEND, ERROR]] for run in np.unique(runs)]
+    sessions = [table[runs == run] for run in np.unique(runs)]
+    bodies = [session[:, [START, BEND]] for session in sessions]
     if len({len(session) for session in sessions}) > 1:
         return None
-    first = sessions[0]
     scale = np.array([1.0, speed])  # a bend times the speed is a veer
     matched = []
-    for session in sessions:
+    for session, own in zip(sessions, bodies, strict=True):
         # Differences between each robot of the first session and each robot of this session, (robots, robots, 2). A
         # difference of unknown bends is NaN, and counts as 0.
-        apart = np.nan_to_num((first[:, None, :2] - session[None, :, :2]) * scale / APART)
+        apart = np.nan_to_num((bodies[0][:, None] - own[None]) * scale / APART)
         # The row of this session's table that is matched to each robot of the first session.
         _, row_of_robot = linear_sum_assignment((apart**2).sum(axis=2))
         matched.append(session[row_of_robot])
     if len(matched) > 1:
         # Variance of a robot between sessions, in units of APART squared, mean over robots: (speed, bend). That of the
-        # bend is NaN, and counts as 0, if a single bend is unknown.
-        variance = np.var(np.array(matched)[:, :, :2], axis=0, ddof=1).mean(axis=0)
-        scatter = np.nan_to_num(variance) * scale**2 / np.square(APART)
-        if scatter.mean() > 1.0:
+        # bend is NaN, and does not count, if a single bend is unknown.
+        variance = np.var(np.array(matched)[:, :, [START, BEND]], axis=0, ddof=1).mean(axis=0)
+        if np.nanmean(variance * scale**2 / np.square(APART)) > 1.0:
             return None
     return np.array(matched)
 
 
 def _mean_of_known(matched: Floats) -> Floats:
-    """Return each robot's mean speed and mean bend over sessions, (robots, 2).
+    """Return the means of each robot's values over sessions, (robots, 12).
 
     Sessions in which a value is NaN (unknown) are left out of its mean. The mean is NaN if the value is NaN in all.
 
     Args:
-        matched: speeds and bends from ``_matched``, (sessions, robots, 2).
+        matched: from ``_matched``.
     """
     known = np.isfinite(matched)
     total = np.where(known, matched, 0.0).sum(axis=0)
@@ -312,18 +312,53 @@ def _mean_of_known(matched: Floats) -> Floats:
         return np.asarray(total / known.sum(axis=0))
 
 
-def _speed_between_sessions(matched: Floats) -> float:
+def _drawn_laws(robots: Floats, draws: int) -> dict[str, Floats]:
+    """Return draws of what holds for all robots of this kind, by name, (draws,) each: means and spreads of their law.
+
+    Args:
+        robots: a row for each robot, with the columns of ``_table_of_robots``.
+        draws: number of draws.
+    """
+    laws = {
+        MEAN: ("speed_m_s", None),
+        START: ("start_speed_m_s", "between_m_s"),
+        LOST: ("battery_life_s", None),
+        VEER: ("veer_rad_s", "veer_between_rad_s"),
+        BEND: ("bend_per_m", "bend_between_per_m"),
+    }
+    drawn = {}
+    for column, (mean, spread) in laws.items():
+        known = robots[np.isfinite(robots[:, column]), column]
+        if known.size < 2:
+            continue
+        drawn[mean] = drawn_means(known, evenly_drawn(draws, _SEED, mean))
+        if spread is not None:
+            u = evenly_drawn(draws, _SEED, spread)
+            drawn[spread] = np.sqrt(drawn_variances(float(known.var(ddof=1)), known.size - 1, u))
+    return drawn | {"battery_life_s": _battery_life_s(drawn["battery_life_s"])}
+
+
+def _battery_life_s(lost: Floats | float) -> Floats:
+    """Return the life of batteries from the share of the speed lost per second: 1e9 s where robots do not slow down."""
+    return np.asarray(1.0 / np.maximum(lost, 1e-9))
+
+
+def _speed_between_sessions(matched: Floats, draws: int) -> tuple[float, Floats]:
     """Return the sd of a robot's speed at the start between sessions, relative, without what its error explains.
 
     The result is 0 if the error explains all.
 
     Args:
-        matched: from ``_matched``, of two sessions or more.
+        matched: from ``_matched``, of two sessions or more. draws: number of draws.
+    Returns: the sd; and its draws, (draws,).
     """
-    starts, errors = matched[:, :, 0], matched[:, :, 2]
+    starts, errors = matched[:, :, START], matched[:, :, ERROR]
     own = starts.mean(axis=0)  # of each robot
-    variance = (starts / own).var(axis=0, ddof=1).mean() - np.square(errors / own).mean()
-    return float(np.sqrt(max(variance, 0.0)))
+    total = float((starts / own).var(axis=0, ddof=1).mean())
+    noise = float(np.square(errors / own).mean())
+    freedom = (len(starts) - 1) * own.size
+    drawn = drawn_variances(total, freedom, evenly_drawn(draws, _SEED, "between sessions"))
+    return math.sqrt(max(total - noise, 0.0)), np.sqrt(np.maximum(drawn - noise, 0.0))
 
 
 def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) -> float:
@@ -334,7 +369,7 @@ def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) 
     Args:
         matched: from ``_matched``. values: from ``_estimates``. table: from ``_table_of_robots``.
     """
-    bends = matched[:, :, 1]  # nan: too few undisturbed intervals of this robot in this session
+    bends = matched[:, :, BEND]  # nan: too few undisturbed intervals of this robot in this session
     in_two_sessions = np.isfinite(bends).sum(axis=0) > 1
     if not in_two_sessions.any():
         return 0.0
@@ -438,7 +473,7 @@ def _estimates(table: Floats) -> dict[str, float]:
         "between_m_s": between,
         "within_m_s": inside,
         "share_between": between**2 / (between**2 + inside**2) if between + inside > 0 else 0.0,
-        "battery_life_s": 1.0 / max(float(lost.mean()), 1e-9),  # 1e9 s if robots do not slow down
+        "battery_life_s": float(_battery_life_s(lost.mean())),
     }
     known = veer[np.isfinite(veer)]
     if known.size > 1:

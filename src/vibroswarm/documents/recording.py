@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -113,7 +113,7 @@ def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:
     name, value = setting["name"], setting["value"]
     if value is None:
         return "inconclusive"
-    text = stated(value) if isinstance(value, float) else f"{value}"
+    text = _setting(value)
     if name not in recording.stated:
         return text
     given = recording.scenario[name]
@@ -122,6 +122,10 @@ def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:
         setting["low"] is not None and setting["low"] - 1e-9 <= given <= setting["high"] + 1e-9
     )
     return f"{text} (stated: {given}{'' if fits else ', WHICH DOES NOT FIT'})"
+
+
+def _setting(value: Any) -> str:
+    return stated(value) if isinstance(value, float) else str(value)
 
 
 def _import_data(
@@ -188,7 +192,7 @@ def replay_document(found: Replays) -> Document:
         parts=(
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
-            Text(f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {draws}."),
+            Text(f"Rule: {', '.join(f'{name} {_setting(value)}' for name, value in rule.items())}; {draws}."),
             Text(
                 f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
                 "nobody could have sent at that time."
@@ -477,10 +481,12 @@ def write_pages(recording: Recording, folder: Path) -> list[str]:
     """Write a page and a picture of each session into ``folder``; return the names of the pages.
 
     The pages show beliefs. If these are not all logged, those of all sessions are computed by a replay, and the title
-    of each page says so. The pictures show no beliefs, and decisions as logged.
+    of each page says so. The pictures show no beliefs, and decisions as logged. Pages show no gate if it is not known:
+    that of the scenario is not the robots'.
     """
 
     names = []
+    has_gate = recording.knows("decision.gate", "decision.min_observations")
     logged = recording.logs_beliefs
     with_replayed = recording if logged else with_beliefs(recording)
     runs = recording.runs["run"].to_list()
@@ -488,6 +494,7 @@ def write_pages(recording: Recording, folder: Path) -> list[str]:
         name = "run" if len(runs) == 1 else f"run-{run + 1}"
         write_run_picture(recording, folder / f"{name}.png", run)
         title = str(recording.sessions[run]["log"]) + ("" if logged else " (beliefs replayed, not logged)")
-        write_page(record_of(with_replayed, run, title=title), folder / f"{name}.html")
+        page = record_of(with_replayed, run, title=title)
+        write_page(replace(page, gated=page.gated and has_gate), folder / f"{name}.html")
         names.append(f"{name}.html")
     return names

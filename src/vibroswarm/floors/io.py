@@ -122,7 +122,9 @@ def read_values(
         raise InputError(
             f"{low:g}..{high:g} is not a range; give values:LOW..HIGH:{name}", field="floor.source"
         )
-    if values.ndim == 2 and values.size and not (low <= values.min() and values.max() <= high):
+    # Other values are refused by ``steps_of``.
+    is_known = values.ndim == 2 and values.size > 0 and bool(np.isfinite(values).all())
+    if is_known and not (low <= values.min() and values.max() <= high):
         raise InputError(
             f"holds numbers from {values.min():g} to {values.max():g}, beyond {low:g} to {high:g}; state a range that "
             f"holds them, as values:{math.floor(values.min())}..{math.ceil(values.max())}:{name}",

@@ -63,7 +63,7 @@ def infer_and_report(
     """Return both tables of ``infer``, and that of what robots reported, None if the strategy reports nothing."""
     timeline = timeline_of(scenario, motion)
     swarm, messages, log = _logged(scenario, seed, timeline, observations)
-    reports = report_frame(strategy_used(scenario), timeline, log, swarm)
+    reports = report_frame(scenario, timeline, log, swarm)
     return *_tables(scenario, timeline, swarm, messages, log), reports
 
 

@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 from vibroswarm.inference.agents import Swarm, strategy_used
 from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.replay_arrays import Log
+from vibroswarm.inference.robot_maps import beliefs_of
+from vibroswarm.localisation.locate import draws_read
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies.base import Report, Strategy
+from vibroswarm.strategies.base import Report
+from vibroswarm.strategies.place_map import WITH_MAP
 
 REPORTS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -32,7 +35,7 @@ REPORTS: Final[dict[str, Any]] = {
 none yet. The rows of an array that is not of the state have the robot's last sample."""
 
 
-def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame | None:
+def report_frame(scenario: Scenario, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame | None:
     """Return the table of what robots reported, None if the strategy reports nothing.
 
     Rows are put in order without the threads of polars, which a forked process does not have.
@@ -41,12 +44,12 @@ def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm)
         timeline: samples and ends of the runs that were replayed. log: state after each sample. swarm: state of all
             robots at the end, in the order of ``timeline.ends``.
     """
-    if not strategy.reported:
+    names = list(strategy_used(scenario).reported)
+    if not names:
         return None
     fields = log.states.dtype.names or ()
-    names = list(strategy.reported)
     parts = [
-        _of_samples(name, timeline, log) if name in fields else _of_ends(name, timeline, swarm)
+        _of_samples(name, timeline, log) if name in fields else _of_ends(scenario, name, timeline, swarm)
         for name in names
     ]
     column = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
@@ -68,12 +71,27 @@ def _of_samples(name: str, timeline: Timeline, log: Log) -> dict[str, NDArray[An
     return _by_index(rows, log.states[name])
 
 
-def _of_ends(name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[Any]]:
+def _of_ends(scenario: Scenario, name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[Any]]:
     """Return the rows of an array of each robot that sampled, at the end of its run; all but their name."""
     sampled = np.flatnonzero(swarm.agents["samples"] > 0)
     rows: dict[str, NDArray[Any]] = {key: timeline.ends[key].to_numpy()[sampled] for key in ("run", "robot")}
     rows["sample"] = swarm.agents["samples"][sampled] - 1
-    return _by_index(rows, getattr(swarm.arrays, name)[sampled])
+    return _by_index(rows, array_at_end(scenario, name, swarm.arrays)[sampled])
+
+
+def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
+    """Return a reported array of each robot at the end of its run, (robots of all runs, size).
+
+    The array ``p`` of robots that keep a map is scratch, so that the map is computed from their evidence.
+
+    Args:
+        arrays: of all robots, as in ``Swarm.arrays``.
+    """
+    found = np.asarray(getattr(arrays, name))
+    if name != "p" or scenario.strategy.name not in WITH_MAP:
+        return found
+    robots = scenario.swarm.robots
+    return beliefs_of(arrays, len(found) // robots, robots, draws_read(scenario))[0].reshape(len(found), -1)
 
 
 def _by_index(rows: dict[str, NDArray[Any]], values: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -112,7 +130,7 @@ def reported_at_end(
     fields = swarm.states.dtype.names or ()
     values = {}
     for name in reported:
-        at_end = swarm.states[name] if name in fields else getattr(swarm.arrays, name)
+        at_end = swarm.states[name] if name in fields else array_at_end(scenario, name, swarm.arrays)
         places = at_end.reshape(len(at_end), math.prod(at_end.shape[1:])).astype(np.float64)
         places = np.where(has_sampled[:, None], places, np.nan)
         values[name] = places.reshape(len(runs), scenario.swarm.robots, places.shape[1])

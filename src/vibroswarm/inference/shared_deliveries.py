@@ -50,8 +50,9 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
         return None
     network, strategy = network_of(scenario.network.name), strategy_used(scenario)
     world = world_of(scenario, timeline.longest)
-    # The key contains all that deliveries depend on. The world's last field is a table computed from the other fields.
-    key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, world[:-1])))
+    # The key contains all that deliveries depend on; the world's ``beliefs`` follow from its boundary.
+    known = {name: value for name, value in world._asdict().items() if name != "beliefs"}
+    key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, known)))
     if key not in timeline.deliveries:
         tracks = timeline.tracks if network.reads_positions else NO_TRACKS
         timeline.deliveries[key] = compute_deliveries(

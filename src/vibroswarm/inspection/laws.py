@@ -26,6 +26,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
+from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.atomic_io import write_text
@@ -194,7 +195,7 @@ def law_of_measured(
     }
     sensor = preset("paper").with_values(values).sensor
     draws = tuple(_resampled(sensor, vibrating, still))
-    _check_told_apart(words, draws, vibrating, still)
+    _check_told_apart(words, sensor, draws, vibrating, still)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
     )
@@ -219,10 +220,19 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Dra
         yield Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out))
 
 
-def _check_told_apart(words: str, draws: Sequence[Draw], vibrating: Floats, still: Floats) -> None:
+def _check_told_apart(
+    words: str, sensor: Sensor, draws: Sequence[Draw], vibrating: Floats, still: Floats
+) -> None:
     """Refuse energies that tell nothing: each is judged by the laws that have not seen it, and ranked by its kind."""
     from scipy.stats import mannwhitneyu  # which takes long to import
 
+    different = np.unique(np.concatenate([vibrating, still]))
+    if different.size < vibrating.size + still.size:
+        # Laws that have not seen an energy know fewer of its kind, so that of equal energies those that vibrate would
+        # rank below the others.
+        random, gap = generator(1, "equal energies"), np.diff(different).min(initial=1.0)
+        vibrating, still = (each + gap * (random.random(each.size) - 0.5) for each in (vibrating, still))
+        draws = tuple(_resampled(sensor, vibrating, still))
     means: list[Floats] = []
     for field, energies in (("vibrating_energies", vibrating), ("still_energies", still)):
         at, index = np.unique(energies, return_inverse=True)
@@ -275,7 +285,7 @@ def with_law(recording: Recording, fitted: FittedLaw) -> tuple[Recording, tuple[
 def law_table(law: Law) -> pl.DataFrame:
     """Return the fitted law: field, value, standard error, and limits of 95 % (of the draws), a row for each field."""
     drawn = np.array(_rows_of(law))
-    low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
+    low, high = limits_of(drawn)
     return pl.DataFrame(
         {
             "field": [f"sensor.{name}" for name in FITTED],

@@ -170,7 +170,8 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
 def _beside(low: float, high: float, at_low: bool) -> float:
     """Choose a threshold in [low, high): the number with two decimals that is nearest to one of the two bounds.
 
-    If no number with two decimals lies in [low, high), return the middle of the bounds; likewise, with three digits, if
+    If no number with two decimals lies in [low, high), return the middle of the bounds (with nine digits, so that it is
+    not written as 0.0015344999999999998); likewise, with three digits, if
     they are apart by more than ``FAR`` of the upper one: then neither is near the true threshold.
 
     Args:
@@ -181,7 +182,7 @@ def _beside(low: float, high: float, at_low: bool) -> float:
         return rounded((low + high) / 2, 3)
     # The 1e-9 keeps rounding errors from moving a number with two decimals to the next one.
     near = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
-    return near if low - 1e-12 <= near < high else (low + high) / 2
+    return near if low - 1e-12 <= near < high else rounded((low + high) / 2, 9)
 
 
 def _roundest(low: float, high: float) -> float:

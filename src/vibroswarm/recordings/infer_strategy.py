@@ -59,7 +59,7 @@ def infer_strategy(
             name, "bits sent are logged, but no posterior, without which soft feedback cannot be tested"
         )
     if used == 0:
-        return undetermined(name, "neither bits sent, nor posteriors and decisions, are logged")
+        return undetermined(name, "bits sent are not logged, nor posteriors and decisions of several robots")
     order = sorted(STRATEGIES, key=lambda strategy: -likelihood[strategy])
     lead = likelihood[order[0]] - likelihood[order[1]]
     evidence = f"{used} {words}; log likelihood " + ", ".join(

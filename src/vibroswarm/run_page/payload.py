@@ -30,6 +30,7 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
+from vibroswarm.tasks.fill_ratio import ON_THE_BOUNDARY
 
 COLUMNS = {
     "motion": ("robot", "sample", "stop_start_s", "time_s", "x_m", "y_m", "heading_rad"),
@@ -233,7 +234,7 @@ class RunRecord:
         """
         if self.answers is not None:
             return self.truth
-        if self.fill_ratio == self.decision_boundary:
+        if abs(self.fill_ratio - self.decision_boundary) < ON_THE_BOUNDARY:
             return None
         return int(self.fill_ratio > self.decision_boundary)
 

@@ -59,6 +59,11 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     s.decision = -1
 
 
+def opposite(m: Row) -> None:
+    """Turn the share of the kind into that of all others, for a robot with the fault ``opposite``."""
+    m.share = 1.0 - m.share
+
+
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
     """Add the share to those heard since the last own sample."""
     if a.before[m.kind] == 1:

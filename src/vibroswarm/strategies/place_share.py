@@ -88,15 +88,18 @@ def count_posterior(a: Row, p: Row, w: World) -> tuple[float, float, float]:
             none *= 1.0 / SMALL
             for k in range(t + 1):
                 a.p[k] *= 1.0 / SMALL
-    # pi(K + 1) / pi(K) = (N - K) / (N - K - 1 + b) for m <= 1/2. For m > 1/2 it is (K + b) / (K + 1).
+    # From the likeliest number on, so that the prior only falls: it overflowed on large floors. By j, the number of the
+    # rarer kind of tile, which is K for m <= 1/2 and N - K else: pi(j) / pi(j - 1) = (N - j + 1) / (N - j + b).
     median = median_of(p, w)
     b, limit = prior_shape(median), int(w.decision_boundary * tiles + 1e-9)
-    prior, below, above, weighted = 1.0, none, 0.0, 0.0
-    for k in range(1, tiles + 1):
-        prior *= (tiles - k + 1.0) / (tiles - k + b) if median <= 0.5 else (k - 1.0 + b) / k
-        part = prior * a.p[k - 1]
-        weighted += k * part
-        if k <= limit:
+    prior, below, above, weighted = 1.0, 0.0, 0.0, 0.0
+    for j in range(tiles + 1):
+        if j > 0:
+            prior *= (tiles - j + 1.0) / (tiles - j + b)
+        vibrate = j if median <= 0.5 else tiles - j
+        part = prior * (a.p[vibrate - 1] if vibrate > 0 else none)
+        weighted += vibrate * part
+        if vibrate <= limit:
             below += part
         else:
             above += part

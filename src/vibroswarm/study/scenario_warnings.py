@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroswarm import strategies
+from vibroswarm import strategies, tasks
 from vibroswarm.analysis.claimed_rates import claims_warnings
 from vibroswarm.floors.floor import sides_inside
 from vibroswarm.motion.robot_params import scenario_warnings
@@ -23,8 +23,20 @@ def warnings_of(scenario: Scenario) -> list[str]:
         *_map_warnings(scenario),
         *edge_warnings(scenario),
         *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
+        *_anew_warnings(scenario),
         *sensor_warnings(scenario.sensor),
         *claims_warnings(scenario),
+    ]
+
+
+def _anew_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if robots withdraw their answers, and the task, whose code is loaded, does not ask again."""
+    task = tasks.known().get(scenario.task.name)
+    withdraws = getattr(scenario.strategy.params, "tells_anew", False)
+    if not withdraws or task is None or task.is_asked_anew(scenario.task.params):
+        return []
+    return [
+        "robots withdraw each answer, and are asked once; set task.changed.since = answer, or tells_anew = false"
     ]
 
 

@@ -19,6 +19,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
+from vibroswarm.inference.reports import array_at_end
 from vibroswarm.inference.sender_positions import move_rows
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
@@ -225,11 +226,16 @@ def _reports_differ(result: Result, plain: PlainRun) -> Iterator[str]:
         return
     rows = sorted(plain.rows, key=lambda row: (row["robot"], row["sample"]))
     states = [row["state"] for row in rows]
-    arrays = [robot.arrays for robot in plain.robots if robot.samples > 0]
+    each = [robot.arrays for robot in plain.robots]
+    arrays = type(each[0])(*map(np.stack, zip(*each, strict=True)))
+    sampled = [robot.samples > 0 for robot in plain.robots]
     for (name,), reported in result.reports.group_by("name", maintain_order=True):
-        in_state = bool(states) and name in states[0].dtype.names
-        holders = states if in_state else arrays
-        expected = [float(value) for holder in holders for value in np.ravel(getattr(holder, str(name)))]
+        if states and name in states[0].dtype.names:
+            expected = [float(value) for state in states for value in np.ravel(getattr(state, str(name)))]
+        else:
+            expected = (
+                array_at_end(result.scenario, str(name), arrays)[sampled].ravel().astype(float).tolist()
+            )
         if not _equal_numbers(reported["value"], expected):
             yield f"report {name}"
 
