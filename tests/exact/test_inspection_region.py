@@ -9,10 +9,10 @@ import polars as pl
 import pytest
 
 from helpers.inspections import drawn_samples
-from vibroswarm.inspection.damage import drawn_values, patch_of, ratios_at
+from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, ratios_at, values_at
 from vibroswarm.inspection.laws import law_of_measured
 from vibroswarm.inspection.patches import Form, declared, raster, shares_of, strips_of
-from vibroswarm.inspection.region import HELD, between, design_effect, posterior_of, region_of
+from vibroswarm.inspection.region import HELD, STRENGTHS, between, design_effect, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.scan import scan
 from vibroswarm.observation.energy_model import energy_of
@@ -157,3 +157,16 @@ def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_valu
         np.full(100, 5.0), still, ""
     ).law  # a sensor that is at its limit where it vibrates
     assert design_effect(replace(samples, law=saturated), shares, 0) == 1.0
+
+
+def test_measured_values_fit_their_own_contrast_best() -> None:
+    """Of the mean of the log likelihood the true law has most (Gibbs): half of the contrast fitted better."""
+    exact = Law(preset("paper").sensor, "exact")
+    for seed in range(2):
+        random = np.random.default_rng(seed)
+        vibrating, still = (np.abs(values_at(exact, random.random(300), kind == 1)) for kind in (1, 0))
+        law = law_of_measured(vibrating, still, "300 values of each kind").law
+        for true in (0.5, 1.0):
+            value = values_at(exact, random.random(5000), True, true)
+            means = {contrast: contrast_ratios(law, value, contrast).mean() for contrast in STRENGTHS}
+            assert max(means, key=lambda contrast: means[contrast]) == true

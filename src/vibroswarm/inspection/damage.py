@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,9 +31,10 @@ from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
-from vibroswarm.observation.energy_model import energy_of, likelihood_at
+from vibroswarm.observation.energy_model import energy_of, likelihood_at, mean_density
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors.base import MOST_KINDS
+from vibroswarm.sensors.energies import histogram, measured_of
 
 TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
@@ -105,6 +106,11 @@ def _draws_of(law: Law) -> tuple[list[Law], list[Law]]:
         [Law(sensor, law.origin, bits=law.bits, place=law.place) for sensor in each] for each in sensors
     )
     return judges, truths
+
+
+def judges_of(law: Law) -> list[Law]:
+    """Return the law, and those fitted to resampled references, which say how sure it is."""
+    return [law, *(_draws_of(law)[0] if law.draws else ())]
 
 
 def judged(law: Law, values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
@@ -187,17 +193,24 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
 
 @lru_cache(maxsize=512)
 def _contrast_table(law: Law, contrast: float) -> Floats:
-    table = tables_of(law)
-    if law.sensor.vibrating_energies is not None:  # measured values, whose density is that of a histogram
-        u = (np.arange(len(law.sensor.vibrating_energies)) + 0.5) / len(law.sensor.vibrating_energies)
-        between = values_at(law, u, True, contrast)
-        sensor = law.sensor.model_copy(update={"vibrating_energies": tuple(between.tolist())})
-        return ratios_of_values(Law(sensor, law.origin), table.value)
+    table, sensor = tables_of(law), law.sensor
+    if sensor.vibrating_energies is not None:  # measured values, whose density is that of a histogram
+        still, vibrating = (measured_of(kind, sensor) for kind in (0, 1))
+        between = values_at(law, (np.arange(vibrating.size) + 0.5) / vibrating.size, True, contrast)
+        # In the bins of contrast 1: those of its own would have the same largest ratio at every contrast, so that
+        # contrasts could not be compared.
+        edges, densities = histogram([still, between], [still, vibrating])
+        off, on = (mean_density(sensor, table.value, partial(_of_bins, edges, of)) for of in densities)
+        return np.asarray(np.clip(np.log(on) - np.log(off), -8.0, 8.0))
     logs = [
         np.log(np.maximum(likelihood_at(law.sensor, share, table.value, law.place), 1e-12))
         for share in (0.0, contrast)
     ]
     return np.asarray(np.clip(logs[1] - logs[0], -8.0, 8.0))
+
+
+def _of_bins(edges: Floats, densities: Floats, value: Floats) -> Floats:
+    return densities[np.searchsorted(edges, value, side="right")]
 
 
 CRACK_M: Final = 0.02

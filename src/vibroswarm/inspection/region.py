@@ -3,6 +3,7 @@
 | name | symbol | equation |
 |---|---|---|
 | probability of patch j at contrast c | p_jc | w_j L_jc^(1/d) over its sum; all contrasts have the same weight |
+| error of the law | - | p_jc is the mean over the law and those fitted to resampled references (``damage.judges_of``) |
 | design effect | d | ``design_effect``: samples on a patch share the factors of its tiles and of their robots |
 | size | a | side of a square, diameter of a disc, length of a crack; forms of one shape differ in size only |
 | density | f | sum of p_jc times triangles about x_j, y_j, ln a_j and c, each up to the next of its kind |
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inspection.damage import contrast_ratios, tables_of, tiles_below
+from vibroswarm.inspection.damage import contrast_ratios, judges_of, tables_of, tiles_below
 from vibroswarm.inspection.patches import Form, Patches, Shares, log_likelihoods
 from vibroswarm.inspection.samples import Floats, Samples
 
@@ -147,12 +148,7 @@ def _shape(form: Form) -> tuple[bool, float]:
 def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_]) -> Posterior:
     """Return what the samples that are ``there`` say of the place, size and contrast of one patch."""
     strengths = (1.0,) if samples.law.bits else STRENGTHS
-    value = samples.column("value")
-    ratios = [np.where(there, contrast_ratios(samples.law, value, c), 0.0) for c in strengths]
-    logs = log_likelihoods(shares, np.stack(ratios, axis=1))
-    logs /= design_effect(samples, shares, int(logs.max(axis=1).argmax()))
-    p = patches.weights[:, None] * np.exp(logs - logs.max())
-    p /= p.sum()
+    p = _probabilities(samples, patches, shares, there, strengths)
     rising = np.sort(p, axis=None)
     kept = p >= rising[np.searchsorted(np.cumsum(rising), NEGLIGIBLE)]
     patch, strength = np.nonzero(kept)
@@ -173,6 +169,22 @@ def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDAr
         np.array(triangles),
         strengths,
     )
+
+
+def _probabilities(
+    samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_], strengths: tuple[float, ...]
+) -> Floats:
+    """Return p_jc, (patches, contrasts)."""
+    value, total, effect = samples.column("value"), np.zeros((patches.left_m.size, len(strengths))), 0.0
+    for law in judges_of(samples.law):
+        ratios = [np.where(there, contrast_ratios(law, value, c), 0.0) for c in strengths]
+        logs = log_likelihoods(shares, np.stack(ratios, axis=1))
+        effect = effect or design_effect(
+            samples, shares, int(logs.max(axis=1).argmax())
+        )  # that of the law itself
+        p = patches.weights[:, None] * np.exp((logs - logs.max()) / effect)
+        total += p / p.sum()
+    return np.asarray(total / total.sum())
 
 
 def design_effect(samples: Samples, shares: Shares, patch: int) -> float:

@@ -349,7 +349,7 @@ def log_likelihood(
         InputError: the sensor states no likelihood.
     """
     model, p = model_of(sensor), _params(sensor, place)
-    found = _mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))
+    found = mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))
     return log(found)
 
 
@@ -361,10 +361,10 @@ def likelihood_at(
     See ``sensors.claims.likelihood_at``; if tiles or robots differ, it is the mean as in ``log_likelihood``.
     """
     model, p = model_of(sensor), _params(sensor, place)
-    return _mean_density(sensor, energy, lambda value: density_at(model, contrast, value, p))
+    return mean_density(sensor, energy, lambda value: density_at(model, contrast, value, p))
 
 
-def _mean_density(
+def mean_density(
     sensor: Sensor, value: NDArray[np.float64], density: Callable[[NDArray[np.float64]], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Return the mean density of values over the distribution of the factors of tiles and robots, (samples,)."""

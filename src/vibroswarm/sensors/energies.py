@@ -54,12 +54,17 @@ def _histogram_of(*measured: tuple[float, ...]) -> tuple[Values, list[Values]]:
     return histogram([np.asarray(energies, dtype=np.float64) for energies in measured])
 
 
-def histogram(measured: Sequence[Values]) -> tuple[Values, list[Values]]:
+def histogram(
+    measured: Sequence[Values], binned: Sequence[Values] | None = None
+) -> tuple[Values, list[Values]]:
     """Return inner edges of bins, and the density of the values measured on each kind of tile in each bin.
 
     Values beyond the histogram are in its outer bins. Bins are the same for all kinds.
+
+    Args:
+        binned: values of which each bin has the same number; None: those that are measured.
     """
-    together = np.concatenate(measured)
+    together = np.concatenate(measured if binned is None else binned)
     # If many energies are equal, some quantiles coincide; each is used once, so there are fewer bins.
     edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
     ends = np.concatenate([[together.min()], edges, [together.max()]])
