@@ -116,7 +116,7 @@ def test_all_ways_of_running_agree(tmp_path: Path) -> None:
     nan = pl.lit(float("nan"), dtype=pl.Float32)
     for column, says in (
         ("other", "the numbers signal, other, and the sensor has signal"),
-        ("signal", "no number"),
+        ("signal", "not a number"),
     ):
         wrong = replace(result, observations=result.observations.with_columns(nan.alias(column)))
         wrong.write(tmp_path / column)
