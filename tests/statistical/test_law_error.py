@@ -16,7 +16,7 @@ from vibroswarm.inspection.damage import drawn_values, patch_of, ratios_at
 from vibroswarm.inspection.laws import law_of_measured, law_of_sessions
 from vibroswarm.inspection.patches import Form, declared, log_likelihoods, scan_statistic, shares_of
 from vibroswarm.inspection.region import posterior_of, region_of
-from vibroswarm.inspection.samples import Law
+from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.scan import intact_statistics, p_value
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.fields import Sensor
@@ -49,16 +49,21 @@ def test_laws_are_as_wrong_as_they_say(laws: list[Law]) -> None:
     assert 0.4 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.6
 
 
+def measured_law(seed: int, samples: int, values: int) -> tuple[np.random.Generator, Samples, Law]:
+    """Places of samples with the true law, and a law of so many measured values of each kind."""
+    sensor, random = preset("paper").sensor, np.random.default_rng(seed)
+    at = replace(drawn_samples(seed, count=samples, spread_m=0.0), law=Law(sensor, "the truth"))
+    vibrating, still = (
+        np.abs(energy_of(sensor, kind, random.random(values)).astype(np.float64)) for kind in (1, 0)
+    )
+    return random, at, law_of_measured(vibrating, still, f"{values} values of each kind").law
+
+
 def false_calls(with_error: bool, laws: int) -> float:
     """Share of intact surfaces that are called at 5 %, by laws of 60 measured values of each kind, 4 by each law."""
-    sensor, called = preset("paper").sensor, []
+    called = []
     for seed in range(laws):
-        random = np.random.default_rng(seed)
-        samples = replace(drawn_samples(seed, count=300, spread_m=0.0), law=Law(sensor, "the truth"))
-        vibrating, still = (
-            np.abs(energy_of(sensor, kind, random.random(60)).astype(np.float64)) for kind in (1, 0)
-        )
-        law = law_of_measured(vibrating, still, "60 values of each kind").law
+        random, samples, law = measured_law(seed, 300, 60)
         measured = replace(samples, law=law if with_error else replace(law, draws=()))
         patches = declared(samples.size_m, (0.1, 0.2))
         shares = shares_of(samples, patches)
@@ -104,14 +109,9 @@ def test_values_that_are_often_equal_are_judged_as_others_are() -> None:
 
 def held(with_error: bool, laws: int) -> int:
     """Number of regions that hold damage of 20 cm, of 90 % each, by laws of 100 measured values of each kind."""
-    sensor, count = preset("paper").sensor, 0
+    count = 0
     for seed in range(laws):
-        random = np.random.default_rng(seed)
-        samples = replace(drawn_samples(seed, count=600, spread_m=0.0), law=Law(sensor, "the truth"))
-        vibrating, still = (
-            np.abs(energy_of(sensor, kind, random.random(100)).astype(np.float64)) for kind in (1, 0)
-        )
-        law = law_of_measured(vibrating, still, "100 values of each kind").law
+        random, samples, law = measured_law(seed, 600, 100)
         x_m, y_m = random.uniform(0.1, 0.5, (2, 1))
         measured = drawn_values(random, samples, 1, patch_of(x_m, y_m, 0.2))[:, 0]
         judged = replace(samples, law=law if with_error else replace(law, draws=())).with_columns(

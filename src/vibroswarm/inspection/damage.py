@@ -31,10 +31,10 @@ from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
-from vibroswarm.observation.energy_model import energy_of, likelihood_at, mean_density
+from vibroswarm.observation.energy_model import MOST, energy_of, likelihood_at, mean_density
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors.base import MOST_KINDS
-from vibroswarm.sensors.energies import histogram, measured_of
+from vibroswarm.sensors.energies import histogram, in_bins, measured_of
 
 TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
@@ -133,7 +133,7 @@ def contrast_ratios(law: Law, value: Floats, contrast: float) -> Floats:
     """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
 
     At contrast 1 it is that of the law; below, that of the likelihood that the sensor claims at the contrast
-    (``energy_model.likelihood_at``). That of measured values is a histogram, as at contrast 1.
+    (``energy_model.likelihood_at``). That of measured values is a histogram, in the bins of contrast 1.
     """
     if contrast >= 1.0:
         return ratios_at(law, value)
@@ -200,17 +200,13 @@ def _contrast_table(law: Law, contrast: float) -> Floats:
         # In the bins of contrast 1: those of its own would have the same largest ratio at every contrast, so that
         # contrasts could not be compared.
         edges, densities = histogram([still, between], [still, vibrating])
-        off, on = (mean_density(sensor, table.value, partial(_of_bins, edges, of)) for of in densities)
-        return np.asarray(np.clip(np.log(on) - np.log(off), -8.0, 8.0))
-    logs = [
-        np.log(np.maximum(likelihood_at(law.sensor, share, table.value, law.place), 1e-12))
-        for share in (0.0, contrast)
-    ]
-    return np.asarray(np.clip(logs[1] - logs[0], -8.0, 8.0))
-
-
-def _of_bins(edges: Floats, densities: Floats, value: Floats) -> Floats:
-    return densities[np.searchsorted(edges, value, side="right")]
+        off, on = (mean_density(sensor, table.value, partial(in_bins, edges, of)) for of in densities)
+    else:
+        off, on = (
+            np.maximum(likelihood_at(sensor, share, table.value, law.place), 1e-12)
+            for share in (0.0, contrast)
+        )
+    return np.asarray(np.clip(np.log(on) - np.log(off), -MOST, MOST))
 
 
 CRACK_M: Final = 0.02

@@ -175,13 +175,13 @@ def _probabilities(
     samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_], strengths: tuple[float, ...]
 ) -> Floats:
     """Return p_jc, (patches, contrasts)."""
-    value, total, effect = samples.column("value"), np.zeros((patches.left_m.size, len(strengths))), 0.0
+    value, each = samples.column("value"), []
     for law in judges_of(samples.law):
         ratios = [np.where(there, contrast_ratios(law, value, c), 0.0) for c in strengths]
-        logs = log_likelihoods(shares, np.stack(ratios, axis=1))
-        effect = effect or design_effect(
-            samples, shares, int(logs.max(axis=1).argmax())
-        )  # that of the law itself
+        each.append(log_likelihoods(shares, np.stack(ratios, axis=1)))
+    effect = design_effect(samples, shares, int(each[0].max(axis=1).argmax()))  # by the law itself
+    total = np.zeros_like(each[0])
+    for logs in each:
         p = patches.weights[:, None] * np.exp((logs - logs.max()) / effect)
         total += p / p.sum()
     return np.asarray(total / total.sum())

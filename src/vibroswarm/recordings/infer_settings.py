@@ -170,9 +170,8 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
 def _beside(low: float, high: float, at_low: bool) -> float:
     """Choose a threshold in [low, high): the number with two decimals that is nearest to one of the two bounds.
 
-    If no number with two decimals lies in [low, high), return the middle of the bounds (with nine digits, so that it is
-    not written as 0.0015344999999999998); likewise, with three digits, if
-    they are apart by more than ``FAR`` of the upper one: then neither is near the true threshold.
+    If no number with two decimals lies in [low, high), return the middle of the bounds, with nine digits; likewise,
+    with three digits, if they are apart by more than ``FAR`` of the upper one: then neither is near the true threshold.
 
     Args:
         at_low: whether that bound is ``low``; if not, it is ``high``. Callers choose the bound that more samples

@@ -45,7 +45,12 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
 def likelihood(kind: int, value: Values, p: Any) -> Values:
     """Return the density of energies on a kind of tile, from a histogram; energies beyond it are in its outer bins."""
     edges, densities = _histogram_of(tuple(p.still_energies), tuple(p.vibrating_energies))
-    return densities[kind][np.searchsorted(edges, value, side="right")]
+    return in_bins(edges, densities[kind], value)
+
+
+def in_bins(edges: Values, densities: Values, value: Values) -> Values:
+    """Return the density of each value by that of its bin (``histogram``)."""
+    return densities[np.searchsorted(edges, value, side="right")]
 
 
 @lru_cache(maxsize=2)

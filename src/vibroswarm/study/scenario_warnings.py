@@ -36,7 +36,8 @@ def _anew_warnings(scenario: Scenario) -> list[str]:
     if not withdraws or task is None or task.is_asked_anew(scenario.task.params):
         return []
     return [
-        "robots withdraw each answer, and are asked once; set task.changed.since = answer, or tells_anew = false"
+        "robots withdraw each answer but are asked only once; set task.changed.since = answer, or "
+        "strategy.reset.tells_anew = false"
     ]
 
 
