@@ -24,7 +24,9 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -73,7 +75,23 @@ def made_by() -> dict[str, str]:
 
 
 def all_hashes(short: bool) -> Hashes:
-    """Make every value of the ledger, or of its short part, and hash it."""
+    """Make every value of the ledger, or of its short part, and hash it; all of it in two processes."""
+    if short:
+        return hashes_of_simulator(short) | hashes_of_commands(short, LIST["command"])
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        beside = pool.submit(hashes_beside)
+        others = hashes_of_commands(short, [block for block in LIST["command"] if not block.get("beside")])
+        return beside.result() | others
+
+
+def hashes_beside() -> Hashes:
+    """Make about half of the whole ledger."""
+    of_commands = hashes_of_commands(False, [block for block in LIST["command"] if block.get("beside")])
+    return hashes_of_simulator(False) | of_commands
+
+
+def hashes_of_simulator(short: bool) -> Hashes:
+    """Simulate the runs and export the programs, and hash them."""
     found: Hashes = {}
     for block in LIST["runs"]:
         for name, values in combinations(block, short):
@@ -81,7 +99,7 @@ def all_hashes(short: bool) -> Hashes:
     for block in LIST["export"]:
         for name, text in exported_programs(block, short):
             found[f"{block['name']}: {name}"] = hash_of_program(text)
-    return found | hashes_of_commands(short)
+    return found
 
 
 def combinations(block: Mapping[str, Any], short: bool) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -149,14 +167,14 @@ def hash_of_program(text: str) -> str:
     return hashlib.sha256(" ".join(without_hashes.split()).encode()).hexdigest()[:16]
 
 
-def hashes_of_commands(short: bool) -> Hashes:
-    """Run the commands in a folder of their own, and hash the numbers that they write or print."""
+def hashes_of_commands(short: bool, commands: Sequence[Mapping[str, Any]]) -> Hashes:
+    """Run commands in a folder of their own, and hash the numbers that they write or print."""
     found: Hashes = {}
     recordings = os.environ.get(RECORDINGS)
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         for name, text in LIST["files"].items():
             Path(name).write_text(text, encoding="utf-8")
-        for block in LIST["command"]:
+        for block in commands:
             if (short and not block.get("short")) or ("needs" in block and not recordings):
                 continue
             printed = printed_by([word.format(recordings=recordings) for word in block["run"]])
