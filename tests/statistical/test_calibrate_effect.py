@@ -10,6 +10,8 @@ from vibroswarm.calibrate.effect import effects
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.study.spec import Study
+from vibroswarm.study.summary import outcome_of
 
 EASY = preset("paper").with_values({"floor.source": "random:0.2", "decision.min_observations": 40})
 
@@ -44,6 +46,15 @@ def test_a_strategy_that_steers_is_compared_like_any_other() -> None:
     assert all(each.first.difference.estimate == 0.0 for each in one.differences)
     (one,) = effects(short, short.with_values({"strategy.name": "explore"}), runs=2, strategies=("none",))
     assert all(each.first.difference.estimate == 0.0 for each in one.differences)
+
+
+def test_the_figures_of_a_scenario_are_those_of_a_study_of_it() -> None:
+    late = {"floor.source": "random:0.48", "decision.min_observations": 95, "run.t_end_s": 120.0}
+    costs = preset("paper").with_values({**late, "task.costs": [[0, 1], [4, 0]]})
+    (one,) = effects(costs, costs, runs=6, strategies=("none",))
+    (cell,) = outcome_of(Study.of_scenarios({"costs": costs}, 6, 1).run()).cells
+    for figure in ("forced_error", "decision_time_s"):
+        assert one.figures[0][figure] == getattr(cell.summary, figure)
 
 
 def test_no_runs_are_refused() -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from vibroswarm.analysis.figures import BY_COLUMN, run_figures
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import COMPARED, Confirmation, compare, confirmed
 from vibroswarm.core.notebook_view import NotebookView
@@ -104,16 +104,17 @@ def _effect(name: str, place: int, strategies: int, blocks: Sequence[StudyResult
         name: name of the strategy. place: its place among the ``strategies``.
         blocks: for each seed, the runs of each strategy in the first scenario, then in the second.
     """
-    cells = [[block.study.cells[place + strategies * second] for second in range(2)] for block in blocks]
-    tables = [
-        [run_figures(*block.tables(cell.number), cell.scenario.run.t_end_s) for cell in of_block]
-        for block, of_block in zip(blocks, cells, strict=True)
-    ]
+    cells = [blocks[0].study.cells[place + strategies * second] for second in range(2)]
+    t_end_s = cells[0].scenario.run.t_end_s
+    tables = [[block.figures(cell.number) for cell in cells] for block in blocks]
     # One comparison of the two scenarios (second - first) for each seed.
     comparisons = [compare(second, first) for first, second in tables]
     # Means and shares of outcomes, for each scenario, are those of the first seed.
     figures = [
-        {figure: BY_COLUMN[figure].mean(table[figure].drop_nulls().to_numpy()) for figure in COMPARED}
+        {
+            figure: BY_COLUMN[figure].mean(table[figure].drop_nulls().to_numpy(), t_end_s=t_end_s)
+            for figure in COMPARED
+        }
         for table in tables[0]
     ]
     shares = [
@@ -124,7 +125,7 @@ def _effect(name: str, place: int, strategies: int, blocks: Sequence[StudyResult
         strategy=name,
         figures=(figures[0], figures[1]),
         consensus=(shares[0], shares[1]),
-        scenarios=(cells[0][0].scenario, cells[0][1].scenario),
+        scenarios=(cells[0].scenario, cells[1].scenario),
         # The comparisons of both seeds list the figures in the same order.
         differences=tuple(
             confirmed(difference, repeated) for difference, repeated in zip(*comparisons, strict=True)
