@@ -113,7 +113,9 @@ def question(outcome: Outcome) -> str:
     setting = f"{where}; {runs}" if where else runs
     if not outcome.comparisons:
         return f"{which}: {setting}{' each' * (len(cells) > 1)}, seed {study.seed}."
-    asks = "Which decides sooner, and which is wrong more often"
+    asks = "Which decides sooner"
+    if any(one.summary.swarm_right.n for one in outcome.cells):
+        asks += ", and which is wrong more often"
     if all(cell.scenario.task.asks_number for cell in cells):
         asks = "Whose estimates are better"
     return f"{asks}: {which}? {setting[0].upper()}{setting[1:]} each, compared run by run."
@@ -132,12 +134,16 @@ def headline(answer: Answer) -> str:
     time = _comparative(by_figure["decision_time_s"], "slower", "faster")
     wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
     first, reference = answer.first_name, answer.reference_name
+    can_err = not math.isnan(
+        by_figure["wrong_share"].interval.estimate
+    )  # no decision is wrong where none is right
     if time is None and wrong is None:
-        return f"{first} and {reference}: no difference shown in time or wrong decisions"
+        return f"{first} and {reference}: no difference shown in time{' or wrong decisions' * can_err}"
     if time is None:
         return f"{first} is {wrong} than {reference}; no difference shown in time"
-    about_wrong = "; no difference shown in wrong decisions" if wrong is None else f", and {wrong}"
-    return f"{first} is {time} than {reference}{about_wrong}"
+    if wrong is None:
+        return f"{first} is {time} than {reference}" + "; no difference shown in wrong decisions" * can_err
+    return f"{first} is {time} than {reference}, and {wrong}"
 
 
 def _comparative(effect: Effect, if_higher: str, if_lower: str) -> str | None:
