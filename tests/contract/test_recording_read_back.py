@@ -241,6 +241,12 @@ def test_what_a_robots_log_cannot_know_is_written_as_empty(
     assert again.robots["decision"].to_list() == [None] * 5
 
 
+def test_robots_of_a_recording_keep_their_numbers(recording: Recording, tmp_path: Path) -> None:
+    """They were numbered again from 1."""
+    write_rugbot(replace(recording, names=(2, 7, 8, 30, 31)), tmp_path / "again.csv")
+    assert set(read_log(tmp_path / "again.csv").tracks["robot"]) == {2, 7, 8, 30, 31}
+
+
 def test_tables_as_csv(recording: Recording, tmp_path: Path) -> None:
     write_csv(recording, tmp_path / "csv")
     assert pl.read_csv(tmp_path / "csv" / "motion.csv").height == recording.motion.height

@@ -213,6 +213,15 @@ def test_a_lost_row_is_put_back(logs: list[Path], ground: Floor, told: Scenario,
     found = recording_of([read_log(tmp_path / "short.csv")], ground, described(told), RULES)
     frame, unsent = replayed_table(found, scenario_of(found, told))
     assert frame.height == found.motion.height + 2
+    key = ["robot", "sample"]
+    restored = _rows_of(found, 0).session
+    times_s = dict(
+        zip(zip(restored.robot.tolist(), restored.sample.tolist(), strict=True), restored.time_s, strict=True)
+    )
+    lost = frame.join(found.motion.filter(pl.col("run") == 0), on=key, how="anti").select(key).rows()
+    for robot, sample in lost:  # half-way between its neighbours
+        around = (times_s[robot, sample - 1] + times_s[robot, sample + 1]) / 2
+        assert times_s[robot, sample] == pytest.approx(around)
     assert unsent <= 8  # when it was sent is not known to a second
     assert replay_recording(found, scenario_of(found, told), draws=1).put_back == 2
 
@@ -241,6 +250,28 @@ def test_what_is_told(recording: Recording) -> None:
         assert sum(one.consensus.values()) == pytest.approx(1.0)
         assert one.decision_time_low_s <= one.decision_time_s <= one.decision_time_high_s
     assert np.isclose(logged[0].decision_time_s, recording.robots["decision_time_s"][:5].mean())
+
+
+def test_outcomes_of_two_draws_by_hand(recording: Recording) -> None:
+    """A robot that does not decide counts with its last sample; limits are quantiles of the draws."""
+    once = replay_recording(recording, recording.scenario, draws=1)
+    robots = once.robots.with_columns(decision=0, decision_time_s=pl.lit(100.0))
+    undecided = robots.with_columns(
+        draw=pl.lit(1, pl.UInt32),
+        decision=pl.when(pl.col("robot") < 2).then(-1).otherwise("decision"),
+        decision_time_s=pl.when(pl.col("robot") >= 2).then("decision_time_s"),
+    )
+    runs = pl.concat([once.runs, once.runs.with_columns(draw=pl.lit(1, pl.UInt32))])
+    two = replace(once, draws=2, robots=pl.concat([robots, undecided], how="vertical_relaxed"), runs=runs)
+    outcome = session_outcomes(recording, two)[0]
+    own = recording.motion.filter(pl.col("run") == 0)
+    last_s = [own.filter(pl.col("robot") == robot)["time_s"].max() for robot in (0, 1)]
+    second_s = (sum(last_s) + 300.0) / 5
+    assert second_s > 200.0
+    assert outcome.undecided == 0.2
+    assert outcome.decision_time_s == pytest.approx((100.0 + second_s) / 2)
+    assert outcome.decision_time_low_s == pytest.approx(100.0 + 0.05 * (second_s - 100.0))
+    assert outcome.decision_time_high_s == pytest.approx(100.0 + 0.95 * (second_s - 100.0))
 
 
 COUNTS_BITS = """from vibroswarm.strategies import strategy_in

@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 
 from vibroswarm.calibrate.classifier import RIDGE, classifier_accuracy, stretch_classifier
-from vibroswarm.calibrate.features import histogram, sample_table, sessions_of, values_of
+from vibroswarm.calibrate.features import FEATURES, histogram, sample_table, sessions_of, shapeless, values_of
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy
 from vibroswarm.calibrate.similarity import (
     at_equal_counts,
@@ -204,3 +204,57 @@ def test_the_sample_table(simulations: tuple[object, ...]) -> None:
     assert (tiles["vibrating"].to_numpy() == (floor[tiles["tile"].to_numpy()] == 1)).all()
     counts = histogram(values_of(table, "avoidance"), "avoidance")
     assert counts.sum() == (table["avoid_s"].drop_nulls() > 1e-9).sum()
+
+
+def four_samples() -> pl.DataFrame:
+    """Four samples of a robot, which does not move in its second interval and whose counter wraps in its third."""
+    return pl.DataFrame({
+        "time_s": [3.0, 10.0, 20.0, 30.0], "x_m": [0.1, 0.1, 0.1, 0.16], "y_m": [0.1, 0.2, 0.2, 0.28],
+        "energy": [4.9, 5.0, 2.9, 3.0], "vibrating": [True, True, False, False],
+        "dx_m": [None, 0.0, 0.0, 0.06], "dy_m": [None, 0.1, 0.0, 0.08], "distance_m": [None, 0.1, 0.0, 0.1],
+        "spacing_s": [None, 7.0, 10.0, 10.0], "avoid_s": [None, 1.0, 0.0, 2.5], "wraps": [0, 0, 0, 1],
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("feature", "values"),
+    [
+        ("avoidance", [[1.0], [2.5]]),
+        ("vibrating", [[4.9]]),
+        ("still", [[2.9]]),
+        ("places", [[0.1, 0.1], [0.1, 0.2], [0.1, 0.2], [0.16, 0.28]]),
+        ("distances", [[10.0, 0.1], [30.0, 0.1]]),
+        ("steps", [[0.0, 0.1], [0.0, 0.0], [0.06, 0.08]]),
+    ],
+)
+def test_values_of_a_feature_by_hand(feature: str, values: list[list[float]]) -> None:
+    assert values_of(four_samples(), feature).tolist() == values
+
+
+def test_published_avoidance_is_short_where_the_counter_wrapped() -> None:
+    """The authors added 65 s for 65.536 s."""
+    found = values_of(four_samples(), "avoidance", as_published=True)
+    assert found.ravel() == pytest.approx([1.0, 2.5 - 0.536])
+
+
+RANGES = {
+    "avoidance": [(0.0, 8.0)],
+    "vibrating": [(0.0, 6.0)],
+    "still": [(0.0, 6.0)],
+    "distances": [(0.0, 1200.0), (0.05, 0.2)],
+    "steps": [(-0.2, 0.2), (-0.2, 0.2)],
+}
+DROPPED_FROM = {"vibrating": 5.0, "still": 3.0}
+BINS = {"avoidance": 79, "vibrating": 59, "still": 59, "places": 225, "distances": 576, "steps": 1521}
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_histograms_have_the_published_bins_and_shapeless_values_fill_them(feature: str) -> None:
+    low, high = shapeless(feature, np.array([[0.0, 0.0], [1.0, 1.0]]))
+    counts = histogram(np.array([low, high]), feature)
+    assert (counts.size, counts.sum()) == (BINS[feature], 2.0)
+    for axis, (least, most) in enumerate(RANGES.get(feature, [])):
+        inside = np.tile((low + high) / 2, (4, 1))
+        inside[:, axis] = [least, most, least - 1e-3, most + 1e-3]
+        assert histogram(inside, feature).sum() == 2.0
+        assert (low[axis], high[axis]) == (least, DROPPED_FROM.get(feature, most))

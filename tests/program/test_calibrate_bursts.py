@@ -10,8 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.calibrate.message_loss import STEPS, Bursts, Windows, _logit, _Table
+from vibroswarm.calibrate.message_loss import STEPS, Bursts, LossFits, Windows, _logit, _Table
 from vibroswarm.cli import main
+from vibroswarm.documents.message_loss import message_loss_document
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -68,6 +69,33 @@ def test_counts_that_cannot_be_are_not_held_against_later_windows() -> None:
     after = log_likelihood([10, *[10] * 5], [40, 10, 9, 10, 4, 10])
     excluded = float(np.log(1e-300))
     assert excluded + rest - 5.0 < after < excluded + rest + 5.0
+
+
+def fits(log_likelihood: float, by_receiver: tuple[float, float]) -> LossFits:
+    """Fits to two receivers: independent losses of log likelihood -100, and bursts."""
+    windows = [Windows(0, robot, np.array([9, 9]), np.array([9, 8]), np.full(2, 20.0)) for robot in range(2)]
+    models = {
+        "independent": Bursts(0.0, 1.0, 0.0, 0.05, 0.5, -100.0, 2),
+        "bursts": Bursts(0.1, 30.0, 0.8, 0.02, 0.5, log_likelihood, 5),
+    }
+    expected = dict.fromkeys(models, np.zeros((2, len(STEPS))))
+    each = [replace(models["independent"], log_likelihood=one) for one in by_receiver]
+    return LossFits(windows, models, np.zeros(len(STEPS), np.int64), expected, each, {}, 0.0, 0.0)
+
+
+def test_bursts_are_reported_by_a_margin_and_not_where_only_receivers_differ() -> None:
+    """A gain in AIC of 0.1 was "in bursts", and so was one receiver that loses more than the others."""
+
+    def answer(*given: object) -> str:
+        return message_loss_document(fits(*given)).answer[0]  # type: ignore[arg-type]
+
+    assert answer(-97.0, (-50.0, -50.0)).startswith("No bursts found: independent losses fit as well")
+    assert answer(-92.5, (-50.0, -50.0)).startswith("Inconclusive: bursts fit better")
+    assert "(AIC lower by 9.0; 10 are needed)" in answer(-92.5, (-50.0, -50.0))
+    assert answer(-91.5, (-50.0, -50.0)).startswith("Messages are lost in bursts (AIC lower by 11.0")
+    assert answer(-60.0, (-20.0, -30.0)).startswith(
+        "No bursts found: independent losses, with a share of its own for each receiver, fit as well (AIC lower by 22"
+    )
 
 
 def test_log_odds_are_finite() -> None:

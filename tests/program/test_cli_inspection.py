@@ -153,6 +153,19 @@ def test_what_a_csv_does_not_have_is_refused_and_repeated_rows_are_warned_of(
     assert "The file repeats 1 row" in capsys.readouterr().out
 
 
+def test_a_column_of_robots_of_another_name_is_named(
+    plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """All samples counted as one robot's, without a word."""
+    given = ("--laws", plate / "reference.csv", "--size", "1x1", "--tiles", "5x5")
+    renamed = (plate / "plate.csv").read_text().replace("robot,", "robot_id,", 1)
+    (tmp_path / "renamed.csv").write_text(renamed)
+    assert run("inspect", tmp_path / "renamed.csv", *given) == 0
+    assert "all samples count as one robot's; not read: 'robot_id'" in " ".join(
+        capsys.readouterr().out.split()
+    )
+
+
 def test_a_saved_run_is_inspected_as_it_was_simulated(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

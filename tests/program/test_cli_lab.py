@@ -276,7 +276,7 @@ def test_compare_several(kept, tmp_path, capsys):
     assert "real - other" in out
     assert main(["calibrate", "compare", str(kept), str(kept), str(kept)]) == 2
     short = tmp_path / "short"
-    assert main(["run", "--set", "run.t_end_s=30", *FLOOR, "--out", str(short)]) == 0
+    assert main(["run", "--set", "run.t_end_s=10", *FLOOR, "--out", str(short)]) == 0
     capsys.readouterr()
     assert main(["calibrate", "compare", str(kept), str(other), str(short)]) == 2
     assert f"{short}: cannot be compared with '{kept}': sessions: " in capsys.readouterr().err

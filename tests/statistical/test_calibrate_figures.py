@@ -10,8 +10,10 @@ import polars as pl
 import pytest
 from scipy.special import ndtri
 
+from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.drive import drive_of, drive_table, quartile_spread
-from vibroswarm.calibrate.session_statistics import FIGURES, _of_samples, figures_of
+from vibroswarm.calibrate.session_statistics import FIGURES, Figure, _of_samples, figures_of
+from vibroswarm.documents.calibration import figures_document
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
@@ -103,3 +105,13 @@ def test_in_a_narrow_arena_no_place_is_far_from_the_walls() -> None:
     found = {one.name: one for one in figures_of(made(1, **narrow))}
     assert found["off_walls"].interval is None
     assert found["near_walls"].interval is not None
+
+
+def test_figures_are_printed_in_the_units_that_their_names_state() -> None:
+    """All figures are 0.25 in SI units."""
+    printed = {"mm/s": "250", "ms": "250", "mm": "250", "deg/s": "14.3", "%": "25"}
+    figures = [Figure(name, (0.25,), mean_interval([0.25, 0.25])) for name in FIGURES]
+    table = figures_document({"lab": figures}, 1.33).parts[0].frame
+    for words, value in table.rows():
+        expected = float(printed.get(words.rpartition(", ")[2], "0.25"))
+        assert float(value.split()[0]) == pytest.approx(expected, rel=0.01), words

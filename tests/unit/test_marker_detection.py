@@ -174,7 +174,7 @@ def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
     drawn.write(tmp_path / "v.avi", drawn.frames(80))
     one = replace(drawn.MARKERS, robots={0: 0})
     found = detect(tmp_path / "v.avi", one)
-    assert tuple(frame for frame, _ in found.unexpected[1]) == SEARCHED_WHOLE
+    assert tuple(frame for frame, _ in found.unexpected[1]) == (*SEARCHED_WHOLE, 79)
     assert detect(tmp_path / "v.avi", drawn.MARKERS).unexpected == {}
 
 
@@ -182,6 +182,18 @@ def test_a_dark_beginning_is_not_why_no_marker_is_seen(tmp_path: Path) -> None:
     drawn.write(tmp_path / "v.avi", [np.zeros_like(drawn.frames(1)[0]), *drawn.frames(4)])
     with pytest.raises(InputError, match="of this dictionary it shows 0, 1, 46, 47, 48, 49 only"):
         track(tmp_path / "v.avi", replace(drawn.MARKERS, robots={7: 0, 8: 1}))
+
+
+@pytest.mark.parametrize("frames", [13, 21])
+def test_a_camera_that_is_pushed_after_the_last_whole_frame_is_told(tmp_path: Path, frames: int) -> None:
+    """The last frame is searched for the floor's markers, also where it is none of every 75; once each."""
+    pictures = drawn.frames(frames)
+    drawn.write(tmp_path / "v.avi", [*pictures[:-2], *(np.roll(one, 6, axis=1) for one in pictures[-2:])])
+    found = detect(tmp_path / "v.avi", drawn.MARKERS)
+    assert {tuple(frame for frame, _ in seen) for seen in found.floor_seen.values()} == {
+        (*range(0, frames, 5), *([frames - 1] if frames % 5 != 1 else []))
+    }
+    assert found.floor_spread == (pytest.approx(3.0, abs=0.3), frames - 1)
 
 
 def test_a_camera_that_is_pushed_late_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings import floor_fit
 from vibroswarm.recordings.assemble_recording import count_lines, recording_of
 from vibroswarm.recordings.floor_fit import ORIENTATIONS, check_floor, floor_fits, turned
 from vibroswarm.recordings.log import COUNTED, Log, in_order, unwrapped
@@ -133,6 +134,28 @@ def test_a_robot_that_stops_early_is_counted(
     recording = recording_of([read_log(changed(stop))], ground, preset("paper"))
     assert recording.sessions[0]["told"]["robots_gone"] == 1
     assert "  1 robot last seen more than a minute before the end" in count_lines(recording)
+
+
+def test_a_robot_that_starts_late_is_counted(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    """It stood at its first place until then, without a word."""
+
+    def start(rows: Rows) -> None:
+        rows[1:] = [row for row in rows[1:] if row[2] != "3" or float(row[1]) > 70.0]
+
+    found = [
+        list(count_lines(recording_of([read_log(changed(change))], ground, preset("paper"))))
+        for change in (start, len)
+    ]
+    late = "  1 robot first seen more than a minute after another: taken to stand there until then"
+    assert [late in lines for lines in found] == [True, False]
+
+
+def test_a_text_in_utf_16_is_named(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("robot,time_s\n0,1\n", encoding="utf-16")
+    with pytest.raises(InputError, match="or text in UTF-16; give a text log in UTF-8"):
+        read_log(tmp_path / "log.csv")
 
 
 def test_a_robot_that_never_moved_is_counted(
@@ -257,6 +280,35 @@ def test_energies_that_fit_no_floor_are_told_of(logs: list[Path], ground: Floor)
     assert check_floor(ground, samples).startswith("The floor fits")
 
 
+CORRECTIONS = {  # where each moves the tile in row r and column c of 5 x 5
+    "Turned by 90 degrees anticlockwise": lambda r, c: (4 - c, r),
+    "Turned by 180 degrees": lambda r, c: (4 - r, 4 - c),
+    "Turned by 90 degrees clockwise": lambda r, c: (c, 4 - r),
+    "Mirrored left to right": lambda r, c: (r, 4 - c),
+    "Mirrored top to bottom": lambda r, c: (4 - r, c),
+    "Mirrored along the diagonal from the top left": lambda r, c: (c, r),
+    "Mirrored along the diagonal from the top right": lambda r, c: (4 - c, 4 - r),
+}
+
+
+@pytest.mark.parametrize("words", CORRECTIONS)
+def test_the_correction_of_a_floor_is_the_one_that_is_named(
+    words: str, ground: Floor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(floor_fit, "FLOORS", 2000)
+    given = [(r, c) for r in range(5) for c in range(5)]
+    truth = [CORRECTIONS[words](r, c) for r, c in given]
+    samples = pl.DataFrame(
+        {
+            "x_m": [0.1 + 0.2 * column for _, column in truth],
+            "y_m": [0.9 - 0.2 * row for row, _ in truth],
+            "energy": [1.0 + ground.tiles[tile] + 0.01 * k for k, tile in enumerate(given)],
+        }
+    )
+    with pytest.raises(InputError, match=f"\\. {words} it fits"):
+        check_floor(ground, samples)
+
+
 def test_what_was_read_is_counted_in_words() -> None:
     """Every count that is made, once and often; what was never found is not said."""
     once = dict.fromkeys(COUNTED, 1.0)
@@ -274,8 +326,8 @@ def test_what_was_read_is_counted_in_words() -> None:
         "  1 late row (by up to a second): sorted in",
     ]
     assert lines[5:7] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
-    assert lines[18] == "session 2: b.csv (csv)"
-    assert lines[19] == "  2,000 rows read"
-    assert lines[21] == "  2,000 repeated rows: removed"
+    assert lines[19] == "session 2: b.csv (csv)"
+    assert lines[20] == "  2,000 rows read"
+    assert lines[22] == "  2,000 repeated rows: removed"
     assert "  4.694 s, the longest such gap" in lines
-    assert not [line for line in lines[18:] if "off all tiles" in line]
+    assert not [line for line in lines[19:] if "off all tiles" in line]

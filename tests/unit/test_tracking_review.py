@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,9 @@ def test_places_that_depend_on_the_sizes_of_markers_are_warned_of(tmp_path: Path
     (words,) = replace(good, camera=replace(CAMERA, place_error_m=0.0054, calibrated=False)).warnings()
     assert words.startswith("Robots' places may be off by 5 mm")
     assert "--camera-height" in words
+    height = "If the camera is not that high, check the stated sizes and heights of the markers."
+    assert height not in tracking_document(good).parts[0].words
+    assert height in tracking_document(replace(good, camera=replace(CAMERA, calibrated=False))).parts[0].words
     (words,) = replace(good, camera=replace(CAMERA, place_error_m=0.0054)).warnings()
     assert "known no better by the 4 floor markers seen" in words
 
@@ -236,7 +240,7 @@ def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> No
     white_video(tracking.video, 200)
     samples = pl.DataFrame({"robot": [0, 1], "time_s": [108.0, 108.0]})
     log: Any = None
-    tracked = TrackedLog(log, ClockOffset(100.0, 0.004, 2, 2), 0, 0)
+    tracked = TrackedLog(log, ClockOffset(100.0, 4e-6, 2, 2), 0, 0)
     document = tracking_document(tracking, tracked, samples)
     assert document.data["doubts"]["kind"].to_list() == ["gap"]
     page = page_html(document)
@@ -245,6 +249,8 @@ def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> No
     assert document.answer[1] == "Doubtful: robots that were lost (1)."
     first = page[page.index("<h1>") : page.index("<h2")]
     assert first.index("Doubtful: robots that were lost (1).") < first.index("clock is +100.000")
+    clock = "(standard error 0.1 ms, without the time between a sample and the robot's start, some 20 ms)"
+    assert clock in unescape(first).replace("\N{NO-BREAK SPACE}", " ")
     for words in (
         "What to do:",
         "Where robots were seen",

@@ -53,10 +53,17 @@ class ClassifierAccuracy(NotebookView):
     """Real against simulated, trained and tested on the same two sessions but on different robots, as ``real`` is."""
     real: Interval | None
     """Real sessions against each other, tested on other robots than trained on; None with one real session."""
+    by_session: tuple[float, ...]
+    """``simulated`` of each real session."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return estimate and finite limits of each interval, for JSON; None where there is no interval."""
-        return {name: finite_limits(value) for name, value in self.__dict__.items()}
+        intervals = {name: finite_limits(getattr(self, name)) for name in INTERVALS}
+        return intervals | {"by_session": list(self.by_session)}
+
+
+INTERVALS: Final = ("simulated", "simulated_by_robot", "real")
+"""The fields of ``ClassifierAccuracy`` that are intervals."""
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
@@ -160,10 +167,9 @@ def classifier_accuracy(
             "longer sessions",
             field="sessions",
         )
+    by_session = [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))]
     return ClassifierAccuracy(
-        simulated=share_interval(
-            [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))]
-        ),
+        simulated=share_interval(by_session),
         simulated_by_robot=share_interval(
             [
                 float(np.mean([_accuracy_between(own, other, robots) for other in simulated_stretches]))
@@ -171,6 +177,7 @@ def classifier_accuracy(
             ]
         ),
         real=_accuracy_among(real_stretches, robots),
+        by_session=tuple(by_session),
     )
 
 

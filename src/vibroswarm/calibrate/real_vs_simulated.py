@@ -46,10 +46,12 @@ class Comparison(NotebookView):
     """Similarity of each feature, without the missing features."""
     distances: tuple[EnergyDistance, ...]
     """Energy distance of each feature, without the missing features."""
-    classifier: ClassifierAccuracy
-    """How well a classifier distinguishes real from simulated samples."""
+    classifier: ClassifierAccuracy | None
+    """How well a classifier distinguishes real from simulated samples; None if it refuses the sessions."""
     missing: tuple[str, ...]
     """Features of which a session has too few values."""
+    unclassified: str = ""
+    """Why the classifier refuses the sessions; empty if it does not."""
     camera: Camera = RIGHT
     """The camera through which the simulated positions were seen; ``RIGHT`` is an exact camera."""
     without_camera: tuple[Similarity, ...] = ()
@@ -62,7 +64,8 @@ class Comparison(NotebookView):
         return {
             "similarities": [row.as_dict() for row in self.similarities],
             "energy_distances": [row.as_dict() for row in self.distances],
-            "told_apart": self.classifier.as_dict(),
+            "told_apart": None if self.classifier is None else self.classifier.as_dict(),
+            "not_told_apart": self.unclassified,
             "missing": list(self.missing),
             "camera": asdict(self.camera),
             "similarities_without_camera": [row.as_dict() for row in self.without_camera],
@@ -127,8 +130,7 @@ def compare(
         intervals: whether to compare undisturbed intervals too: those between two samples in which the robot
             only drove. It takes half a minute.
     Raises:
-        InputError: no samples, no energies, or sessions that ``classifier_accuracy`` refuses: with fewer than two
-            robots in common, without times spent avoiding, or too short; or scikit-learn is not installed.
+        InputError: no samples, no energies, or too few of them to compare anything; or scikit-learn is not installed.
     """
     scikit_learn("model_selection")  # without it the classifiers would fail, at the end
     for words, result in (("the recording", real), ("the simulation", simulated)):
@@ -138,16 +140,26 @@ def compare(
     real_sessions = sessions_of(real)
     simulated_sessions = sessions_of(seen_through(simulated, camera))
     similarities = _similarities(real_sessions, simulated_sessions)
+    if not similarities:
+        raise InputError(
+            "a session has fewer than 10 values of each feature; give longer sessions", field="sessions"
+        )
     distances = [
         compare_distance(
             feature, real_sessions.values(feature), simulated_sessions.values(feature), known=known
         )
         for feature in similarities
     ]
+    classifier, unclassified = None, ""
+    try:
+        classifier = classifier_accuracy(real_sessions.samples, simulated_sessions.samples)
+    except InputError as error:  # such as one robot, or no times spent avoiding: all else can be compared
+        unclassified = error.reason
     return Comparison(
         similarities=tuple(similarities.values()),
         distances=tuple(each for each in distances if each is not None),
-        classifier=classifier_accuracy(real_sessions.samples, simulated_sessions.samples),
+        classifier=classifier,
+        unclassified=unclassified,
         missing=tuple(feature for feature in FEATURES if feature not in similarities),
         camera=camera,
         without_camera=()

@@ -130,9 +130,9 @@ def export(
 ) -> None:
     """Write one run of a result (run --out) as a log of the robots or the simulator, or its tables as CSV."""
     from vibroswarm.recordings.export import WRITERS
-    from vibroswarm.result import Result
+    from vibroswarm.recordings.recording import read_result
 
-    result = Result.read(folder)
+    result = read_result(folder)
     if format == "csv":
         refuse(session != 1, "--session", "has no effect with --format csv, which writes all runs")
     else:

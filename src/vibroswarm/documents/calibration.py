@@ -10,13 +10,15 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.calibrate.classifier import STRETCH
+from vibroswarm.analysis.intervals import student_test
+from vibroswarm.analysis.paired import differences, holm
+from vibroswarm.calibrate.classifier import STRETCH, ClassifierAccuracy
 from vibroswarm.calibrate.features import FEATURES, WORDS
 from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
 from vibroswarm.calibrate.similarity import EnergyDistance, Similarity, Spread
-from vibroswarm.core.numbers import listed, number, percent, stated, with_limits
+from vibroswarm.core.numbers import count, listed, number, percent, stated, with_limits
 from vibroswarm.documents.session_estimates import columns_of, estimate_of
 from vibroswarm.show.document import Column, Document, Part, Table, Text
 
@@ -51,11 +53,11 @@ def comparison_document(found: Comparison, *, intervals: bool = False) -> Docume
                 "--no-camera takes them as they are."
             )
         )
-    parts += [_similarities(found), _distances(found), _recognised(found), *_intervals(found, intervals)]
+    parts += [_similarities(found), _distances(found), *_recognised(found), *_intervals(found, intervals)]
     return Document(
         title="Recordings and simulation",
-        answer=(_recognises(found), _most_different(found), *_below_null(found)),
-        warnings=_missing(found.missing),
+        answer=(*_recognises(found.classifier), _most_different(found), *_below_null(found)),
+        warnings=_missing(found),
         parts=tuple(parts),
         data=_data(found),
     )
@@ -68,18 +70,43 @@ def comparisons_document(found: Mapping[str, Comparison]) -> Document:
         found: by the folder of the simulation. One that has too few values of a feature gets a dash.
     """
     names = names_of(list(found))
-    shares = {names[folder]: one.classifier.simulated for folder, one in found.items()}
-    closest = min(shares, key=lambda name: shares[name].estimate)
-    each = (f"{percent(share.estimate)} of {name}" for name, share in shares.items())
+    classifiers = {
+        names[folder]: one.classifier for folder, one in found.items() if one.classifier is not None
+    }
     return Document(
         title="A recording and several simulations",
-        answer=(f"Recognised as real or simulated: {listed(each)} (50 %: chance); closest: {closest}.",),
+        answer=_recognised_least(classifiers),
         warnings=tuple(
-            f"{names[folder]}: {words}" for folder, one in found.items() for words in _missing(one.missing)
+            f"{names[folder]}: {words}" for folder, one in found.items() for words in _missing(one)
         ),
-        parts=(_several_distances(found, names), _several_classifiers(found, names)),
+        parts=(_several_distances(found, names), *_several_classifiers(found, names)),
         data=_joined({folder: _data(one) for folder, one in found.items()}),
     )
+
+
+def _recognised_least(classifiers: Mapping[str, ClassifierAccuracy]) -> tuple[str, ...]:
+    """Return how well each simulation is recognised, and those than which the least recognised is not shown to be less.
+
+    Differences are paired by real session, with Student's test and a correction for their number.
+    """
+    if not classifiers:
+        return ("The classifier compared no simulation.",)
+    shares = {name: one.simulated.estimate for name, one in classifiers.items()}
+    each = listed(f"{percent(share)} of {name}" for name, share in shares.items())
+    recognised = f"Recognised as real or simulated: {each} (50 %: chance)."
+    if len(shares) == 1:
+        return (recognised,)
+    least = min(shares, key=lambda name: shares[name])
+    others = [name for name in shares if name != least]
+    p_values = [
+        student_test(differences(classifiers[least].by_session, classifiers[name].by_session)).p_value
+        for name in others
+    ]
+    alike = [name for name, p in zip(others, holm(p_values), strict=True) if not p <= 0.05]
+    paired = f"(paired by {count(len(classifiers[least].by_session), 'real session')})"
+    if alike:
+        return recognised, f"Least: {least}, not significantly less than {listed(alike)} {paired}."
+    return recognised, f"Least: {least}, significantly less than each of the others {paired}."
 
 
 def figures_document(figures: Mapping[str, Sequence[Figure]], rms_threshold: float) -> Document:
@@ -118,9 +145,13 @@ def names_of(folders: Sequence[str]) -> dict[str, str]:
     return dict(zip(folders, names if len(set(names)) == len(names) else folders, strict=True))
 
 
-def _recognises(found: Comparison) -> str:
-    share = with_limits(estimate_of(found.classifier.simulated), "%")
-    return f"A classifier recognises {share} of the stretches of {STRETCH} samples as real or simulated (50 %: chance)."
+def _recognises(found: ClassifierAccuracy | None) -> tuple[str, ...]:
+    if found is None:
+        return ()
+    share = with_limits(estimate_of(found.simulated), "%")
+    return (
+        f"A classifier recognises {share} of the stretches of {STRETCH} samples as real or simulated (50 %: chance).",
+    )
 
 
 def _most_different(found: Comparison) -> str:
@@ -136,8 +167,12 @@ def _below_null(found: Comparison) -> list[str]:
     return [f"No more similar than evenly spread values: {listed(below)}."] if below else []
 
 
-def _missing(features: Sequence[str]) -> tuple[str, ...]:
-    return (f"Too few values to compare: {listed(WORDS[name] for name in features)}.",) if features else ()
+def _missing(found: Comparison) -> tuple[str, ...]:
+    """Return what was not compared, and why."""
+    features = [WORDS[name] for name in found.missing]
+    too_few = (f"Too few values to compare: {listed(features)}.",) if features else ()
+    unclassified = (f"Without the classifier: {found.unclassified}.",) if found.unclassified else ()
+    return too_few + unclassified
 
 
 def _similarities(found: Comparison) -> Table:
@@ -195,7 +230,7 @@ def _distances(found: Comparison) -> Table:
 
 
 def _told_apart(found: Comparison) -> pl.DataFrame:
-    shares = {name: getattr(found.classifier, name) for name in CLASSIFIERS}
+    shares = {name: getattr(found.classifier, name, None) for name in CLASSIFIERS}
     return pl.DataFrame(
         [
             {"recognised": name} | columns_of("share", share)
@@ -205,9 +240,11 @@ def _told_apart(found: Comparison) -> pl.DataFrame:
     )
 
 
-def _recognised(found: Comparison) -> Table:
+def _recognised(found: Comparison) -> list[Part]:
+    if found.classifier is None:
+        return []
     frame = _told_apart(found).with_columns(pl.col("recognised").replace(CLASSIFIERS))
-    return Table(frame, {"share": Column(share=True)}, RECOGNISED, "told_apart")
+    return [Table(frame, {"share": Column(share=True)}, RECOGNISED, "told_apart")]
 
 
 def _intervals(found: Comparison, requested: bool) -> list[Part]:
@@ -264,16 +301,18 @@ def _several_distances(found: Mapping[str, Comparison], names: Mapping[str, str]
     return Table(pl.DataFrame(rows), columns, DISTANCES, "distances")
 
 
-def _several_classifiers(found: Mapping[str, Comparison], names: Mapping[str, str]) -> Table:
+def _several_classifiers(found: Mapping[str, Comparison], names: Mapping[str, str]) -> list[Table]:
+    if all(one.classifier is None for one in found.values()):
+        return []
     columns: dict[str, Column] = {}
     rows = []
     for field in ("simulated", "simulated_by_robot"):
         row: dict[str, Any] = {"recognised": CLASSIFIERS[field]}
         for folder, one in found.items():
-            row |= columns_of(folder, getattr(one.classifier, field))
+            row |= columns_of(folder, getattr(one.classifier, field, None))
             columns[folder] = Column(names[folder], share=True)
         rows.append(row)
-    return Table(pl.DataFrame(rows), columns, RECOGNISED, "classifiers")
+    return [Table(pl.DataFrame(rows), columns, RECOGNISED, "classifiers")]
 
 
 def _data(found: Comparison) -> dict[str, pl.DataFrame]:

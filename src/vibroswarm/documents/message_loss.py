@@ -6,8 +6,8 @@ from dataclasses import asdict
 
 import polars as pl
 
-from vibroswarm.calibrate.message_loss import STEPS, LossFits
-from vibroswarm.core.numbers import count, number, percent, plus_minus
+from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
+from vibroswarm.core.numbers import count, number, percent, plus_minus, stated
 from vibroswarm.show.document import Column, Document, Table, Text
 
 
@@ -30,13 +30,21 @@ def message_loss_document(found: LossFits) -> Document:
 
 
 def _answer(found: LossFits) -> str:
-    """Say which model predicts better: the one with the smaller AIC."""
-    gain = found.models["independent"].aic - found.models["bursts"].aic
+    """Say which model predicts better: the one with the smaller AIC, bursts only from ``LEAST_GAIN`` on."""
+    gain, least = found.gain, stated(LEAST_GAIN)
     if gain <= 0:
-        return f"No bursts found: independent losses fit as well (AIC lower by {number(-gain, 1)})."
+        alike = found.models["independent"].aic <= found.aic_by_receiver
+        how = "" if alike else ", with a share of its own for each receiver,"
+        return f"No bursts found: independent losses{how} fit as well (AIC lower by {number(-gain, 1)})."
+    if gain < LEAST_GAIN:
+        return (
+            f"Inconclusive: bursts fit better than independent losses, but by too little (AIC lower by "
+            f"{number(gain, 1)}; {least} are needed)."
+        )
     bursts = found.models["bursts"]
     return (
-        f"Messages are lost in bursts (AIC lower by {number(gain, 1)} than with independent losses): bad periods of "
+        f"Messages are lost in bursts (AIC lower by {number(gain, 1)} than with independent losses; {least} are "
+        f"needed): bad periods of "
         f"{number(bursts.bad_s, 1)} s on average, {percent(bursts.bad_share)} of the time, in which "
         f"{percent(bursts.lost_in_bad)} of the messages are lost."
     )
@@ -49,6 +57,7 @@ def _models(found: LossFits) -> Table:
         {"model": name} | {figure: getattr(model, figure) for figure in (*figures, "log_likelihood", "aic")}
         for name, model in found.models.items()
     ]
+    rows.insert(1, {"model": "independent, each receiver by itself", "aic": found.aic_by_receiver})
     if found.errors:
         rows.append({"model": "standard error of bursts", **found.errors})
     columns = {
@@ -91,6 +100,12 @@ def _data(found: LossFits) -> dict[str, pl.DataFrame]:
     expected = {f"expected_{name}": mean.tolist() for name, (mean, _) in found.expected.items()}
     return {
         "fits": pl.DataFrame(fits),
+        "fits_by_receiver": pl.DataFrame(
+            [
+                {"run": one.run, "robot": one.robot, "lost": model.lost, "aic": model.aic}
+                for one, model in zip(found.windows, found.by_receiver, strict=True)
+            ]
+        ),
         "standard_errors": pl.DataFrame([found.errors] if found.errors else []),
         "gaps": pl.DataFrame({"from": list(STEPS), "found": found.gaps.tolist(), **expected}),
         "long_intervals": pl.DataFrame({"lost": [found.lost_in_long], "sent": [found.sent_in_long]}),

@@ -93,18 +93,26 @@ def _camera_words(tracking: Tracking) -> str:
         if camera.calibrated
         else "fitted to the markers of the video itself; a chessboard (`--lens`) is more exact"
     )
+    # Seen from above, a wrong size is explained by another height as well.
+    check = (
+        ""
+        if camera.calibrated
+        else " If the camera is not that high, check the stated sizes and heights of the markers."
+    )
     return (
         f"Camera {number(float(camera.position_m[2]), 2)} m above the floor; lens {lens}. Its model fits the corners "
         f"of the floor's markers to {number(camera.floor_error_px, 2)} px "
-        f"({number(camera.floor_error_px * mm_per_px(tracking), 1)} mm)."
+        f"({number(camera.floor_error_px * mm_per_px(tracking), 1)} mm).{check}"
     )
 
 
 def _clock_words(tracked: TrackedLog) -> str:
     offset = tracked.offset
+    error_ms = number(max(1000 * offset.error_s, 0.1), 1)
     return (
         f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
-        f"{number(1000 * offset.error_s, 0)} ms); {offset.pairs} of {count(offset.samples, 'sample')} match a stop. "
+        f"{error_ms} ms, without the time between a sample and the robot's start, some 20 ms); "
+        f"{offset.pairs} of {count(offset.samples, 'sample')} match a stop. "
         f"Left out of the recording: {count(tracked.outside, 'sample')} before or after the video, {tracked.unseen} in "
         "gaps of the tracking."
     )

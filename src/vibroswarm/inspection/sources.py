@@ -242,7 +242,8 @@ def samples_of_csv(
         InputError: the file cannot be read, a column is missing, or places are in two units.
     """
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
-    log = read_mapped(path, _column_map(table.columns, path))
+    by = _column_map(table.columns, path)
+    log = read_mapped(path, by)
     most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]  # None: a single robot, without a number
     if most > MOST_ROBOT:
         raise InputError(
@@ -267,8 +268,16 @@ def samples_of_csv(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
     )  # fmt: skip
-    warning = " ".join(filter(None, [found.warning, *_doubts(found)]))
+    warning = " ".join(filter(None, [found.warning, *_doubt_of_robots(by, table.columns), *_doubts(found)]))
     return replace(found, left_out=log.tracks.height, warning=warning)
+
+
+def _doubt_of_robots(by: ColumnMap, names: Sequence[str]) -> Iterator[str]:
+    """Yield that all samples count as one robot's, if a file has columns that may say which robot took them."""
+    read = {column.name for column in by.columns.values()}
+    unread = [f"'{name}'" for name in names if name not in read]
+    if by.columns["robot"].times == 0.0 and unread:
+        yield f"Without a column 'robot' all samples count as one robot's; not read: {listed(unread[:12])}."
 
 
 def _doubts(samples: Samples) -> Iterator[str]:

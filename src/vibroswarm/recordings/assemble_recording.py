@@ -37,7 +37,8 @@ STOOD_M: Final = 0.005
 APART_S: Final = 60.0
 """If the rows of a robot are usually farther apart than this, times are probably not in seconds."""
 GONE_S: Final = 60.0
-"""A robot whose last known position is older than this at the end of the session is counted as gone."""
+"""A robot whose last known position is older than this at the end of the session is counted as gone; one that is seen
+for the first time so much later than another, as late."""
 
 
 EDGE_M: Final = 1e-9
@@ -301,6 +302,8 @@ class _RobotPath(NamedTuple):
     """The path of one robot in a session."""
 
     segments: pl.DataFrame
+    begins_s: float
+    """When the robot was first seen."""
     end: pl.DataFrame
     """Its final pose, a row of the table of ends."""
     gaps: tuple[int, float]
@@ -331,7 +334,9 @@ def _path(
         "heading_rad": [segments["heading_rad"][-1]],
         "stop_start_s": [None],  # whether the robot stands at the end is not known
     }
-    return _RobotPath(segments, pl.DataFrame(end, schema=ENDS), gaps_of(track["time_s"].to_numpy()))
+    return _RobotPath(
+        segments, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(track["time_s"].to_numpy())
+    )
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
@@ -373,6 +378,7 @@ def _problem_counts(
     Returns: counts by key of ``log.COUNTED``.
     """
     ages_s = rows["position_age_s"].drop_nulls()
+    first_s = min(path.begins_s for path in paths)
     prior = scenario.decision.prior_alpha + scenario.decision.prior_beta
     # alpha + beta counts the prior, the own samples (one more than messages sent before) and the messages received.
     odd = rows.filter(
@@ -383,6 +389,7 @@ def _problem_counts(
         "tracking_gap_longest_s": round(max(path.gaps[1] for path in paths), 6),
         "positions_old": int((ages_s > USUAL_AGE_S).sum()),
         "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
+        "robots_late": sum(path.begins_s - first_s > GONE_S for path in paths),
         "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
         "robots_unmoved": sum(_stood(path.segments) for path in paths),
         "posteriors_odd": odd.height,

@@ -81,7 +81,7 @@ def text_of(path: Path, what: str = "a log of one session") -> str:
     name = str(path)
     text = read_bytes(path, LARGEST_BYTES, what).decode("utf-8-sig", errors="replace")
     if "\0" in text[:4096]:  # text has no null characters; binary files have some near their start
-        raise InputError("is a binary file; give a text log", field=name)
+        raise InputError("is a binary file, or text in UTF-16; give a text log in UTF-8", field=name)
     if not text.strip():
         raise InputError("is empty", field=name)
     return text

@@ -12,7 +12,7 @@ All that a log contains of a simulated result is read back equal.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,6 +25,7 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.log_readers import FEEDBACK
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import TABLES, Result
 
 CAMERA_S: Final = 0.22
@@ -43,7 +44,8 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     In that format a camera finds all robots in each of its loops (every 0.22 s). For each loop the file has a tracking
     row for every robot, and a row for each sample taken since the loop before, with the time of this loop and the place
     of the sample. (The study's robots hardly left it by then: half of the rows are within 0.6 mm of where they stood.)
-    Decisions among more than two kinds of tile are left out, since 2 stands for undecided.
+    Decisions among more than two kinds of tile are left out, since 2 stands for undecided. Robots of a recording keep
+    their numbers; those of a simulation are numbered from 1.
 
     Args:
         run: number of the run. replace: whether an existing file may be replaced.
@@ -64,6 +66,7 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         # Of several kinds: the format cannot tell kind 2 from undecided.
         samples = samples.with_columns(decision=pl.lit(None, dtype=samples.schema["decision"]))
     ends = result.ends.filter(pl.col("run") == run)
+    names = result.names if isinstance(result, Recording) else range(1, result.scenario.swarm.robots + 1)
     loops_s = np.arange(0.0, float(ends["end_s"].max() or 0.0), CAMERA_S)  # type: ignore[arg-type]
     # Positions of each robot at each loop, (loops, 2). Those beyond the right or upper wall (1 m) are moved onto it;
     # those beyond the other two walls stay, since -10 m is no wall but a bound below all positions.
@@ -85,9 +88,10 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         )
     by_loop = {int(k[0]): frame.to_dicts() for k, frame in with_loop.group_by("loop", maintain_order=True)}
     for loop, time_s in enumerate(loops_s.tolist()):
-        lines += [f"{_place(time_s, robot, at[loop])}{_NOTHING}" for robot, at in tracked.items()]
+        lines += [f"{_place(time_s, robot, names, at[loop])}{_NOTHING}" for robot, at in tracked.items()]
         lines += [
-            _place(time_s, row["robot"], (min(row["x_m"], 1.0), min(row["y_m"], 1.0))) + _sample_cells(row)
+            _place(time_s, row["robot"], names, (min(row["x_m"], 1.0), min(row["y_m"], 1.0)))
+            + _sample_cells(row)
             for row in by_loop.get(loop, [])
         ]
     head = (
@@ -98,10 +102,10 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     write_text(path, f"{head}\n{body}\n", replace=replace)
 
 
-def _place(time_s: float, robot: int, where: Any) -> str:
-    """Write the first cells of a row: time, robot (from 1), marker (100 + ``robot`` beyond the study's), x and y, m."""
+def _place(time_s: float, robot: int, names: Sequence[int], where: Any) -> str:
+    """Write the first cells of a row: time, name, marker (100 + ``robot`` beyond the study's), x and y, m."""
     marker = MARKERS[robot] if robot < len(MARKERS) else 100 + robot
-    return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
+    return f"{time_s:.2f},{names[robot]},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
 
 
 def _sample_cells(row: dict[str, Any]) -> str:

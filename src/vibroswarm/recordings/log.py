@@ -92,6 +92,7 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
     "posteriors_odd": ("sample", " with an alpha + beta other than prior, samples and messages received"),
     "tracking_gaps": ("gap", " in tracking of more than half a second: interpolated linearly"),
     "tracking_gap_longest_s": ("", " s, the longest such gap"),
+    "robots_late": ("robot", " first seen more than a minute after another: taken to stand there until then"),
     "robots_gone": ("robot", " last seen more than a minute before the end"),
     "robots_unmoved": ("robot", " that never moved"),
     "positions_old": ("sample", " with a position older than the usual quarter of a second"),

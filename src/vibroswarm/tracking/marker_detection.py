@@ -2,7 +2,7 @@
 
 Searching small windows around the places of the last frame is fast. A frame is searched whole if a robot is in none of
 its windows, and every ``WHOLE_EVERY`` frames. So no marker is missed that OpenCV's detector, with its default settings,
-sees in a whole frame. The floor's markers are searched in whole frames only.
+sees in a whole frame. The floor's markers are searched in every ``WHOLE_EVERY``-th frame and in the last one only.
 """
 
 from __future__ import annotations
@@ -152,6 +152,7 @@ def detect(
         times.append(time_s)
         if progress is not None:
             progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
+    search.finish(k, picture, found[-1])
     search.decide_backwards(found)
     return Detections(
         size_px=info.size_px,
@@ -186,6 +187,7 @@ class _Search:
         self.samples: list[Gray] = []
         self._sample_every = 1
         self.whole_frames = 0
+        self._searched_for_all = -1
 
     def corners_in(self, k: int, picture: Picture) -> Floats:
         """Return the corners of the robots' markers in frame ``k``, (robots, 4, 2), px; NaN: not seen."""
@@ -207,6 +209,15 @@ class _Search:
         self._remember(here)
         return here
 
+    def finish(self, k: int, picture: Picture, here: Floats) -> None:
+        """Search the last frame for all markers, unless that was done: the camera may have been pushed since.
+
+        Args:
+            here: what ``corners_in`` returned for it.
+        """
+        if k != self._searched_for_all:
+            self._search_for_all(k, picture, here, set())
+
     def _sample(self, k: int, picture: Picture) -> None:
         """Keep frame ``k`` if it is due: all at first, then every second, every fourth ... of a longer video."""
         if k % self._sample_every:
@@ -220,6 +231,7 @@ class _Search:
     def _search_for_all(self, k: int, picture: Picture, here: Floats, twice: set[int]) -> None:
         """Search the whole of frame ``k`` for all markers of the dictionary, on robots, on the floor or neither."""
         self.whole_frames += 1
+        self._searched_for_all = k
         seen = self._finder.everywhere(grey(picture))
         self._search_for_robots(k, seen, here, twice)
         for marker, places in seen.items():

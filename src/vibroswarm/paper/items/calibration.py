@@ -358,10 +358,10 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
     rows = []
     for source, comparison in found.items():
         told_apart = comparison.classifier
-        for feature, effect, real in (
-            *((WORDS[one.feature], one.effect, one.real) for one in comparison.distances),
-            ("share of stretches told apart", told_apart.simulated_by_robot, told_apart.real),
-        ):
+        measures = [(WORDS[one.feature], one.effect, one.real) for one in comparison.distances]
+        if told_apart is not None:
+            measures.append(("share of stretches told apart", told_apart.simulated_by_robot, told_apart.real))
+        for feature, effect, real in measures:
             row = {"source": source, "feature": feature}
             rows.append(row | columns_of("effect", effect) | columns_of("real", real or [None] * 3))
     return pl.DataFrame(rows, infer_schema_length=None)

@@ -1,0 +1,59 @@
+"""What is said of comparisons of a recording: which simulation is recognised least, and what was not compared."""
+
+from __future__ import annotations
+
+import pytest
+
+from vibroswarm import preset, simulate
+from vibroswarm.analysis.intervals import share_interval
+from vibroswarm.calibrate.classifier import ClassifierAccuracy
+from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
+from vibroswarm.documents.calibration import comparison_document, comparisons_document
+
+
+def compared(*by_session: float) -> Comparison:
+    share = share_interval(by_session)
+    return Comparison((), (), ClassifierAccuracy(share, share, None, by_session), missing=())
+
+
+@pytest.mark.parametrize(
+    ("others", "words"),
+    [
+        ([(0.72, 0.83, 0.89)], "Least: ours, significantly less than each of the others (paired by 3 real sessions)."),
+        ([(0.50, 0.66, 0.80)], "Least: ours, not significantly less than other-0 (paired by 3 real sessions)."),
+        # without the correction for two comparisons, both differences are significant
+        (
+            [(0.585, 0.73, 0.835), (0.585, 0.73, 0.835)],
+            "Least: ours, not significantly less than other-0 and other-1 (paired by 3 real sessions).",
+        ),
+    ],
+)  # fmt: skip
+def test_the_least_recognised_is_told_from_the_others_or_not(
+    others: list[tuple[float, ...]], words: str
+) -> None:
+    found = {"ours": compared(0.52, 0.63, 0.70)}
+    found |= {f"other-{k}": compared(*shares) for k, shares in enumerate(others)}
+    assert comparisons_document(found).answer[1] == words
+
+
+def test_one_real_session_tells_no_simulations_apart() -> None:
+    found = {"ours": compared(0.5), "other": compared(0.9)}
+    assert comparisons_document(found).answer[1] == (
+        "Least: ours, not significantly less than other (paired by 1 real session)."
+    )
+
+
+def test_a_recording_of_one_robot_is_compared_without_the_classifier() -> None:
+    """It was refused as a whole."""
+    one = preset("paper-empirical").with_values({"swarm.robots": 1, "run.t_end_s": 200.0})
+    found = compare(simulate(one, 1, 1), simulate(one, 2, 1))
+    assert len(found.similarities) >= 4
+    assert found.classifier is None
+    document = comparison_document(found)
+    assert document.warnings[-1] == (
+        "Without the classifier: a classifier split by robot needs at least two robots."
+    )
+    assert document.answer[0].startswith("Most different: ")
+    assert comparisons_document({"one": found, "two": found}).answer == (
+        "The classifier compared no simulation.",
+    )
