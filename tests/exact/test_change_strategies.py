@@ -166,6 +166,10 @@ def test_the_same_answers_are_others_since_the_start() -> None:
     assert numbers["right_time_share"] == pytest.approx((90 + 5 + 10 + 50 + 80 + 50) / 400)
     assert numbers["change_time_error_s"] == pytest.approx((4 + 20) / 2)
     assert math.isnan(judged(course(*TOLD, **ANEW))["change_time_error_s"])
+    before = course(
+        (0, 10.0, 0), (1, 20.0, 0), changed_s=(8.0, NAN)
+    )  # robot 0 tells of a change that never was
+    assert math.isnan(judged(before)["change_time_error_s"])
 
 
 @pytest.fixture(scope="module")

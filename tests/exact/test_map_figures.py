@@ -78,7 +78,7 @@ def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     assert 0.5 < table["map_auc"].item() <= 1.0
 
 
-@pytest.mark.parametrize(("name", "boundary"), [("places", 0.3), ("fading", 0.5)])
+@pytest.mark.parametrize(("name", "boundary"), [("places", 0.3), ("fading", 0.5), ("explore", 0.3)])
 def test_maps_are_reported_as_they_are_at_the_end(name: str, boundary: float) -> None:
     """The array ``p`` of a robot is scratch: it had sums of the last update, or tiles before the last reading."""
     scenario = preset("paper").with_values({

@@ -11,14 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.cell_summary import summary
-from vibroswarm.analysis.detection import detection_curve, needed
+from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.documents.detection import detection_document
+from vibroswarm.documents.tradeoff import tradeoff_document
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.study.tradeoff import time_error_curve
+from vibroswarm.study.detection import Detection, detect
+from vibroswarm.study.tradeoff import Tradeoff, time_error_curve
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
 
@@ -193,6 +196,48 @@ def test_what_is_said_to_be_enough_is_enough() -> None:
         by_estimate += np.exp(-np.quantile(times, 1 - wanted) / 20.0) > wanted
     assert too_soon / 200 <= 0.05
     assert by_estimate / 200 > 0.3  # the negative control
+
+
+def test_the_document_of_a_detection_names_each_limit_and_draws_the_latest_time() -> None:
+    times: list[float | None] = [float(t) for t in range(1, 101)]
+    answers_more = {"decision": pl.lit(1, pl.Int8)}, {"truth": pl.lit(1, pl.Int8), "fill_ratio": pl.lit(0.6)}
+    cells = [cell(times, robots) for robots in (1, 2)]
+    cells += [
+        tuple(frame.with_columns(**columns) for frame, columns in zip(one, answers_more, strict=True))
+        for one in cells
+    ]
+    sooner = cell([t / 2 for t in times], 1)  # type: ignore[operator]
+    cells.append((sooner[0], sooner[1].with_columns(truth=pl.lit(1, pl.Int8), fill_ratio=pl.lit(0.8))))
+    need, curve = needed(cells, 100.0, 0.12, false_alarms=0.2), detection_curve(cells, 100.0)
+    scenario = SHORT.with_values({"run.t_end_s": 100.0})
+    tables = {"detection": curve, "needed": need, "pairs": pairs(need)}
+    found = Detection(tables, scenario, 5, 0.12, 0.2)
+    assert wilson(0, found.runs_needed).high < 0.12 < wilson(0, found.runs_needed - 1).high
+    document = detection_document(found)
+    assert document.answer[0] == (
+        "1 robot with strategy none finds 60 % vibrating within 95 s, with at most 12 % misses, and at most 20 % false "
+        "alarms on floors up to 40 %; 80 % within 48 s."
+    )
+    assert document.tables["needed"].frame["clear_until_s"].to_list() == [100.0, 100.0, None, None, None]
+    at_the_end = document.figures["detection-robots"].drawn.numbers
+    assert at_the_end["missed"].to_list() == [0.0] * 5
+
+
+@pytest.mark.parametrize(("fills", "longer"), [([0.0, 1.0], 1), ([0.48, 0.52], 4)])
+def test_runs_are_longer_only_where_nothing_is_found(fills: list[float], longer: int) -> None:
+    soon = SHORT.with_values({"run.t_end_s": 60.0, "decision.min_observations": 5})
+    found = detect(soon, 0.2, robots=[2], fills=fills, runs=20)
+    assert found.scenario.run.t_end_s == 60.0 * longer
+    assert found.finds_nothing == (longer > 1)
+
+
+def test_the_document_of_a_trade_off_draws_times_and_leaves_out_what_decides_alike(
+    curve: pl.DataFrame,
+) -> None:
+    twice = pl.concat([curve, curve.filter("pareto").head(1)])
+    document = tradeoff_document(Tradeoff(twice, SHORT, 5))
+    assert "1 further setting with the same figures left out." in document.tables["front"].caption
+    assert set(document.figures["front"].drawn.numbers["time"]) == set(curve["decision_time_s"])
 
 
 def test_wrong_wishes_of_detection() -> None:

@@ -9,13 +9,12 @@ from typing import Annotated, Literal
 
 import pytest
 
-from vibroswarm import InputError, Study, preset
+from vibroswarm import InputError, preset
 from vibroswarm.cli import main
 from vibroswarm.cli.command_line import Option, bound, help_of, parser_of
 from vibroswarm.cli.commands import COMMANDS
 from vibroswarm.documents.plan import PAGE_S, work_sentence
 from vibroswarm.study import detection
-from vibroswarm.study.plan import plan_of
 from vibroswarm.study.runner import Expected, Job
 
 OLDER = {
@@ -141,17 +140,19 @@ def test_a_parameter_without_an_option_is_a_mistake():
 
 
 def test_an_estimate_covers_the_whole_command():
-    plan = plan_of(Study.of(preset("paper"), runs=100, strategy__name=["none", "soft"]))
     left = Expected(runs=100, core_s=10.0, tried=26)
-    assert "about 10 s of one core in all" in work_sentence(plan, left)
-    assert "about 20 s of one core" in work_sentence(plan, left, again=True)
-    drawn = work_sentence(plan, left, again=True, page_cells=len(plan.study.cells))
-    assert "100 on other seeds and the report" in drawn
+    assert "100 runs of motion; about 10 s of one core in all" in work_sentence(left)
+    again = left._replace(again_runs=100, again_s=10.0)
+    assert "100 runs of motion and 100 runs on other seeds; about 20 s of one core" in work_sentence(again)
+    drawn = work_sentence(again, page_cells=2)
+    assert "100 runs on other seeds and the report" in drawn
     assert int(drawn.split("about ")[1].split()[0]) > 20 + PAGE_S
-    assert "about 2.5 s" in work_sentence(plan, left, Job(1, 4))
-    tested = work_sentence(plan, left._replace(further_runs=40, further_s=20.0))
-    assert "100 runs of motion and 40 to test beliefs and faults; about 30 s" in tested
-    assert work_sentence(plan, Expected(0, 0.0, 0), page_cells=1) == "Nothing to do: all runs exist."
+    assert "100 runs of motion in this shard; about 10 s" in work_sentence(left, Job(1, 4))
+    tested = left._replace(further_runs=40, further_s=20.0)
+    assert "100 runs of motion and 40 runs to test beliefs and faults; about 30 s" in work_sentence(tested)
+    assert work_sentence(tested._replace(runs=0)).startswith("To do: 40 runs to test")
+    assert work_sentence(Expected(0, 0.0, 0), page_cells=1) == "Nothing to do: all runs exist."
+    assert work_sentence(Expected(0, 0.0, 0), Job(2, 4)) == "Nothing to do: no run of this shard is missing."
 
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--runs", "3"]

@@ -114,7 +114,7 @@ def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) 
     )
     still = ROOT / "examples" / "inspection" / "plate.csv"  # the mean of its only tile is that of a still one
     assert run("inspect", *small(still, "--tiles", "1x1")) == 0
-    assert "0 of 1 tiles vibrate and 1 is still, each" in capsys.readouterr().out
+    assert "0 of 1 tile vibrate and 1 is still, each" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("few_draws")

@@ -265,6 +265,11 @@ def test_an_output_folder_that_exists_is_refused_unless_told(tmp_path, capsys):
     assert run(*SHORT, "--seed", "2", "--out", str(out)) == 2
     assert "exists already" in capsys.readouterr().err
     assert (out / "vibroswarm.json").read_bytes() == before
+    link = tmp_path / "link"
+    link.symlink_to(out)
+    assert run(*SHORT, "--seed", "2", "--out", str(link), "--force") == 2
+    assert "give another --out (--force replaces no symbolic link)" in capsys.readouterr().err
+    assert (out / "vibroswarm.json").read_bytes() == before
     assert run(*SHORT, "--seed", "2", "--out", str(out), "--force") == 0
     assert Result.read(out).seed == 2
 

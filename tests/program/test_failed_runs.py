@@ -54,7 +54,7 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert main(["evaluate", *BRIEF, "--motion", failing, "--out", str(out)]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     words = (
-        "2 of 6 runs of soft failed in the source of motion; their robots have stood still since and count as "
+        "2 of 6 runs of soft failed in the source of motion; the robots have stood still since and count as "
         "undecided (run 1 at 10 s: the test wants it)."
     )
     assert "failed runs" in printed

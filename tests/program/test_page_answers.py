@@ -441,6 +441,36 @@ def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open,
     assert page.locator("#details div", has_text="Fill ratio").locator("dd").inner_text() == "0.48"
 
 
+def test_tiles_that_are_no_squares_and_a_run_without_samples(open_page: Open, tmp_path: Path) -> None:
+    long = {"arena.width_m": 10.0, "arena.height_m": 0.3, "swarm.robots": 2, "run.t_end_s": 1.0}
+    write_run_page(simulate(preset("paper").with_values(long), seed=1, segments=True), tmp_path / "run.html")
+    page = open_page(file=tmp_path / "run.html")
+    floor = page.locator("#details div", has_text="Floor").locator("dd").inner_text()
+    assert floor == "5 \u00d7 5 tiles of 200 cm \u00d7 6 cm, random:0.48"
+    assert page.inner_text("[data-fact=samples] dd") == "0"
+
+
+def test_readings_of_values_are_not_misread(open_page: Open, tmp_path: Path) -> None:
+    hill = {"floor.source": "gradient:0..1", "decision.boundary_of": "tiles", "task.name": "mean"}
+    result = simulate(preset("paper").with_values({**hill, "run.t_end_s": 30.0}), seed=1, segments=True)
+    write_run_page(result, tmp_path / "run.html")
+    page = open_page(file=tmp_path / "run.html")
+    assert page.inner_text("[data-fact=samples] dd") == str(result.motion.height)
+    assert "misread" not in page.inner_text("body")
+
+
+def test_robots_that_tell_a_change_do_not_decide_by_a_belief(open_page: Open, tmp_path: Path) -> None:
+    tells = {"strategy.name": "reset", "task.name": "changed", "strategy.reset.tells_change": True}
+    inverted = {"floor.source": "random:0.4", "change.at_s": 20.0, "change.to": "invert", "run.t_end_s": 30.0}
+    result = simulate(preset("paper").with_values(tells | inverted), seed=1, segments=True)
+    write_run_page(result, tmp_path / "run.html")
+    page = open_page(file=tmp_path / "run.html")
+    decides = page.locator("#details div", has_text="Decides").locator("dd").inner_text()
+    assert decides == "after more than 381 readings, own and received"
+    assert "hatched right of 0.5" in page.inner_text("#posterior-lead")
+    assert page.locator(".card-belief").count() == 0
+
+
 def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(
     open_page: Open, record: RunRecord, tmp_path: Path
 ) -> None:

@@ -37,7 +37,7 @@ from vibroswarm.view.scene import (
     robot_parts,
     words_of,
 )
-from vibroswarm.view.server import HOST, Server, free_port, write_html
+from vibroswarm.view.server import HOST, Server, free_port, legend, write_html
 
 QUICK = {
     "run.t_end_s": 40.0,
@@ -146,6 +146,12 @@ def test_colours_and_words_of_beliefs() -> None:
     assert words_of(0.634, -1, answers) == "p 0.63"
     assert words_of(0.99, 0, answers) == "p 0.99 decided less"
     assert words_of(0.01, 1, answers) == "p 0.01 decided more"
+
+
+@pytest.mark.parametrize(("strategy", "told"), [("none", "its belief p"), ("dmvd", "its decision (blue")])
+def test_only_beliefs_that_robots_have_are_explained(strategy: str, told: str) -> None:
+    run = simulate(preset("paper").with_values({"strategy.name": strategy, "run.t_end_s": 20.0}), 3, [0])
+    assert f"Over each robot: {told}" in legend(Playback(run, 0))
 
 
 def test_each_of_three_kinds_has_its_colours_and_decisions_their_words() -> None:

@@ -129,6 +129,8 @@ def test_a_split_where_nothing_is_right_says_its_sides() -> None:
     )
     nobody = simulate(preset("paper").with_values(EVEN | {"run.t_end_s": 60.0}), 3, 1)
     assert headline(verdict(nobody)).endswith("(none decided).")
+    two = replace(split, robots=split.robots[:2])
+    assert headline(two).startswith("SPLIT: both robots decided, but")
 
 
 def test_evaluate_says_on_what_swarms_agreed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ FIGURES = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
 
 def paired(figure: str, value: float, low: float, high: float, p: float) -> Paired:
     interval = Interval(value, low, high, 0.95, 300, "sign flips")
-    return Paired(figure, 0.0, 0.0, interval, 0, 0, 0, 300, 0, p, p)
+    return Paired(figure, 0.0, 0.0, interval, 0, 0, 0, 300, 0, p_value=p / 10, p_holm=p)
 
 
 def answer(
@@ -63,6 +63,14 @@ def test_a_comparison_is_one_sentence_with_the_wrong_decisions_in_it() -> None:
         "soft is faster than none, and wrong more often: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], "
         "6.7 points more wrong [3.9, 9.4], 18.6 points fewer undecided [14.5, 23.0]; confirmed on other seeds."
     )
+
+
+def test_an_answer_names_its_cells_and_the_largest_difference_in_time_comes_first() -> None:
+    assert answer(*PUBLISHED).as_row() == {"name": "soft against none", "cell": 1, "reference": 0}
+    small, large = (paired("decision_time_s", time_s, -200.0, 0.0, 0.2) for time_s in (-10.0, -127.0))
+    pairs = [(SOFT, NONE, small), (NONE, SOFT, large)]
+    found = answers_of([Compared(*cells, "strategy.name", one, None) for *cells, one in pairs], {})
+    assert [one.cell for one in found] == [NONE, SOFT]
 
 
 def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:

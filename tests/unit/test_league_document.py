@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -196,6 +197,15 @@ def test_what_robots_were_told_is_said_where_they_were_not_told_the_same(standin
     assert "With a wrong grid of tiles places would do worse than by counting." in knew
     same = replace(standings.league, entries=standings.league.entries[:2]).play()
     assert league_document(same).knew == ()
+
+
+def test_an_entry_of_undefined_error_comes_last_and_is_not_the_best(standings: Standings) -> None:
+    first = [entry.label for entry in standings.league.entries].index(standings.table["name"][0])
+    errors = standings.values["forced_error"].copy()
+    errors[first] = np.nan  # as where no decision is right
+    undefined = Standings(standings.league, {**standings.values, "forced_error": errors}, standings.study)
+    assert undefined.table["name"][-1] == standings.table["name"][0]
+    assert undefined.table["forced_error"].is_null().to_list() == [False, False, True]
 
 
 def test_differences_of_an_entry_stand_in_one_row(standings: Standings) -> None:

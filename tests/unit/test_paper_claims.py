@@ -193,6 +193,33 @@ def test_shares_saved_and_log_spreads_have_the_errors_that_repeated_draws_have()
         assert np.mean([one["standard_error"] for one in rows]) == pytest.approx(estimates.std(), rel=0.12)
 
 
+def test_the_error_of_a_published_saving_is_that_of_unpaired_runs() -> None:
+    random = np.random.default_rng(9)
+
+    def drawn(shape: int | tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        return random.normal(450.0, 200.0, shape), random.normal(900.0, 300.0, shape)
+
+    first, second = drawn(5000)
+    alone, both = (
+        share_saved("a", "paper", "x", first, second, published_runs=runs)["standard_error"]
+        for runs in (None, 50)
+    )
+    firsts, seconds = drawn((20_000, 50))
+    published = 1.0 - firsts.mean(axis=1) / seconds.mean(axis=1)
+    assert math.sqrt(both**2 - alone**2) == pytest.approx(published.std(), rel=0.04)
+    of_mean, with_published = (
+        mean("a", "paper", "x", first, published_runs=runs)["standard_error"] for runs in (None, first.size)
+    )
+    assert with_published == pytest.approx(math.sqrt(2.0) * of_mean)
+
+
+def test_runs_that_are_nearly_all_equal_have_no_standard_error() -> None:
+    assert mean("a", "paper", "x", [1.0] * 9 + [2.0])["standard_error"] is None
+    assert mean("a", "paper", "x", [1.0, 1.0, 2.0, 3.0, 4.0])["standard_error"] == pytest.approx(
+        0.5831, abs=1e-4
+    )
+
+
 def test_the_papers_numbers_are_there() -> None:
     assert parameters("P_star")["decision.min_observations"] == 381
     assert len(published("experiments.decision_time_s.none")) == len(published("experiments.swarm_sizes"))

@@ -554,7 +554,7 @@ def test_error_bars_are_where_the_frame_says():
     assert np.allclose(
         bars, [[(x, low), (x, high)] for x, low, high in known.select("x", "low", "high").iter_rows()]
     )
-    assert "1 of 3 have no value" in picture.caption
+    assert "1 of 3 has no value" in picture.caption
     assert "1,000 runs each" in picture.caption
     assert picture.numbers["estimate"].to_list() == frame["estimate"].to_list()
 
@@ -673,7 +673,7 @@ def test_heat_puts_each_value_at_its_place_and_finds_the_best():
         assert cells[[1, 2].index(y), [40, 55, 70].index(x)] == value
     assert cells.mask.sum() == 1
     assert picture.numbers.filter("best").select("x", "y").rows() == [(40, 1), (55, 1)]
-    assert "Hatched: 1 of 6 cells have no value" in picture.caption
+    assert "Hatched: 1 of 6 cells has no value" in picture.caption
     told = [words for words, _ in texts_of(picture.figure)]
     assert {"900", "893", "886", "911", "904"} <= set(told)
     shares = pl.DataFrame({"x": [1, 2, 3], "y": 1, "value": [29.17, 25.0, 0.417]})
@@ -820,7 +820,8 @@ def test_odd_numbers_and_names_are_drawn(rows, title, style):
     ]
     lost = value.fill_nan(None).null_count()
     for picture in pictures:
-        assert f"{lost} of {len(rows)} are undecided" in picture.caption or lost == 0
+        told = f"{lost} of {len(rows)} {'is' if lost == 1 else 'are'} undecided"
+        assert told in picture.caption or lost == 0
     marks = pl.DataFrame({"x": numbered, "estimate": value, "low": value, "high": value})
     pictures.append(draw_error_bars(marks, title=title, style=style))
     grid = pl.DataFrame({"x": numbered, "y": numbered, "value": value})

@@ -232,6 +232,15 @@ def test_an_existing_folder_is_refused(result: Result, folder: Path) -> None:
     assert without_leftovers(folder)
 
 
+@pytest.mark.parametrize("target", ["empty", "folder"])
+def test_a_symbolic_link_is_called_one(result: Result, folder: Path, tmp_path: Path, target: str) -> None:
+    (tmp_path / "empty").mkdir()
+    link = tmp_path / "link"
+    link.symlink_to(folder if target == "folder" else tmp_path / "empty")
+    with pytest.raises(InputError, match="is a symbolic link; give the name of a folder"):
+        result.write(link, replace=True)
+
+
 def test_a_result_may_be_replaced_and_nothing_else(
     result: Result, other: Result, folder: Path, tmp_path: Path
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import tomllib
@@ -504,7 +505,7 @@ def test_more_robots_than_fit_says_how_many_do(values: dict[str, Any]) -> None:
     error = refused(values | {"swarm.robots": 10_000})
     assert error.field == "swarm.robots"
     assert "10000" in str(error)
-    found = re.search(r"at most (\d+) start side by side, in rows and columns \(other", str(error))
+    found = re.search(r"at most (\d+) can start side by side, in rows and columns \(other", str(error))
     assert found is not None
     most = int(found[1])
     assert refused(values | {"swarm.robots": most + 1}).field == "swarm.robots"
@@ -794,7 +795,16 @@ def test_a_default_that_is_missing_or_wrong_is_refused(default: dict[str, int], 
         as_params(declared, "mine")
 
 
-@pytest.mark.parametrize("made", [Scenario.model_validate, Scenario.from_values, Scenario.from_base])
+@pytest.mark.parametrize(
+    "made",
+    [
+        Scenario.model_validate,
+        Scenario.from_values,
+        Scenario.from_base,
+        lambda values: Scenario(**values),
+        lambda values: Scenario.model_validate_json(json.dumps(values)),
+    ],
+)
 def test_each_way_from_mappings_names_field_value_and_what_would_be_right(made):
     with pytest.raises(
         InputError, match=r"swarm.robots: 0 is wrong: input should be greater than or equal to 1"

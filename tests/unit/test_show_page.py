@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.core.numbers import decimals_of, number, percent, with_limits
+from vibroswarm.core.numbers import decimals_of, every, number, percent, verb, with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
@@ -343,6 +343,12 @@ def test_shares_and_limits_have_their_units() -> None:
     assert with_limits(Interval(0.5, -math.inf, math.inf, 0.95, 2, ""), "s") == "0.5 s"
     assert with_limits(Interval(math.nan, math.nan, math.nan, 0.95, 0, ""), "s") == "-"
     assert with_limits(Interval(12.0, -3.0, 27.0, 0.95, 9, ""), "s", sign=True) == "+12 s [-3, +27]"
+
+
+def test_words_follow_the_number_of_things() -> None:
+    assert [verb(n, "are", "is") for n in (0, 1, 2)] == ["are", "is", "are"]
+    assert [verb(n, "vibrate") for n in (0, 1, 2)] == ["vibrate", "vibrates", "vibrate"]
+    assert [every(n, "robot") for n in (1, 2, 1000)] == ["the robot", "both robots", "all 1,000 robots"]
 
 
 def test_numbers_of_a_column_have_the_same_decimals_and_their_limits():

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.study.cell_comparison import MOST_AGAIN, SECOND, on_other_seeds
 from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import BLOCKS_OF_A_SIZE, Group, missing, plan_of
 from vibroswarm.study.runner import TRIAL, Job, expected
@@ -63,6 +64,19 @@ def test_runs_are_tried_where_they_are_fewer_than_those_of_the_study(tmp_path, r
     left = expected(Store(tmp_path, study), plan_of(study))
     assert (left.runs, left.tried) == (runs, tried)
     assert 0.0 < left.core_s < 60.0
+
+
+def test_runs_on_other_seeds_are_left_to_do_while_they_are_missing(tmp_path):
+    study = Study(preset("paper").with_values({"run.t_end_s": 60.0}), runs=TRIAL)
+    store, second = Store(tmp_path, study), Store(tmp_path / SECOND, on_other_seeds(study, 2 * MOST_AGAIN))
+    left = expected(store, plan_of(study), again=second)
+    assert (left.runs, left.again_runs) == (TRIAL, MOST_AGAIN)
+
+
+def test_what_is_left_of_a_job_are_its_own_blocks(tmp_path):
+    study = Study(preset("paper").with_values({"run.t_end_s": 60.0}), runs=TRIAL)  # one block
+    left = [expected(Store(tmp_path, study), plan_of(study), job=Job(number, 3)).runs for number in (1, 2, 3)]
+    assert left == [TRIAL, 0, 0]
 
 
 def test_further_studies_are_estimated_from_the_same_trials(tmp_path):

@@ -24,7 +24,7 @@ from vibroswarm.analysis.agreement import Agreement, agreements_over_time
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, number, span, stated, stated_percent
+from vibroswarm.core.numbers import count, every, number, span, stated, stated_percent
 from vibroswarm.errors import InputError, check_kind, shown
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
@@ -306,7 +306,7 @@ def headline(found: Verdict) -> str:
         return "Decisions were not logged."
     robots = len(found.robots)
     answer = decision_words(found.decision, found.answers)
-    together = "the robot decided" if robots == 1 else f"all {robots} robots decided"
+    together = f"{every(robots, 'robot')} decided"
     at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
     if found.consensus == "right":
         return f"CONSENSUS, RIGHT: {together} '{answer}'{at}."
@@ -319,7 +319,7 @@ def headline(found: Verdict) -> str:
         return f"CONSENSUS: {together} '{answer}'{at}; {reason} right."
     sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":
-        return f"SPLIT: all {robots} robots decided, but differently: {sides}."
+        return f"SPLIT: {together}, but differently: {sides}."
     open_ones = "the robot is" if robots == 1 else f"{found.undecided} of {robots} robots"
     return f"INCOMPLETE: {open_ones} undecided after {stated(found.end_s)} s ({sides})."
 

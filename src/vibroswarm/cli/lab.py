@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
@@ -257,7 +258,9 @@ def threshold(
     print_document(threshold_document(found), as_json=json)
     print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(
-        law, f"law of the sensor with its error; vibroswarm inspect ... --laws {law}", as_json=json
+        law,
+        f"law of the sensor with its error; vibroswarm inspect ... --laws {quote(str(law))}",
+        as_json=json,
     )
 
 

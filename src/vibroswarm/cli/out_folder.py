@@ -62,11 +62,15 @@ def claim(
         why = ADVICE.sub("", error.reason)
         if not out.is_dir():  # --force replaces folders only
             raise InputError(why, field=str(out)) from None
+        if out.is_symlink():
+            raise InputError(
+                f"{why}; give another --out (--force replaces no symbolic link)", field=str(out)
+            ) from None
         if not arguments.force:
             raise InputError(
                 f"{why}; give another --out, or add --force to replace it", field=str(out)
             ) from None
-        if out.is_symlink() or not any((out / name).exists() for name in OURS):
+        if not any((out / name).exists() for name in OURS):
             raise InputError(
                 f"'{out}' is not a vibroswarm result, so --force does not replace it",
                 field="--out",

@@ -108,7 +108,7 @@ def run_parts(
     Args:
         allow_failures: return the result even if runs failed. A shard has no result to return, so its failures are
             raised anyway.
-        again, page_cells: as ``documents.plan.work_sentence`` needs them.
+        again, page_cells: as of ``print_plan``.
     Returns:
         The result; None if only a part of the study was run: then a sentence about that part is printed.
     Raises:
@@ -164,11 +164,13 @@ def print_plan(
     Args:
         out: the study's folder, whose finished runs are not repeated; None if nothing is saved.
         job: the shard that will be run; None if the whole study will be run.
-        again, page_cells: as ``documents.plan.work_sentence`` needs them.
+        again: whether the runs are repeated on other seeds. page_cells: see ``documents.plan.work_sentence``.
         tests: further studies of the command, by the name of their folder in ``out``.
     """
     from vibroswarm.documents.plan import plan_sentence, work_sentence
+    from vibroswarm.study.cell_comparison import SECOND, on_other_seeds
     from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.precision import FIRST_LOOK
     from vibroswarm.study.runner import expected
     from vibroswarm.study.store import Store
 
@@ -183,5 +185,9 @@ def print_plan(
     say_compiling()  # before `expected`, whose trial runs compile kernels
     if not printing.quiet:
         stores = [store_of(one, None if out is None else out / name) for name, one in tests.items()]
-        left = expected(store_of(study, out), plan, stores)
-        report(work_sentence(plan, left, job, again=again, page_cells=page_cells))
+        second = None
+        if again:
+            repeated = on_other_seeds(study, study.runs or FIRST_LOOK)
+            second = store_of(repeated, None if out is None else out / SECOND)
+        left = expected(store_of(study, out), plan, stores, job=job, again=second)
+        report(work_sentence(left, job, page_cells=page_cells))

@@ -545,18 +545,19 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
     except (OSError, ValueError) as error:  # a name that is too long, or contains a NUL character
         cause = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{str(path)[:200]!r} is not a valid folder name: {cause}", field="--out") from None
-    if path.is_symlink() or path.exists():
+    if path.is_symlink():
+        raise InputError(f"'{path}' is a symbolic link; give the name of a folder", field="--out")
+    if path.exists():
         if not path.is_dir():
             raise InputError(f"'{path}' is a file; give the name of a folder", field="--out")
-        empty = not any(path.iterdir())
-        if empty and not path.is_symlink():
+        if not any(path.iterdir()):
             return
         if not replace:
             raise InputError(
                 f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
                 field="--out",
             )
-        if path.is_symlink() or not any((path / name).exists() for name in (marker, *OURS)):
+        if not any((path / name).exists() for name in (marker, *OURS)):
             raise InputError(
                 f"'{path}' is not a vibroswarm result (no {marker} in it), so --force does not replace it",
                 field="--out",

@@ -206,6 +206,16 @@ def count(n: int, thing: str, things: str = "") -> str:
     return f"{whole(n)} {thing if n == 1 else things or f'{thing}s'}"
 
 
+def verb(n: int, several: str, one: str = "") -> str:
+    """Return the form of a verb for a number of things: ``verb(1, "vibrate")`` is "vibrates"; ``one`` is another."""
+    return (one or f"{several}s") if n == 1 else several
+
+
+def every(n: int, thing: str) -> str:
+    """Write all of at least one thing: ``the robot``, ``both robots``, ``all 1,000 robots``."""
+    return f"the {thing}" if n == 1 else f"both {thing}s" if n == 2 else f"all {count(n, thing)}"
+
+
 def count_of(done: int, wanted: int, thing: str) -> str:
     """Write how many of some things are done: ``10 of 1,000 runs (1 %)``."""
     return f"{whole(done)} of {count(wanted, thing)} ({stated_percent(done / max(wanted, 1))})"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import polars as pl
 
-from vibroswarm.core.numbers import count
+from vibroswarm.core.numbers import count, verb
 from vibroswarm.show.document import Column, Document, Table
 
 
@@ -30,7 +30,8 @@ def check_document(name: str, findings: Sequence[tuple[str, bool, bool, str]]) -
     return Document(
         title=f"Checks of {name}",
         answer=(
-            f"'{name}' {'fails' if failed else 'passes'}: {held} of {count(len(findings), 'check')} hold.",
+            f"'{name}' {'fails' if failed else 'passes'}: {held} of {count(len(findings), 'check')} "
+            f"{verb(held, 'hold')}.",
         ),
         parts=(table,),
         data={

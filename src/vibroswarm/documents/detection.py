@@ -282,7 +282,8 @@ def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> I
         yield figure(f"detection-{robots}-robots", part, times, count(robots, "robot"))
     if len(numbers) > 1:
         part = drawable.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
-        yield figure("detection-robots", part, pl.format("{} robots", "robots"), "By robots, at the end")
+        named = pl.col("robots").map_elements(lambda robots: count(robots, "robot"), pl.String)
+        yield figure("detection-robots", part, named, "By robots, at the end")
 
 
 def _draw(

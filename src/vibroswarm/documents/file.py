@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
@@ -54,7 +55,7 @@ def study_file_document(study: Study, path: str) -> Document:
         answer=(
             f"{study.name or 'Study'}: {count(len(study.cells), 'cell')}, seed {study.seed}, varied: {varied}.",
         ),
-        parts=(Text(f"To run it: vibroswarm evaluate {path} --out DIR"),),
+        parts=(Text(f"To run it: vibroswarm evaluate {shlex.quote(path)} --out DIR"),),
         made_by={"study": study.hash, "seed": str(study.seed), "cells": str(len(study.cells))},
         data={"varied": pl.DataFrame({"field": list(study.varied)}, schema={"field": pl.String})},
     )
@@ -116,7 +117,7 @@ def scenario_file_document(scenario: Scenario, path: str) -> Document:
         title=f"Scenario {path}",
         answer=(f"{words}.",),
         parts=(
-            Text(f"To run it: vibroswarm run --scenario {path}"),
+            Text(f"To run it: vibroswarm run --scenario {shlex.quote(path)}"),
             *([Table(frame, name="fields")] if rows else []),
         ),
         made_by={"scenario": scenario.hash},

@@ -11,7 +11,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.numbers import count, counts, decimals_of, listed, with_limits
+from vibroswarm.core.numbers import count, counts, decimals_of, listed, verb, with_limits
 from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.search import captioned, commands, file_section, truth_section
@@ -111,7 +111,8 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
         yield words
     if others := sum(node.as_good for node in nodes.nodes if node is not nodes.best):
         yield (
-            f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} are not significantly different from it. "
+            f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} {verb(others, 'are', 'is')} not significantly "
+            "different from it. "
             "Which of them is lowest is chance."
         )
     if edges := _edges(nodes):

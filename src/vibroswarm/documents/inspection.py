@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import SURE, calibration
-from vibroswarm.core.numbers import count, number, percent, size
+from vibroswarm.core.numbers import count, number, percent, size, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, tile_lines
 from vibroswarm.documents.damage import (
     damage_answer,
@@ -87,12 +87,13 @@ def _answer(found: Inspection) -> tuple[str, ...]:
     p = found.pooled[-1]
     vibrate, still = int((p > SURE).sum()), int((p < 1.0 - SURE).sum())
     two = found.by_kind is None
-    verb, other = ("vibrate", "still") if two else ("are of another kind than 0", "of kind 0")
+    vibrates = verb(vibrate, "vibrate") if two else f"{verb(vibrate, 'are', 'is')} of another kind than 0"
     unsure = p.size - vibrate - still
     words = [
-        f"{vibrate} of {p.size} tiles {verb} and {still} {_be(still)} {other}, each with more than {percent(SURE, 0)}; "
-        f"{unsure} {_be(unsure)} open, after {number(found.times_s[-1], 0)} s. Expected number of tiles that "
-        f"{verb}: {number(float(p.sum()), 1)}.",
+        f"{whole(vibrate)} of {count(p.size, 'tile')} {vibrates} and {whole(still)} {verb(still, 'are', 'is')} "
+        f"{'still' if two else 'of kind 0'}, each with more than {percent(SURE, 0)}; {whole(unsure)} "
+        f"{verb(unsure, 'are', 'is')} open, after {number(found.times_s[-1], 0)} s. Expected number of tiles "
+        f"that {'vibrate' if two else 'are of another kind than 0'}: {number(float(p.sum()), 1)}.",
     ]
     if found.samples.truth_known:
         last = found.scores.row(-1, named=True)
@@ -105,10 +106,6 @@ def _answer(found: Inspection) -> tuple[str, ...]:
             f"wrong; Brier score {number(last['brier'], 4)} (0.25: knows nothing)."
         )
     return (*damage, *words)
-
-
-def _be(number: int) -> str:
-    return "is" if number == 1 else "are"
 
 
 def _what(samples: Samples) -> str:

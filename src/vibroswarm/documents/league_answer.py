@@ -10,7 +10,7 @@ from typing import Final, cast
 
 import polars as pl
 
-from vibroswarm.core.numbers import Estimate, listed, number, percent, span, with_limits
+from vibroswarm.core.numbers import Estimate, count, listed, number, percent, span, with_limits
 from vibroswarm.league.belief_calibration import AS_PLAYED, COMMON, OWN
 from vibroswarm.league.best import guess_level, guesses
 from vibroswarm.league.entries import GUESSING, default_strategies
@@ -150,10 +150,10 @@ def _floor_by_floor(floors: pl.DataFrame) -> str:
         found = certain.filter(pl.col("name") == name)["difference"]
         numbers = {"fewer": int((found < 0).sum()), "more": int((found > 0).sum())}
         parts.append(f"{name} {', '.join(f'{word} on {n}' for word, n in numbers.items() if n)}")
-    count = floors.select("pattern", "fill_ratio").unique().height
+    tested = floors.select("pattern", "fill_ratio").unique().height
     return (
         f"Forced errors against {floors['reference'][0]} floor by floor, at p < {CERTAIN} after Holm over strategies "
-        f"and {count} floors: {'; '.join(parts) or 'no significant difference'}."
+        f"and {count(tested, 'floor')}: {'; '.join(parts) or 'no significant difference'}."
     )
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from vibroswarm.core.numbers import count, count_of, duration, listed, whole
-from vibroswarm.study.cell_comparison import MOST_AGAIN
+from vibroswarm.core.numbers import count, count_of, duration, listed
 from vibroswarm.study.plan import Plan
 from vibroswarm.study.precision import FIRST_LOOK
 from vibroswarm.study.runner import Expected, Job
@@ -40,38 +39,28 @@ def _shared(plan: Plan) -> str:
     )
 
 
-def work_sentence(
-    plan: Plan,
-    left: Expected,
-    job: Job | None = None,
-    *,
-    again: bool = False,
-    page_cells: int | None = None,
-) -> str:
+def work_sentence(left: Expected, job: Job | None = None, *, page_cells: int | None = None) -> str:
     """Return what a command has to do, and how much processor time that takes in all.
 
     Args:
-        left: the runs that are missing (``runner.expected``); further ones are of a league's tests. job: a part of the
-            study; None if all of it is run.
-        again: whether the runs are repeated on other seeds. page_cells: number of cells with references and figures of
-            their own on the page that is written; None: no page is.
+        left: the runs that are missing (``runner.expected``); further ones are of a league's tests. job: the part of
+            the study to which they belong; None if all of it is run.
+        page_cells: number of cells with references and figures of their own on the page that is written; None: no page
+            is.
     """
-    if left.runs + left.further_runs == 0:
-        return "Nothing to do: all runs exist."
-    share = 1 / job.of if job else 1.0
-    runs_s = left.core_s * share
-    words = [f"{count(left.runs, 'run')} of motion{f' (this shard: 1/{job.of} of them)' if job else ''}"]
-    if again:
-        repeated = min(plan.study.runs or FIRST_LOOK, MOST_AGAIN) * len(plan.groups)
-        runs_s += left.core_s / left.runs * repeated
-        words.append(f"{whole(repeated)} on other seeds")
-    page_s = 0.0
+    if left.runs + left.again_runs + left.further_runs == 0:
+        return f"Nothing to do: {'no run of this shard is missing' if job else 'all runs exist'}."
+    words, page_s = [], 0.0
+    if left.runs:
+        words.append(f"{count(left.runs, 'run')} of motion{' in this shard' if job else ''}")
+    if left.again_runs:
+        words.append(f"{count(left.again_runs, 'run')} on other seeds")
     if page_cells is not None:
         page_s = PAGE_S + PAGE_OF_CELL_S * min(page_cells, CELLS_DRAWN)
         words.append("the report")
     if left.further_runs:
-        words.append(f"{whole(left.further_runs)} to test beliefs and faults")
-    seconds = max(runs_s + left.further_s + page_s, 0.1)
+        words.append(f"{count(left.further_runs, 'run')} to test beliefs and faults")
+    seconds = max(left.core_s + left.again_s + left.further_s + page_s, 0.1)
     how = f"estimated from {count(left.tried, 'trial run')}" if left.tried else "a rough estimate"
     return f"To do: {listed(words)}; about {duration(seconds)} of one core in all ({how})"
 

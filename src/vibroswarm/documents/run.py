@@ -25,7 +25,7 @@ from vibroswarm.analysis.verdict import (
     strategy_name,
     verdict,
 )
-from vibroswarm.core.numbers import count, number, stated_percent
+from vibroswarm.core.numbers import count, number, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
@@ -158,9 +158,9 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
     counts = np.bincount(floor.tiles.ravel(), minlength=result.scenario.sensor.kinds).tolist()
     arena = result.scenario.arena
     fill = f"fill ratio {number(floor.fill_ratio_within(arena.width_m, arena.height_m), digits=4)}"
-    tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, {fill}"
+    tiles = f"{whole(counts[1])} of {count(floor.tiles.size, 'tile')} {verb(counts[1], 'vibrate')}, {fill}"
     if len(counts) > 2:
-        tiles = ", ".join(f"{n} tiles of kind {kind}" for kind, n in enumerate(counts))
+        tiles = ", ".join(f"{count(n, 'tile')} of kind {kind}" for kind, n in enumerate(counts))
     if floor.surface.values is not None:
         tiles = f"{count(floor.tiles.size, 'tile')} with values, {fill}"
     elif result.scenario.floor.has_surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -72,7 +73,8 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
         f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
         for versions in about["made_by"]
     ]
-    resume = f"To resume: vibroswarm evaluate '{about['folder']}/study.toml' --out '{about['folder']}'"
+    folder = about["folder"]
+    resume = f"To resume: {shlex.join(['vibroswarm', 'evaluate', f'{folder}/study.toml', '--out', folder])}"
     return Document(
         title=about["name"] or "Study",
         answer=(

@@ -25,6 +25,7 @@ from vibroswarm.core.numbers import (
     percent,
     stated,
     stated_percent,
+    verb,
     whole,
     with_limits,
 )
@@ -361,7 +362,8 @@ def _missing_runs(outcome: Outcome) -> list[str]:
     lost = int((cells["wanted"] - cells["there"]).sum())
     if lost and not outcome.result.store.failures:  # failed batches already have a warning
         words.append(
-            f"{whole(lost)} of {count(int(cells['wanted'].sum()), 'run')} are missing; run the same command again."
+            f"{whole(lost)} of {count(int(cells['wanted'].sum()), 'run')} {verb(lost, 'are', 'is')} missing; "
+            "run the same command again."
         )
     return words
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroswarm.core.numbers import count, percent, whole
+from vibroswarm.core.numbers import count, every, percent, verb, whole
 from vibroswarm.optimize.verify import Verified
 from vibroswarm.show.document import Column, Document, Table
 
@@ -10,12 +10,10 @@ from vibroswarm.show.document import Column, Document, Table
 def verified_document(verified: Verified) -> Document:
     """Return how many runs came out the same, which did not, and what else made them."""
     again, differing = verified.runs.height, verified.runs.height - verified.same
-    every = again == verified.saved
-    runs = (
-        f"{'the' if again == 1 else 'all'} {count(again, 'run')}"
-        if every
-        else f"{whole(again)} of {count(verified.saved, 'run')}, drawn at random,"
-    )
+    is_sample = again < verified.saved
+    runs = every(again, "run")
+    if is_sample:
+        runs = f"{whole(again)} of {count(verified.saved, 'run')}, drawn at random,"
     if verified.damaged and not differing:
         answer = (
             f"NOT VERIFIED: {count(len(verified.damaged), 'file')} cannot be read. Of the others, {runs} came out the "
@@ -23,10 +21,10 @@ def verified_document(verified: Verified) -> Document:
         )
     elif verified.holds:
         upper = percent(verified.share_that_differs.high, None, digits=2)
-        rest = "" if every else f" With 95 % confidence, less than {upper} of the saved runs differ."
+        rest = f" With 95 % confidence, less than {upper} of the saved runs differ." if is_sample else ""
         answer = (f"Verified: {runs} came out the same again, bit by bit.{rest}",)
     else:
-        were = "was" if again == 1 else "were"
+        were = verb(again, "were", "was")
         answer = (
             f"NOT VERIFIED: {runs} {were} simulated again, and {whole(differing)} came out differently.",
         )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -128,7 +129,7 @@ class Samples(NotebookView):
         x_m, y_m = self.column("x_m"), self.column("y_m")
         if self.frame.height < FEWEST:
             raise InputError(
-                f"has {self.frame.height} samples; nothing can be said with fewer than {FEWEST}",
+                f"has {count(self.frame.height, 'sample')}; nothing can be said with fewer than {FEWEST}",
                 field=self.source,
             )
         outside = (x_m < -0.05 * width_m) | (x_m > 1.05 * width_m)

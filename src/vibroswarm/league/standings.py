@@ -301,7 +301,7 @@ class Standings(NotebookView):
     def table(self) -> pl.DataFrame:
         """The standings, one row per entry, by rising forced error, then decision time, then name.
 
-        An entry whose forced error is undefined (null) comes first.
+        An entry whose forced error is undefined (null) comes last.
 
         Columns: name, strategy, bytes_on_air, told (the prior knowledge that robots need), ``FIGURES``, worst_floor and
         worst_floor_error; figures also with ``_low`` and ``_high``.
@@ -322,7 +322,7 @@ class Standings(NotebookView):
                 **columns_of("worst_floor_error", found),
             }
             rows.append(row)
-        return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
+        return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name", nulls_last=True)
 
     @cached_property
     def summary(self) -> pl.DataFrame:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.core.numbers import every
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
@@ -286,7 +287,7 @@ def figures_of(
     good = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if not isinstance(rows, str)]
     bad = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if isinstance(rows, str)]
     if not good:
-        raise RunError(f"all {runs} runs failed: {bad[0][1]}")
+        raise RunError(f"{every(runs, 'run')} failed: {bad[0][1]}")
     return RunFigures(
         rows=np.concatenate([rows for _, rows in good]),
         runs=np.concatenate([np.array(piece.numbers) for piece, _ in good]),

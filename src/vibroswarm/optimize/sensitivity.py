@@ -127,7 +127,7 @@ def sobol_indices(
     bad = [piece for of_point in results for piece in of_point if isinstance(piece, tuple)]
     if bad:
         (why, _), runs = bad[0], sum(count for _, count in bad)
-        raise RunError(f"{runs} runs failed, and every point is needed: {why}")
+        raise RunError(f"{count(runs, 'run')} failed, and every point is needed: {why}")
     # The first column of a point's figures, (replicates, cases, columns), averaged over the cases, gives the costs,
     # (points, replicates).
     rows = [

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import Interval, cluster_share, plain, time_interval
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_percent, with_limits
+from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_percent, verb, with_limits
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
@@ -420,7 +420,7 @@ class Front(NotebookView):
         )
         believed = f"; the believed scores were {shares} (medians)" if shares else ""
         runs = count(self.runs, "fresh run")
-        return f"On {runs} each, {stay} of {len(self.members)} are still on the front{believed}."
+        return f"On {runs} each, {stay} of {len(self.members)} {verb(stay, 'are', 'is')} still on the front{believed}."
 
     @property
     def table(self) -> pl.DataFrame:

@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.numbers import verb
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy, with_series
 from vibroswarm.plots.layout import (
@@ -193,12 +194,8 @@ def _counted(groups: Sequence[Group], end: float | None, missing: str) -> str:
     total, lost = sum(group.runs for group in groups), sum(group.undecided for group in groups)
     if not lost:
         return f"{counts}, none {missing}."
-    tail = (
-        f"they count as later than the end at {number(end, 6)} (shaded)"
-        if end is not None
-        else "they are not in the drawing"
-    )
-    return f"{counts}; {lost} of {total} are {missing}: {tail}, and their share stands at the right."
+    drawn = "not drawn" if end is None else f"counted as later than the end at {number(end, 6)} (shaded)"
+    return f"{counts}; {lost} of {total} {verb(lost, 'are', 'is')} {missing}, {drawn}, with the share at the right."
 
 
 _SCHEMA = {

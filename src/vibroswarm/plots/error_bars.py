@@ -11,6 +11,7 @@ from typing import Any
 
 import polars as pl
 
+from vibroswarm.core.numbers import verb
 from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy, with_series
 from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
@@ -96,7 +97,7 @@ def draw_error_bars(
     caption = (
         f"{label}{f' by {x_label}' if x_label else ''}: estimate and {interval}"
         + (f" over {of_runs(runs)}." if runs else ".")
-        + (f" {missing} of {frame.height} have no value." if missing else "")
+        + (f" {missing} of {frame.height} {verb(missing, 'have', 'has')} no value." if missing else "")
     )
     return Picture(figure, frame.select(*COLUMNS, "runs"), caption)
 

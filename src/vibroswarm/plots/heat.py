@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import decimals_of
+from vibroswarm.core.numbers import count, decimals_of, verb
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import check_once, run_counts, tidy
 from vibroswarm.plots.layout import (
@@ -89,7 +89,11 @@ def draw_heat(
     caption = (
         f"{label} over {axes}{', ' + of_runs(runs) if runs else ''}."
         + (f" Outlined: the {'lowest' if best == 'low' else 'highest'}{within}." if chosen.any() else "")
-        + (f" Hatched: {missing} of {grid.size} cells have no value." if missing else "")
+        + (
+            f" Hatched: {missing} of {grid.size} cells {verb(missing, 'have', 'has')} no value."
+            if missing
+            else ""
+        )
     )
     return Picture(figure, numbers, caption)
 
@@ -345,9 +349,13 @@ def draw_density(
     )
     above = int((density > top * (1 + 1e-12)).sum())  # number of bins; the factor allows for rounding errors
     caption = (
-        f"Samples per area over the arena, {int(counts.sum())} samples in {shape[0]} x {shape[1]} bins; "
+        f"Samples per area over the arena, {count(int(counts.sum()), 'sample')} in {shape[0]} x {shape[1]} bins; "
         f"1 is what even sampling gives; least {number(float(density.min()))}, most {number(float(density.max()))}."
-        + (f" {above} bins lie above the colours' end at {number(top)}." if above else "")
+        + (
+            f" {count(above, 'bin')} {verb(above, 'lie')} above the colours' end at {number(top)}."
+            if above
+            else ""
+        )
         + ("" if tiles is None else f" Double line: border between {_words_of_tiles(tiles)}.")
     )
     return Picture(figure, _bins(counts, density, x_edges, y_edges), caption)

@@ -389,6 +389,7 @@ def _floor(record: RunRecord) -> dict[str, Any]:
         "left_m": float(floor.left_m),
         "bottom_m": float(floor.bottom_m),
         "tiles": "".join(rows_of(floor.tiles)),
+        "has_values": floor.surface.values is not None,
         **({"patches": _patches(floor)} if floor.surface.patches else {}),
         **({"changes": _changes(floor)} if floor.is_changing else {}),
     }

@@ -209,7 +209,7 @@ def check_faults(faults: Faults, robots: int) -> None:
             continue
         # The check of the last number refuses such a list too, but does not say that it is too long.
         if len(affected) > robots:
-            raise InputError(f"lists {len(affected)} robots, and there are {robots}", field=f"faults.{kind}")
+            raise InputError(f"lists {len(affected)} robots; the swarm has {robots}", field=f"faults.{kind}")
         if affected and affected[-1] >= robots:  # the last is the greatest
             raise InputError(
                 f"there is no robot {affected[-1]}; the numbers of robots are 0 to {robots - 1}",
@@ -227,7 +227,7 @@ def check_faults(faults: Faults, robots: int) -> None:
     counts = [count_of(value, robots) for value in (faults.stuck_at_0, faults.stuck_at_1)]
     if sum(counts) > robots:
         raise InputError(
-            f"{counts[0]} robots stuck at 0 and {counts[1]} at 1 are more than {robots} robots",
+            f"{count(counts[0], 'robot')} stuck at 0 and {counts[1]} at 1 are more than {count(robots, 'robot')}",
             field="faults.stuck_at_1",
         )
 

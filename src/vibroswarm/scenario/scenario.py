@@ -14,7 +14,8 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -51,10 +52,17 @@ SCHEMA_VERSION = 3
 class Scenario(Sections, NotebookView):
     """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
 
-    Raises (through ``read``, ``from_toml``, ``from_values``, ``from_base``, ``with_values`` and ``model_validate``):
-        InputError: naming the field, its value and what would be right. The class itself, called with sections, raises
-            Pydantic's ``ValidationError`` instead.
+    Raises:
+        InputError: a value is wrong; names the field, its value and what would be right.
     """
+
+    def __init__(self, **sections: Any) -> None:
+        """Build a scenario from its sections by name."""
+        with _as_input_error():
+            super().__init__(**sections)
+
+    # Pydantic validates without calling it, as without an ``__init__`` of our own: half of the time.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -87,10 +95,20 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: there is no such field, or a value is wrong.
         """
-        try:
+        with _as_input_error():
             return super().model_validate(obj, **how)
-        except ValidationError as error:
-            raise field_error(error, _nearest_field) from None
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **how: Any) -> Self:
+        """Build a scenario from JSON by Pydantic, whose error becomes that of ``from_values``.
+
+        Args:
+            json_data: sections by name. how: further arguments of Pydantic's method.
+        Raises:
+            InputError: the text is not JSON, there is no such field, or a value is wrong.
+        """
+        with _as_input_error():
+            return super().model_validate_json(json_data, **how)
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "scenario", folder: str | Path | None = None) -> Scenario:
@@ -290,6 +308,15 @@ class Scenario(Sections, NotebookView):
     def codes(self) -> tuple[str, ...]:
         """References, with hash, to the users' files that the scenario needs; see ``plugins``."""
         return tuple(choice.code for choice in self.choices if choice.code is not None)
+
+
+@contextmanager
+def _as_input_error() -> Iterator[None]:
+    """Turn Pydantic's error about a scenario into that of ``from_values``."""
+    try:
+        yield
+    except ValidationError as error:
+        raise field_error(error, _nearest_field) from None
 
 
 def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:

@@ -110,8 +110,8 @@ def _check_places(s: Sections) -> None:
     if s.swarm.robots > columns * rows:
         raise InputError(
             f"{s.swarm.robots} robots of radius {s.robot.body_radius_m:g} m do not fit into an arena of "
-            f"{size} with a start margin of {s.swarm.start_margin_m:g} m: at most {columns * rows} start side by side, "
-            "in rows and columns (other arrangements, which are not tried, may hold more)",
+            f"{size} with a start margin of {s.swarm.start_margin_m:g} m: at most {columns * rows} can start side by "
+            "side, in rows and columns (other arrangements, which are not tried, may hold more)",
             field="swarm.robots",
         )
 

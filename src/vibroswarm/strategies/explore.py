@@ -239,6 +239,7 @@ explore = register(
         "explore",
         bytes_on_air=9,
         knows_error_rates=True,
+        reports=("p", "weight"),
         check=partial(places.check, strategy="explore"),
         about="explore: places, whose robots drive to where their map is least sure",
     )

@@ -251,7 +251,7 @@ def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
     """
     first = failed.sort("run").row(0, named=True)
     return (
-        f"{whole(failed.height)} of {count(runs, 'run')} of {cell.name} failed in the source of motion; their robots "
+        f"{whole(failed.height)} of {count(runs, 'run')} of {cell.name} failed in the source of motion; the robots "
         f"have stood still since and count as undecided (run {first['run']} at {number(first['time_s'], digits=4)} s: "
         f"{first['reason']})."
     )

@@ -204,6 +204,12 @@ def second_seed(seed: int) -> int:
     return int.from_bytes(hashlib.sha256(f"second block of {seed}".encode()).digest()[:7])
 
 
+def on_other_seeds(study: Study, runs: int) -> Study:
+    """Return the study of the second block of a study's runs; ``runs`` is what the study has, without a precision."""
+    # ``until=None``: the number of runs is given, so a precision that the study may have does not apply.
+    return replace(study, seed=second_seed(study.seed), runs=min(MOST_AGAIN, runs), until=None, keep=())
+
+
 def second_block(
     result: StudyResult,
     *,
@@ -222,11 +228,9 @@ def second_block(
         result: the study. executor, workers, mixed, progress, allow_failures: see ``runner.run_study``.
     Returns: the result of the second block, for the cells that ``result`` selects.
     """
-    runs = min(MOST_AGAIN, *map(result.runs_of, result.selected))
-    # ``until=None``: the number of runs is given, so a precision that the study may have does not apply.
-    study = replace(result.study, seed=second_seed(result.study.seed), runs=runs, until=None, keep=())
+    runs = min(map(result.runs_of, result.selected))
     replicate = run(
-        study,
+        on_other_seeds(result.study, runs),
         result.store.folder / SECOND,
         executor=executor,
         workers=workers,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -118,6 +119,7 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
         some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         raise RunError(
             f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
-            f"again and merge it too, or finish here: vibroswarm evaluate '{out / 'study.toml'}' --out '{out}'"
+            "again and merge it too, or finish here: "
+            + shlex.join(["vibroswarm", "evaluate", str(out / "study.toml"), "--out", str(out)])
         )
     return joined

@@ -299,18 +299,30 @@ class Expected(NamedTuple):
     """Number of missing runs of the further studies."""
     further_s: float = 0.0
     """Estimated time of these on one core, s."""
+    again_runs: int = 0
+    """Number of missing runs of the study on other seeds."""
+    again_s: float = 0.0
+    """Estimated time of these on one core, s."""
 
 
-def expected(store: Store, plan: Plan, further: Sequence[Store] = ()) -> Expected:
-    """Estimate the remaining work of a study; for a study with a precision, the work up to its first look.
+def expected(
+    store: Store,
+    plan: Plan,
+    further: Sequence[Store] = (),
+    *,
+    job: Job | None = None,
+    again: Store | None = None,
+) -> Expected:
+    """Estimate the remaining work of a study or job; for a study with a precision, the work up to its first look.
 
     Trial runs of a few groups tell how fast runs are relative to ``Group.run_s``, and what a batch costs besides. This
-    is applied to all groups, and to those of the studies ``further``, of which no runs are tried.
+    is applied to all groups, and to those of the studies ``further`` and ``again``, of which no runs are tried.
     """
-    unfinished = [group for group in plan.groups if _missing(store, group)]
+    unfinished = [group for group in plan.groups if _missing(store, group, job)]
     tried = unfinished[:: max(len(unfinished) // TRIED_GROUPS, 1)][:TRIED_GROUPS]  # spread over the list
     trials = [_trial(store, plan, group) for group in tried] or [NOT_TRIED]
-    runs, core_s = _work(store, trials)
+    runs, core_s = _work(store, trials, job)
+    again_runs, again_s = (0, 0.0) if again is None else _work(again, trials)
     found = [_work(one, trials) for one in further]
     return Expected(
         runs=runs,
@@ -318,6 +330,8 @@ def expected(store: Store, plan: Plan, further: Sequence[Store] = ()) -> Expecte
         tried=sum(trial.runs for trial in trials),
         further_runs=sum(more for more, _ in found),
         further_s=sum(more_s for _, more_s in found),
+        again_runs=again_runs,
+        again_s=again_s,
     )
 
 
@@ -350,17 +364,18 @@ def _trial(store: Store, plan: Plan, group: Group) -> _Trial:
     return _Trial(run_s / group.run_s, max(few_s - FEW * run_s, 0.0) / group.inferences, 2 * FEW + MORE)
 
 
-def _missing(store: Store, group: Group) -> list[tuple[int, int, int]]:
-    return store.missing(group, store.study.runs or FIRST_LOOK)
+def _missing(store: Store, group: Group, job: Job | None = None) -> list[tuple[int, int, int]]:
+    blocks = store.missing(group, store.study.runs or FIRST_LOOK)
+    return [block for block in blocks if job is None or job.has(group, block[0])]
 
 
-def _work(store: Store, trials: Sequence[_Trial]) -> tuple[int, float]:
-    """Return the number of missing runs of a study, and the time that they take on one core by the mean trial, s."""
+def _work(store: Store, trials: Sequence[_Trial], job: Job | None = None) -> tuple[int, float]:
+    """Return the number of missing runs of a study or job, and their time on one core by the mean trial, s."""
     relative_run = sum(trial.relative_run for trial in trials) / len(trials)
     batch_s = sum(trial.batch_s for trial in trials) / len(trials)
     runs, core_s = 0, 0.0
     for group in plan_of(store.study).groups:
-        blocks = _missing(store, group)
+        blocks = _missing(store, group, job)
         of_group = sum(last - first for _, first, last in blocks)
         runs += of_group
         core_s += relative_run * of_group * group.run_s + batch_s * len(blocks) * group.inferences

@@ -358,7 +358,8 @@ class StudyResult(NotebookView):
         for cell in cells:
             if there.get(cell.number, 0) < (wanted := self.runs_of(cell.number)):
                 raise InputError(
-                    f"has {there.get(cell.number, 0)} of {wanted} runs; run it again", field=cell.name
+                    f"has {there.get(cell.number, 0)} of {count(wanted, 'run')}; run it again",
+                    field=cell.name,
                 )
 
     def robots(self, *cells: int) -> pl.DataFrame:

@@ -30,7 +30,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.core.numbers import number, percent, stated
+from vibroswarm.core.numbers import number, percent, stated, verb
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.camera import outwards, square_errors
 from vibroswarm.tracking.marker_detection import edge_lengths
@@ -348,8 +348,8 @@ def _frames(tracking: Tracking) -> Iterator[Doubt]:
     odd = int((np.abs(steps - usual) > UNEVEN * usual).sum())
     longest = int(np.argmax(steps))
     words = (
-        f"{odd} of {steps.size} steps between frames differ from the usual {number(1000 * usual, 0)} ms by more "
-        f"than a fifth; "
+        f"{odd} of {steps.size} steps between frames {verb(odd, 'differ')} from the usual {number(1000 * usual, 0)} ms "
+        f"by more than a fifth; "
         f"the longest is {number(1000 * steps[longest], 0)} ms, at {number(time_s[longest], 1)} s."
     )
     yield Doubt("frames", words, time_s=float(time_s[longest]), weight=float(steps[longest]))

@@ -71,6 +71,24 @@ def free_port(port: int) -> int:
         return int(probe.getsockname()[1])
 
 
+def legend(playback: Playback) -> str:
+    """Return what stands over the robots, and what the colours of robots, samples and tiles mean."""
+    sensor = playback.result.scenario.sensor
+    if max(sensor.kinds, sensor.readings) > 2:
+        return (
+            "Over each robot: its decision. Each kind has a colour: light of its tiles, dark of samples read as this "
+            "kind, and of robots that decided for it."
+        )
+    of_robot = "its decision"
+    if playback.has_beliefs:
+        of_robot = "its belief p that less than the boundary vibrates, and its decision"
+    less, more = playback.answers
+    return (
+        f"Over each robot: {of_robot} (blue: {less}, red: {more}). Points: samples read as still (blue) or vibrating "
+        "(red). Dark tiles vibrate."
+    )
+
+
 class Server:
     """A server that shows one run, with controls for play, time and speed.
 
@@ -93,14 +111,7 @@ class Server:
         self.speed = gui.add_slider("Speed", min=1.0, max=200.0, step=1.0, initial_value=speed)
         if not self.playback.is_exact:
             gui.add_markdown("Poses are known at samples only; in between robots go straight.")
-        sensor = result.scenario.sensor
-        gui.add_markdown(
-            "Over each robot: its belief p that less than the boundary vibrates (blue: less, red: more). Points: "
-            "samples read as still (blue) or vibrating (red). Dark tiles vibrate."
-            if max(sensor.kinds, sensor.readings) == 2
-            else "Over each robot: its decision. Each kind has a colour: light of its tiles, dark of samples read as "
-            "this kind, and of robots that decided for it."
-        )
+        gui.add_markdown(legend(self.playback))
         self.scene.set_time(0.0)
 
     @property

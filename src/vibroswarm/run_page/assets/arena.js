@@ -92,7 +92,7 @@ const LEGEND = [
     ["read vibrating", (c) => drawSampleMark(c, 11, 9, 4, VIBRATING, false)],
     ["read still", (c) => drawSampleMark(c, 11, 9, 4, STILL, false)],
   ]),
-  ["misread", (c) => drawSampleMark(c, 11, 9, 4, STILL, true)],
+  ...(run.floor.has_values ? [] : [["misread", (c) => drawSampleMark(c, 11, 9, 4, STILL, true)]]),
   ...(KIND_COUNT > 2 ? [] : [["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")]]),
   ["too near", (c) => legendRay(c)],
   ...(run.places ? [["believes it is here", (c) => legendGhost(c)]] : []),

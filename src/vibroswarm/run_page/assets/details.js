@@ -5,7 +5,7 @@ function buildDetails() {
   const known = [
     ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
-    ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${exactCm(f.tile_width_m)}${f.name ? `, ${f.name}` : ""}`],
+    ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
     ["Fill ratio", ratio(run.truth.fill_ratio)],
     ["Strategy", run.strategy],
     ["Decides", ruleWords(run.rule)],
@@ -18,10 +18,15 @@ function buildDetails() {
 function ruleWords(rule) {
   const gates = { total: "readings, own and received", received: "received bits", own: "own samples" };
   const words = [
-    ...(rule.by_belief ? [`beyond ${rule.credible_threshold}`] : []),
+    ...(rule.by_belief && (hasBelief || KIND_COUNT > 2) ? [`beyond ${rule.credible_threshold}`] : []),
     ...(rule.gated ? [`after more than ${rule.min_observations} ${gates[rule.gate] ?? rule.gate}`] : []),
   ];
   return words.join(", ") || "by a rule of its own";
+}
+
+function tileSize({ tile_width_m: width, tile_height_m: height }) {
+  const [first, second] = [exactCm(width), exactCm(height)];
+  return first === second ? first : `${first} \u00d7 ${second}`;
 }
 
 const exactCm = (metres) => `${Number((100 * metres).toFixed(2))} cm`;
@@ -44,7 +49,7 @@ function buildLeads() {
   const opinion = run.rule.opinions
     ? "Under feedback this is the robot's opinion, not an estimate. " : "";
   byId("posterior-lead").replaceChildren(opinion,
-    `Beta(\u03b1, \u03b2) after its latest own sample; left of ${line} is p, hatched the rest. `,
+    `Beta(\u03b1, \u03b2) after its latest own sample; ${hasBelief ? `left of ${line} is p, hatched the rest` : `hatched right of ${line}`}. `,
     make("span", "nobreak", moved ? "\u25b2 ones expected on this floor: " : "\u25b2 truth: ",
       make("b", "", moved ? percent(run.truth.ones) : ratio(run.truth.ones)), "."));
 }

@@ -80,17 +80,18 @@ function dotPattern(context) {
   return pattern;
 }
 
-// Ticks every 10 cm along the walls.
+const SCALE_LENGTHS_M = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
+
+// Ticks along the walls, every 10 cm or, where these would touch, farther apart.
 function drawRuler(context, view) {
+  const step = SCALE_LENGTHS_M.find((length) => length >= 0.1 && length * view.scale >= 8) ?? SCALE_LENGTHS_M.at(-1);
   context.strokeStyle = colours["ink-3"];
   context.lineWidth = 1;
-  for (let x = 0.1; x < run.arena.width_m - 1e-6; x += 0.1) {
+  for (let x = step; x < run.arena.width_m - 1e-6; x += step) {
     line(context, crisp(view.x(x)), view.height, crisp(view.x(x)), view.height - 5);
   }
-  for (let y = 0.1; y < run.arena.height_m - 1e-6; y += 0.1) line(context, 0, crisp(view.y(y)), 5, crisp(view.y(y)));
+  for (let y = step; y < run.arena.height_m - 1e-6; y += step) line(context, 0, crisp(view.y(y)), 5, crisp(view.y(y)));
 }
-
-const SCALE_LENGTHS_M = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 
 // A bar of a round length, at most a quarter of the width that is seen.
 function scaleBar(view) {

@@ -13,7 +13,8 @@ function buildCards(onChoose) {
     const belief = make("span", "card-p"), alpha = make("span", "card-alpha"), beta = make("span", "card-beta");
     const pip = make("span", "pip", robot.name);
     const button = make("button", "card",
-      make("span", "card-head", make("span", "unseen", "Robot "), pip, make("span", "card-belief", "p ", belief)),
+      make("span", "card-head", make("span", "unseen", "Robot "), pip,
+        ...(hasBelief ? [make("span", "card-belief", "p ", belief)] : [])),
       canvas,
       make("span", "card-foot", make("span", "", "\u03b1 ", alpha), make("span", "", "\u03b2 ", beta)));
     button.type = "button";

@@ -133,10 +133,11 @@ function changesBy(t) {
   return (run.floor.changes ?? []).findLastIndex(([time]) => time <= t) + 1;
 }
 
-// A reading is wrong when it is not what the tile under the robot was then; without a tile it is neither.
+// A reading is wrong when it is not what the tile under the robot was then; without a tile, or on one with a value
+// between still and vibrating, it is neither.
 function isMisread(row) {
   const tile = run.samples.tile[row];
-  if (tile < 0) return false;
+  if (tile < 0 || run.floor.has_values) return false;
   const patched = isPatched(run.samples.x_m[row], run.samples.y_m[row]);
   return run.samples.observation[row] !== (patched ? 1 : tileKind(tile, run.samples.time_s[row]));
 }

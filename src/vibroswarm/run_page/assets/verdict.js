@@ -68,7 +68,7 @@ function verdictFacts() {
   const mean = sure.reduce((sum, value) => sum + value, 0) / sure.length;
   const when = run.outcome.time_s, apart = when !== null && run.outcome.consensus === "split";
   const votes = SIDES.map((decision) => [byDecision(decision).length, SAY_WORDS[decision]])
-    .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} say: ${word}`);
+    .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} ${count === 1 ? "says" : "say"}: ${word}`);
   const open = byDecision(-1).length, undecided = open ? `${open} of ${robots.length} undecided` : "";
   return [
     [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus",
@@ -76,7 +76,7 @@ function verdictFacts() {
     ["Confidence", sure.length ? probability(mean) : "none",
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
     ["Robots", votes.join(", ") || undecided, "votes", votes.length ? undecided : ""],
-    ["Samples", whole(count), "samples", `${percent(misread / Math.max(count, 1))} misread`],
+    ["Samples", whole(count), "samples", count && !run.floor.has_values ? `${percent(misread / count)} misread` : ""],
   ];
 }
 
