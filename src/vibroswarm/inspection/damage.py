@@ -5,7 +5,8 @@
 | value where still, vibrating | F_still, F_vibrating | of the law |
 | value at contrast c | - | F_c^-1(u) = (1 - c) F_still^-1(u) + c F_vibrating^-1(u) |
 | probability to sense the patch | P | Phi((reach - d) / blur), d the distance from its edge, negative inside |
-| error of the law | - | replicate b is drawn and judged by ``Law.draws``, number b modulo their count |
+| error of the law | - | replicate b is drawn and judged by ``Law.draws``, number b modulo their count; a probability \
+that samples give is a mean over the laws (``over_laws``) |
 | factors | - | of each robot and of each tile, log-normal of mean 1, by the spreads of the law |
 
 A surface is judged by a law that was fitted to a reference; what it measures was not part of that reference. So are the
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
@@ -101,23 +103,20 @@ def values_at(
 @lru_cache(maxsize=16)
 def _draws_of(law: Law) -> tuple[list[Law], list[Law]]:
     """Return the laws that judge drawn surfaces, and those that these surfaces follow."""
-    sensors = zip(*law.draws, strict=True)
-    judges, truths = (
-        [Law(sensor, law.origin, bits=law.bits, place=law.place) for sensor in each] for each in sensors
-    )
+    judges = [replace(law, sensor=one.judge, draws=()) for one in law.draws]
+    truths = [replace(law, sensor=one.truth, draws=()) for one in law.draws]
     return judges, truths
 
 
-def judges_of(law: Law) -> list[Law]:
-    """Return the law, and those fitted to resampled references, which say how sure it is."""
-    return [law, *(_draws_of(law)[0] if law.draws else ())]
+def over_laws(law: Law, probability: Callable[[Law], Floats]) -> Floats:
+    """Return the mean of a probability by a law and by those fitted to resampled references, which are its error."""
+    laws = [law, *_draws_of(law)[0]]
+    return np.asarray(sum(map(probability, laws)) / len(laws))
 
 
 def judged(law: Law, values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
     """Return what ``judge`` says of drawn values, (samples, replicates), by a law with its error."""
-    if not law.draws:
-        return judge(law, values)
-    out, laws = np.empty(values.shape), _draws_of(law)[0]
+    out, laws = np.empty(values.shape), _draws_of(law)[0] or [law]
     for k, one in enumerate(laws[: values.shape[1]]):
         out[:, k :: len(laws)] = judge(one, values[:, k :: len(laws)])
     return out
@@ -312,7 +311,7 @@ def values_where(
     """
     law, shape = samples.law, (samples.frame.height, replicates)
     u = random.random(shape)
-    truths = _draws_of(law)[1] if law.draws else [law]
+    truths = _draws_of(law)[1] or [law]
     values = np.empty(shape)
     for k, truth in enumerate(truths[:replicates]):
         own = np.s_[:, k :: len(truths)]

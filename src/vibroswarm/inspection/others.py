@@ -121,8 +121,7 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
             close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)
             step_m = max(step_m, Form(*box[2:]).step_m)
         maps[one] = np.where(close, cells, 0.0).ravel()
-    spreads_m = {name: np.hypot(samples.column(name), step_m) for name in ("spread_x_m", "spread_y_m")}
-    seen = samples.with_columns(**spreads_m)
+    seen = samples.with_more_spread(step_m)
     return _judged(replace(seen, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 
 

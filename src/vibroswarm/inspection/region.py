@@ -3,7 +3,7 @@
 | name | symbol | equation |
 |---|---|---|
 | probability of patch j at contrast c | p_jc | w_j L_jc^(1/d) over its sum; all contrasts have the same weight |
-| error of the law | - | p_jc is the mean over the law and those fitted to resampled references (``damage.judges_of``) |
+| error of the law | - | p_jc is the mean over the law and those fitted to resampled references (``damage.over_laws``) |
 | design effect | d | ``design_effect``: samples on a patch share the factors of its tiles and of their robots |
 | size | a | side of a square, diameter of a disc, length of a crack; forms of one shape differ in size only |
 | density | f | sum of p_jc times triangles about x_j, y_j, ln a_j and c, each up to the next of its kind |
@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inspection.damage import contrast_ratios, judges_of, tables_of, tiles_below
+from vibroswarm.inspection.damage import contrast_ratios, over_laws, tables_of, tiles_below
 from vibroswarm.inspection.patches import Form, Patches, Shares, log_likelihoods
-from vibroswarm.inspection.samples import Floats, Samples
+from vibroswarm.inspection.samples import Floats, Law, Samples
 
 HELD: Final = 0.9
 """Probability of the region."""
@@ -175,16 +175,20 @@ def _probabilities(
     samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_], strengths: tuple[float, ...]
 ) -> Floats:
     """Return p_jc, (patches, contrasts)."""
-    value, each = samples.column("value"), []
-    for law in judges_of(samples.law):
+    value = samples.column("value")
+
+    def logs_by(law: Law) -> Floats:
         ratios = [np.where(there, contrast_ratios(law, value, c), 0.0) for c in strengths]
-        each.append(log_likelihoods(shares, np.stack(ratios, axis=1)))
-    effect = design_effect(samples, shares, int(each[0].max(axis=1).argmax()))  # by the law itself
-    total = np.zeros_like(each[0])
-    for logs in each:
+        return log_likelihoods(shares, np.stack(ratios, axis=1))
+
+    effect = design_effect(samples, shares, int(logs_by(samples.law).max(axis=1).argmax()))
+
+    def probabilities_by(law: Law) -> Floats:
+        logs = logs_by(law)
         p = patches.weights[:, None] * np.exp((logs - logs.max()) / effect)
-        total += p / p.sum()
-    return np.asarray(total / total.sum())
+        return np.asarray(p / p.sum())
+
+    return over_laws(samples.law, probabilities_by)
 
 
 def design_effect(samples: Samples, shares: Shares, patch: int) -> float:

@@ -188,6 +188,11 @@ class Samples(NotebookView):
         """Return the same samples with other values in some columns, such as other places for a control."""
         return replace(self, frame=self.frame.with_columns(**{k: pl.Series(v) for k, v in columns.items()}))
 
+    def with_more_spread(self, spread_m: float) -> Samples:
+        """Return the same samples with a standard deviation more in each place, independent of its own."""
+        names = ("spread_x_m", "spread_y_m")
+        return self.with_columns(**{name: np.hypot(self.column(name), spread_m) for name in names})
+
     def with_frame(self, frame: pl.DataFrame) -> Samples:
         """Return some of the samples; of fewer than ``FEWEST``, such as those of one robot, too."""
         some = copy(self)
