@@ -70,6 +70,14 @@ def test_a_map_speaks_of_wrong_tiles_only_where_the_truth_is_known(
     assert bool(figure.get_supxlabel()) == bool(words)
 
 
+def test_a_map_of_many_robots_says_how_many_it_leaves_out() -> None:
+    """Of 20 robots it showed 11, below the words "each by itself"."""
+    tiles = {"run": 0, "row": 0, "column": 0, "vibrating": 0.1, "vibrates": None}
+    maps = pl.DataFrame([{"robot": robot, **tiles} for robot in (None, *range(20))])
+    assert maps_figure(maps).get_supxlabel() == "the first 11 of 20 robots"
+    assert maps_figure(maps.head(6)).get_supxlabel() == ""
+
+
 def test_a_dark_page_changes_all_colours_of_a_map_or_none() -> None:
     """Its ends alone became dark, so that 0 was black beside a white 0.05; and crosses stand out on both ends."""
     tiles = {

@@ -21,6 +21,7 @@ from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.forced_error import Reached
 from vibroswarm.analysis.intervals import wilson
 from vibroswarm.documents import study as study_documents
+from vibroswarm.documents import study_figures
 from vibroswarm.documents.study_words import warnings_of
 from vibroswarm.plots import draw_outcomes
 from vibroswarm.show.document import Figure, Section, walk
@@ -416,3 +417,13 @@ def test_answers_beyond_the_second_kind_are_read_back(tmp_path: Path) -> None:
     Study.of(three, runs=2, seed=2).run(tmp_path / "study")
     read = StudyResult.open(tmp_path / "study")
     assert read.tables(0)[0]["decision"].to_list() == [2] * 10
+
+
+def test_a_figure_of_many_comparisons_says_how_many_it_leaves_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("difference", "difference_low", "difference_high", "pairs", "wins", "ties", "losses")
+    rows = [{"figure": "decision_time_s", "name": f"a{k}", **dict.fromkeys(names, 1.0)} for k in range(50)]
+    for number, words in ((50, "run by run (the first 48 of 50 comparisons)"), (48, "run by run")):
+        table = pl.DataFrame(rows[:number])
+        monkeypatch.setattr(study_figures, "comparison_table", lambda compared, table=table: table)
+        (figure,) = study_figures.comparison_figures(())
+        assert figure.title.endswith(words)

@@ -83,8 +83,8 @@ def _where(found: Inspection) -> tuple[Text | Table | Figure, ...]:
     return replace(figure, on_page="column"), scan_words(scan), *patches  # it is printed 80 mm wide
 
 
-def _patches(scan: Scan) -> tuple[Table, ...]:
-    """Return the first called patches with their regions, in few columns; nothing if none is called."""
+def _patches(scan: Scan) -> tuple[Table | Text, ...]:
+    """Return the first called patches with their regions, in few columns, and how many there are beyond them."""
     rows = [
         (
             f"x {number(box.centre_m[0], 2)}, y {number(box.centre_m[1], 2)}",
@@ -94,13 +94,20 @@ def _patches(scan: Scan) -> tuple[Table, ...]:
         )
         for box, region in zip(scan.called_m[:MOST_LISTED], scan.regions[:MOST_LISTED], strict=True)
     ]
+    if not rows:
+        return ()
     columns = {
         "centre": Column("called patch", "m"),
         "size": Column("size", "cm"),
         "contrast": Column(),
         "area": Column("centres", "cm²", decimals=0),
     }
-    return (Table(pl.DataFrame(rows, list(columns), orient="row"), columns),) if rows else ()
+    table = Table(pl.DataFrame(rows, list(columns), orient="row"), columns)
+    left_out = len(scan.called_m) - len(rows)
+    if not left_out:
+        return (table,)
+    more = count(left_out, "more patch is", "more patches are")
+    return table, Text(f"{more} called; the report lists all.")
 
 
 def _short(table: Table) -> Table:

@@ -25,7 +25,7 @@ from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.patches import Form
 from vibroswarm.inspection.pod import INTACT
 from vibroswarm.inspection.region import HELD
-from vibroswarm.inspection.scan import Box, Scan
+from vibroswarm.inspection.scan import MOST_CALLED, Box, Scan
 from vibroswarm.inspection.stopping import BLOCKS, LOOKS
 from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.picture import Picture
@@ -47,7 +47,8 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
         each = [_placed(box) for box in found.scan.called_m[:MOST_LISTED]]
         more = len(found.scan.called_m) - len(each)
         each += [f"and {more} more"] if more else []
-        where = count(len(found.scan.called_m), "patch", "patches")
+        at_least = "at least " * (len(found.scan.called_m) == MOST_CALLED)
+        where = at_least + count(len(found.scan.called_m), "patch", "patches")
         first = f"DAMAGE: {where}, {'; '.join(each)} (centres; p = {p_value(found.scan.p_value)})."
     elif found.verdict == "clear":
         first = f"CLEAR of damage of {size}: risk {told} (tolerated: {stated_percent(question.risk)})."
@@ -236,7 +237,7 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
 
 
 def _when(time_s: float | None) -> str:
-    return "at no look" if time_s is None else f"from {number(time_s, 0)} s on"
+    return "at no look" if time_s is None else f"for the first time at {number(time_s, 0)} s"
 
 
 def pod_table(found: Assessment) -> Table:

@@ -124,7 +124,9 @@ def _bars(table: pl.DataFrame, layout: Layout, figure: RunFigure, style: str) ->
     low, high = limits_of(figure.name)
     frame = table.select("x", pl.col("^series$"), "runs", estimate=figure.name, low=low, high=high)
     too_many_lines = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
+    title = ""
     if too_many_lines:  # each cell gets a row under its own name
+        title = _first_rows(frame.height, "cell")
         frame = frame.drop("series").with_columns(x=table["label"]).head(MOST_ROWS)
     return draw_error_bars(
         frame,
@@ -132,8 +134,14 @@ def _bars(table: pl.DataFrame, layout: Layout, figure: RunFigure, style: str) ->
         label=f"{figure.title} ({figure.unit})" if figure.unit else figure.title,
         interval="95 % interval",
         percent=figure.is_share,
+        title=title,
         style=style,
     )
+
+
+def _first_rows(total: int, thing: str) -> str:
+    """Return what the title of a figure with ``MOST_ROWS`` rows at most says of those it leaves out; empty: none."""
+    return f"the first {MOST_ROWS} of {count(total, thing)}" if total > MOST_ROWS else ""
 
 
 def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figure]:
@@ -311,7 +319,8 @@ def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
             low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),
         )  # fmt: skip
         label = f"difference in {figure.title}{f' ({unit})' if unit else ''}"
-        title = f"{figure.title[0].upper()}{figure.title[1:]}, run by run"
+        first = _first_rows(frame.height, "comparison")
+        title = f"{figure.title[0].upper()}{figure.title[1:]}, run by run{f' ({first})' if first else ''}"
         yield _figure(
             f"compared-{name.replace('_', '-')}", title, draw_forest, frame.head(MOST_ROWS), label=label,
             better="low" if figure.better < 0 else "high",

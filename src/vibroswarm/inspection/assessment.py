@@ -12,7 +12,7 @@ import polars as pl
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.checks import BETWEEN, LAW_CHECKS, PLACES, law_checks
+from vibroswarm.inspection.checks import BETWEEN, LAW_CHECKS, LEAST_PER_ROBOT, PLACES, law_checks
 from vibroswarm.inspection.missed import false_calls, lengths_within, own_trials, weakest_found
 from vibroswarm.inspection.others import by_patches, by_tiles
 from vibroswarm.inspection.patches import SIZES_M, Side, declared, shares_of
@@ -156,8 +156,11 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> Iterator[str]:
     one_robot = len(samples.robots) == 1
     unmade = checks.filter(pl.col("outcome") == "not made", (pl.col("check") != BETWEEN) | (not one_robot))
     for check, number in unmade.select("check", "samples").iter_rows():
-        where = "still places" if check == LAW_CHECKS[0] else "places of a known kind"
-        yield f"{check} could not be checked: only {count(number, 'sample')} on {where}"
+        few = f"only {count(number, 'sample')} on still places"
+        if check != LAW_CHECKS[0]:
+            who = "at most one robot has" if check == BETWEEN else "no robot has"
+            few = f"{who} {LEAST_PER_ROBOT} samples on places of a known kind"
+        yield f"{check} could not be checked: {few}"
     if samples.warning:
         yield samples.warning[:1].lower() + samples.warning[1:].rstrip(".")
     if one_robot:

@@ -395,13 +395,14 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     from matplotlib.figure import Figure
 
     of_run = maps.filter(pl.col("run") == run)
-    robots = of_run["robot"].drop_nulls().unique().sort().to_list()[:MOST_MAPS]
-    count = 1 + len(robots)
-    across = min(count, ACROSS)
-    down = math.ceil(count / across)
+    each = of_run["robot"].drop_nulls().unique().sort().to_list()
+    robots = each[:MOST_MAPS]
+    maps_drawn = 1 + len(robots)
+    across = min(maps_drawn, ACROSS)
+    down = math.ceil(maps_drawn / across)
     # about 2 in per map, and room for the scale of colours at the right and the words below
     figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
-    axes = panels_of(figure, count, ACROSS)
+    axes = panels_of(figure, maps_drawn, ACROSS)
     # Almost the named colours: those a dark page replaces, but not the ones between them, nor the scale's.
     ends = [tuple(0.99 * part for part in to_rgb(colour)) for colour in (STILL, VIBRATING)]
     colours: Any = LinearSegmentedColormap.from_list("floor", ends)
@@ -418,6 +419,9 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
         ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)
     bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
     bar.set_label("belief that a tile vibrates", fontsize=9)
-    if of_run["vibrates"].is_not_null().any():
-        figure.supxlabel("x: believed kind is wrong", fontsize=8)
+    words = ["x: believed kind is wrong"] if of_run["vibrates"].is_not_null().any() else []
+    if len(robots) < len(each):
+        words.append(f"the first {len(robots)} of {len(each)} robots")
+    if words:
+        figure.supxlabel("; ".join(words), fontsize=8)
     return figure
