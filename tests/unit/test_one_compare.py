@@ -21,6 +21,7 @@ COMPARE = {
 NAME_A_TEST = {
     "league/standings.py": "says by which test the comparison is made, over floors and floor by floor",
     "league/fault_curves.py": "the same",
+    "calibrate/classifier.py": "says by which test simulations are compared, over few sessions",
 }
 DRAW = {
     "analysis/paired.py": "draws that several cells share",

@@ -861,6 +861,13 @@ def test_reports_over_time_have_a_line_for_each_robot_and_quartiles_of_many() ->
 
 
 @pytest.mark.usefixtures("without_layout")
+def test_a_picture_says_how_many_of_the_reported_values_it_draws() -> None:
+    rows = [{"name": f"value_{k}", "robot": 0, "time_s": 1.0, "value": 0.5} for k in range(9)]
+    assert "a robot; the first 6 of 9 values." in draw_reports(pl.DataFrame(rows)).caption
+    assert "each line a robot." in draw_reports(pl.DataFrame(rows[:6])).caption
+
+
+@pytest.mark.usefixtures("without_layout")
 def test_borders_and_words_of_tiles_know_all_kinds() -> None:
     frame = pl.DataFrame({"x_m": [0.1, 0.9], "y_m": [0.1, 0.9]})
     two = draw_density(frame, tiles=np.array([[0, 1], [1, 0]], dtype=np.uint8))

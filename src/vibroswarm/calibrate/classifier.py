@@ -25,7 +25,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, finite_limits, pseudo_values, share_interval
+from vibroswarm.analysis.intervals import Interval, finite_limits, pseudo_values, share_interval, student_test
+from vibroswarm.analysis.paired import difference, holm
 from vibroswarm.calibrate.features import lag_one, wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
@@ -64,6 +65,15 @@ class ClassifierAccuracy(NotebookView):
 
 INTERVALS: Final = ("simulated", "simulated_by_robot", "real")
 """The fields of ``ClassifierAccuracy`` that are intervals."""
+
+
+def more_recognised(least: ClassifierAccuracy, others: Sequence[ClassifierAccuracy]) -> list[float]:
+    """Return p-values of whether each of the others is recognised as often as ``least``.
+
+    Differences are paired by real session, with Student's test and Holm's correction.
+    """
+    tested = [difference(least.by_session, one.by_session, test=student_test) for one in others]
+    return holm([each.p_value for each in tested])
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:

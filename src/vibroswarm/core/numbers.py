@@ -216,6 +216,11 @@ def every(n: int, thing: str) -> str:
     return f"the {thing}" if n == 1 else f"both {thing}s" if n == 2 else f"all {count(n, thing)}"
 
 
+def first_of(shown: int, total: int, thing: str) -> str:
+    """Write what is shown of more things than there is room for: ``the first 6 of 9 floors``; empty if it is all."""
+    return f"the first {shown} of {count(total, thing)}" if shown < total else ""
+
+
 def count_of(done: int, wanted: int, thing: str) -> str:
     """Write how many of some things are done: ``10 of 1,000 runs (1 %)``."""
     return f"{whole(done)} of {count(wanted, thing)} ({stated_percent(done / max(wanted, 1))})"

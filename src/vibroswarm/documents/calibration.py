@@ -10,9 +10,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import student_test
-from vibroswarm.analysis.paired import differences, holm
-from vibroswarm.calibrate.classifier import STRETCH, ClassifierAccuracy
+from vibroswarm.calibrate.classifier import STRETCH, ClassifierAccuracy, more_recognised
 from vibroswarm.calibrate.features import FEATURES, WORDS
 from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.real_vs_simulated import Comparison
@@ -85,10 +83,7 @@ def comparisons_document(found: Mapping[str, Comparison]) -> Document:
 
 
 def _recognised_least(classifiers: Mapping[str, ClassifierAccuracy]) -> tuple[str, ...]:
-    """Return how well each simulation is recognised, and those than which the least recognised is not shown to be less.
-
-    Differences are paired by real session, with Student's test and a correction for their number.
-    """
+    """Return how well each simulation is recognised, and than which the least recognised is not shown to be less."""
     if not classifiers:
         return ("The classifier compared no simulation.",)
     shares = {name: one.simulated.estimate for name, one in classifiers.items()}
@@ -98,11 +93,8 @@ def _recognised_least(classifiers: Mapping[str, ClassifierAccuracy]) -> tuple[st
         return (recognised,)
     least = min(shares, key=lambda name: shares[name])
     others = [name for name in shares if name != least]
-    p_values = [
-        student_test(differences(classifiers[least].by_session, classifiers[name].by_session)).p_value
-        for name in others
-    ]
-    alike = [name for name, p in zip(others, holm(p_values), strict=True) if not p <= 0.05]
+    p_values = more_recognised(classifiers[least], [classifiers[name] for name in others])
+    alike = [name for name, p in zip(others, p_values, strict=True) if not p <= 0.05]
     paired = f"(paired by {count(len(classifiers[least].by_session), 'real session')})"
     if alike:
         return recognised, f"Least: {least}, not significantly less than {listed(alike)} {paired}."

@@ -25,7 +25,7 @@ from vibroswarm.analysis.verdict import (
     strategy_name,
     verdict,
 )
-from vibroswarm.core.numbers import count, number, stated_percent, verb, whole
+from vibroswarm.core.numbers import count, first_of, number, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
@@ -284,7 +284,8 @@ def _reports(result: Result, run: int) -> list[Part]:
     )
     headings = report_headings(result, last.columns[1:])
     columns = {name: Column(heading) for name, heading in headings.items()}
-    caption = "What robots reported last (after each sample: table reports)."
+    first = first_of(MOST_REPORTED, last.width - 1, "value")
+    caption = f"What robots reported last{', ' * bool(first)}{first} (after each sample: table reports)."
     return [Table(last.select(last.columns[: MOST_REPORTED + 1]), columns, caption=caption, name="reports")]
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.numbers import Estimate, count, number, with_limits
+from vibroswarm.core.numbers import Estimate, count, first_of, number, with_limits
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.spectrum import draw_spectrum
 from vibroswarm.recordings.spectrum import Spectra, Spectrum
@@ -37,7 +37,11 @@ def spectrum_document(found: Spectra) -> Document:
                     WORDS[name],
                     (
                         lines_table(spectra, f"lines_by_{name}"),
-                        Figure(f"spectrum_by_{name}", partial(_drawn, found, spectra[:MOST_DRAWN])),
+                        Figure(
+                            f"spectrum_by_{name}",
+                            partial(_drawn, found, spectra[:MOST_DRAWN]),
+                            first_of(MOST_DRAWN, len(spectra), "group"),
+                        ),
                     ),
                 )
             )

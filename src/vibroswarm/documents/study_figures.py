@@ -16,7 +16,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
-from vibroswarm.core.numbers import count, stated
+from vibroswarm.core.numbers import count, first_of, stated
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
@@ -126,7 +126,7 @@ def _bars(table: pl.DataFrame, layout: Layout, figure: RunFigure, style: str) ->
     too_many_lines = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
     title = ""
     if too_many_lines:  # each cell gets a row under its own name
-        title = _first_rows(frame.height, "cell")
+        title = first_of(MOST_ROWS, frame.height, "cell")
         frame = frame.drop("series").with_columns(x=table["label"]).head(MOST_ROWS)
     return draw_error_bars(
         frame,
@@ -137,11 +137,6 @@ def _bars(table: pl.DataFrame, layout: Layout, figure: RunFigure, style: str) ->
         title=title,
         style=style,
     )
-
-
-def _first_rows(total: int, thing: str) -> str:
-    """Return what the title of a figure with ``MOST_ROWS`` rows at most says of those it leaves out; empty: none."""
-    return f"the first {MOST_ROWS} of {count(total, thing)}" if total > MOST_ROWS else ""
 
 
 def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figure]:
@@ -319,7 +314,7 @@ def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
             low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),
         )  # fmt: skip
         label = f"difference in {figure.title}{f' ({unit})' if unit else ''}"
-        first = _first_rows(frame.height, "comparison")
+        first = first_of(MOST_ROWS, frame.height, "comparison")
         title = f"{figure.title[0].upper()}{figure.title[1:]}, run by run{f' ({first})' if first else ''}"
         yield _figure(
             f"compared-{name.replace('_', '-')}", title, draw_forest, frame.head(MOST_ROWS), label=label,

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
-from vibroswarm.core.numbers import count, number
+from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
 from vibroswarm.plots.picture import Picture, drawn
@@ -69,7 +69,8 @@ def draw_reports(
         InputError: the frame is not as described, or empty.
     """
     frame = tidy(frame, texts=("name",), numbers=("robot", "time_s", "value"))
-    names = frame["name"].unique(maintain_order=True).to_list()[:MOST_PANELS]
+    every_name = frame["name"].unique(maintain_order=True).to_list()
+    names = every_name[:MOST_PANELS]
     sizes = style_named(style)
     down = math.ceil(len(names) / ACROSS)
     figure = new_figure(sizes, height_in=0.62 * sizes.height_in * down + 0.4, title=title)
@@ -83,11 +84,14 @@ def draw_reports(
         axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
     robots = frame["robot"].n_unique()
     lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
-    is_line = truth is not None and set(names) & set(estimates)
-    caption = (
-        f"what {count(robots, 'robot')} reported after {'its' if robots == 1 else 'their'} samples; {lines}"
-        + (f"; dashed: the true number, {number(truth, digits=4)}." if is_line else ".")
-    )
+    words = [
+        f"what {count(robots, 'robot')} reported after {'its' if robots == 1 else 'their'} samples",
+        lines,
+        first_of(len(names), len(every_name), "value"),
+    ]
+    if truth is not None and set(names) & set(estimates):
+        words.append(f"dashed: the true number, {number(truth, digits=4)}")
+    caption = f"{'; '.join(filter(None, words))}."
     return Picture(figure, frame.select("name", "robot", "time_s", "value"), caption)
 
 

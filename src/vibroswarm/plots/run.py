@@ -15,7 +15,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import answers_of, estimates_in_words, verdict
-from vibroswarm.core.numbers import count, number
+from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patches import Patch
 from vibroswarm.floors.surfaces import STEPS
@@ -420,8 +420,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
     bar.set_label("belief that a tile vibrates", fontsize=9)
     words = ["x: believed kind is wrong"] if of_run["vibrates"].is_not_null().any() else []
-    if len(robots) < len(each):
-        words.append(f"the first {len(robots)} of {len(each)} robots")
-    if words:
-        figure.supxlabel("; ".join(words), fontsize=8)
+    words.append(first_of(len(robots), len(each), "robot"))
+    if said := "; ".join(filter(None, words)):
+        figure.supxlabel(said, fontsize=8)
     return figure
