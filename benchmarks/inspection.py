@@ -52,7 +52,7 @@ from vibroswarm.inspection.patches import (
 )
 from vibroswarm.inspection.pod import INTACT
 from vibroswarm.inspection.region import Region, posterior_of, region_of
-from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.samples import SAMPLES, Law, Samples
 from vibroswarm.inspection.scan import (
     BLOCK_S,
     CELLS,
@@ -63,7 +63,7 @@ from vibroswarm.inspection.scan import (
     statistic_of,
 )
 from vibroswarm.inspection.sources import samples_of_result
-from vibroswarm.inspection.stopping import Question, Rule
+from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.observation.energy_model import energy_of
 
@@ -515,9 +515,8 @@ def told_at_looks(
     Args:
         values: of each sample and surface.
     """
-    patches, question = declared(samples.size_m, sides_m), Question(min(sides_m), contrasts, strict=strict)
-    look = np.ceil(samples.column("time_s") / (1200.0 / LOOKS)).astype(np.int64) - 1
-    return Rule(samples, patches, shares_of(samples, patches), question, look, LOOKS).told(values)
+    question = Question(min(sides_m), contrasts, strict=strict)
+    return rule_of(samples, declared(samples.size_m, sides_m), question, LOOKS).told(values)
 
 
 def measure_risk(count: int, name: str, surfaces: int, strict: bool) -> None:
@@ -551,6 +550,56 @@ def measure_risk(count: int, name: str, surfaces: int, strict: bool) -> None:
                 f"{median_s:.0f} s",
                 flush=True,
             )
+
+
+def measure_told(count: int) -> None:
+    """Print true beside told risks by exact places, by a known law, and by laws of so many measured values."""
+    gammas = {"vibrating": (5.0, 1.2, 0.0), "still": (3.0, 1.0, 0.0)}
+    fields = {
+        f"sensor.{kind}_{name}": value
+        for kind, law in gammas.items()
+        for name, value in zip(("shape", "scale", "location"), law, strict=True)
+    }
+    truth = law_of_scenario(preset("paper").with_values(fields), "the true law").law
+    for measured in (0, 100, 300, 1000):
+        told: dict[str, list[Floats]] = {"mean over laws": [], "law alone": []}
+        for seed in range(count):
+            random = generator(seed, f"{measured} values, exact places")
+            vibrating, still = (energy_of(truth.sensor, kind, random.random(measured)) for kind in (1, 0))
+            law = law_of_measured(vibrating, still, "measured").law if measured else truth
+            samples = at_exact_places(random, 400, truth)
+            patch = patch_of(*random_places(random, np.full(1, 0.2), samples.size_m), 0.2)
+            values = np.hstack([drawn_values(random, samples, 1, one) for one in (patch, None)])
+            for words, judge in (("mean over laws", law), ("law alone", replace(law, draws=()))):
+                told[words].append(told_at_looks(replace(samples, law=judge), values, [0.2], (1.0,), False))
+        for words, risk in itertools.product(told, (0.1, 0.05, 0.01)):
+            each = np.concatenate(told[words], axis=1)  # damaged and intact surfaces in turn
+            cleared = (each <= risk).any(axis=0)
+            first = each[(each <= risk).argmax(axis=0), np.arange(each.shape[1])]
+            print(
+                f"{measured} values, {words}, tolerated {risk:.0%}: told {mean_of(first[cleared])}, truly "
+                f"{share(int(cleared[::2].sum()), int(cleared.sum()))}; intact cleared {int(cleared[1::2].sum())} of "
+                f"{count}",
+                flush=True,
+            )
+
+
+def mean_of(risks: Floats) -> str:
+    return f"{risks.mean():.1%}" if risks.size else "-"
+
+
+def at_exact_places(random: np.random.Generator, count: int, law: Law) -> Samples:
+    """Return samples of five robots at random places of 1 m2, without values."""
+    x_m, y_m = random.random((2, count))
+    columns = dict.fromkeys(SAMPLES, np.zeros(count)) | {"robot": np.arange(count) % 5}
+    columns |= {
+        "time_s": 3.0 * np.arange(count) + 3.0,
+        "x_m": x_m,
+        "y_m": y_m,
+        "true_x_m": x_m,
+        "true_y_m": y_m,
+    }
+    return Samples(pl.DataFrame(columns).cast(dict(SAMPLES)), (1.0, 1.0), law, "drawn", "drawn")
 
 
 def measure_checks(count: int, name: str) -> None:

@@ -249,7 +249,7 @@ def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> No
     assert document.answer[1] == "Doubtful: robots that were lost (1)."
     first = page[page.index("<h1>") : page.index("<h2")]
     assert first.index("Doubtful: robots that were lost (1).") < first.index("clock is +100.000")
-    clock = "(standard error 0.1 ms, without the time between a sample and the robot's start, some 20 ms)"
+    clock = "(standard error 0.1 ms, to which the time from a sample to the robot's start adds some 20 ms)"
     assert clock in unescape(first).replace("\N{NO-BREAK SPACE}", " ")
     for words in (
         "What to do:",

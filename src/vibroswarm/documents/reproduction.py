@@ -10,7 +10,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.numbers import count
+from vibroswarm.core.numbers import count, verb
 from vibroswarm.documents.knowledge import told
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
 from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
@@ -81,7 +81,7 @@ def _few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
     unsure = sum(one.verdict == "inconclusive" for one in decided)
     if not unsure or settings.runs >= ENOUGH:
         return []
-    verdicts = f"{count(unsure, 'verdict')} {'is' if unsure == 1 else 'are'} inconclusive"
+    verdicts = f"{count(unsure, 'verdict')} {verb(unsure, 'are', 'is')} inconclusive"
     return [f"{verdicts}: {count(settings.runs, 'run')} are too few to decide; use --runs {ENOUGH}."]
 
 

@@ -284,8 +284,8 @@ def _reports(result: Result, run: int) -> list[Part]:
     )
     headings = report_headings(result, last.columns[1:])
     columns = {name: Column(heading) for name, heading in headings.items()}
-    first = first_of(MOST_REPORTED, last.width - 1, "value")
-    caption = f"What robots reported last{', ' * bool(first)}{first} (after each sample: table reports)."
+    some = first_of(MOST_REPORTED, last.width - 1, "value")
+    caption = f"What robots reported last (after each sample: table reports){f': {some}' if some else ''}."
     return [Table(last.select(last.columns[: MOST_REPORTED + 1]), columns, caption=caption, name="reports")]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -13,7 +12,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.show.document import Document, Text
 from vibroswarm.study.cell_comparison import SECOND
 from vibroswarm.study.plan import plan_of
-from vibroswarm.study.store import Store
+from vibroswarm.study.store import Store, resume_command
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
@@ -73,8 +72,7 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
         f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
         for versions in about["made_by"]
     ]
-    folder = about["folder"]
-    resume = f"To resume: {shlex.join(['vibroswarm', 'evaluate', f'{folder}/study.toml', '--out', folder])}"
+    resume = f"To resume: {resume_command(about['folder'])}"
     return Document(
         title=about["name"] or "Study",
         answer=(

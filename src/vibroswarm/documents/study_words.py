@@ -135,9 +135,8 @@ def headline(answer: Answer) -> str:
     time = _comparative(by_figure["decision_time_s"], "slower", "faster")
     wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
     first, reference = answer.first_name, answer.reference_name
-    can_err = not math.isnan(
-        by_figure["wrong_share"].interval.estimate
-    )  # no decision is wrong where none is right
+    # No decision is wrong where none is right.
+    can_err = not math.isnan(by_figure["wrong_share"].interval.estimate)
     if time is None and wrong is None:
         return f"{first} and {reference}: no difference shown in time{' or wrong decisions' * can_err}"
     if time is None:

@@ -111,7 +111,7 @@ def _clock_words(tracked: TrackedLog) -> str:
     error_ms = number(max(1000 * offset.error_s, 0.1), 1)
     return (
         f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
-        f"{error_ms} ms, without the time between a sample and the robot's start, some 20 ms); "
+        f"{error_ms} ms, to which the time from a sample to the robot's start adds some 20 ms); "
         f"{offset.pairs} of {count(offset.samples, 'sample')} match a stop. "
         f"Left out of the recording: {count(tracked.outside, 'sample')} before or after the video, {tracked.unseen} in "
         "gaps of the tracking."

@@ -135,7 +135,9 @@ class Rule(NotebookView):
         def risk_by(ratios_of: Callable[[float], Floats]) -> Floats:
             ratio = np.zeros((self.looks, values.shape[1]))
             for contrast in self.question.contrasts:
-                log_ratio = np.where(True if heard is None else heard, ratios_of(contrast), 0.0)
+                log_ratio = ratios_of(contrast)
+                if heard is not None:
+                    log_ratio = np.where(heard, log_ratio, 0.0)
                 of_sizes = ratios_at_looks(
                     self.patches, self.shares, log_ratio, *looked, strict=self.question.strict
                 )
@@ -216,12 +218,11 @@ def stopping(
     rule = rule_of(samples, patches, question, LOOKS)
     value, random = samples.column("value")[:, None], generator(seed, "damaged surfaces")
     lost = generator(seed, "lost messages")
-    of_each = (
-        _heard(rule, lost, 1) if question.loss else []
-    )  # without losses each robot has what the centre has
+    # Without losses each robot has what the centre has.
+    of_each = _heard(rule, lost, 1) if question.loss else []
     told = np.hstack([rule.told(value), *(rule.told(value, heard) for heard in of_each)])
     first = [_first_s(times_s, one <= question.risk) for one in told.T]
-    by_robot = first[1:] or first
+    robots_s = first[1:] or first
     centre_m = random_places(random, np.full(drawn, question.least_m), samples.size_m)
     of_robots = OF_ROBOTS if question.loss else 0
     risk, at_end, by_robots = _told_of_damage(rule, random, *centre_m, of_robots, lost)
@@ -236,7 +237,7 @@ def stopping(
         _share(risk, question),
         _share(at_end, question),
         _share(at_worst, question),
-        None if None in by_robot else max(one for one in by_robot if one is not None),
+        None if None in robots_s else max(one for one in robots_s if one is not None),
         _share(by_robots, question) if by_robots.size else None,
         rule.suspected(value[:, 0]),
     )

@@ -347,18 +347,22 @@ def draw_density(
     figure = _draw_density(
         sizes, density, edges=(x_edges, y_edges), top=top, floor=(tiles, tile_size_m, corner_m), title=title
     )
-    above = int((density > top * (1 + 1e-12)).sum())  # number of bins; the factor allows for rounding errors
-    caption = (
-        f"Samples per area over the arena, {count(int(counts.sum()), 'sample')} in {shape[0]} x {shape[1]} bins; "
-        f"1 is what even sampling gives; least {number(float(density.min()))}, most {number(float(density.max()))}."
-        + (
-            f" {count(above, 'bin')} {verb(above, 'lie')} above the colours' end at {number(top)}."
-            if above
-            else ""
-        )
-        + ("" if tiles is None else f" Double line: border between {_words_of_tiles(tiles)}.")
-    )
+    caption = _density_caption(int(counts.sum()), density, top)
+    if tiles is not None:
+        caption += f" Double line: border between {_words_of_tiles(tiles)}."
     return Picture(figure, _bins(counts, density, x_edges, y_edges), caption)
+
+
+def _density_caption(samples: int, density: NDArray[np.float64], top: float) -> str:
+    """Return how many samples there are in how many bins, the extremes, and how many bins are above the colours."""
+    caption = (
+        f"Samples per area over the arena, {count(samples, 'sample')} in {density.shape[0]} x {density.shape[1]} bins; "
+        f"1 is what even sampling gives; least {number(float(density.min()))}, most {number(float(density.max()))}."
+    )
+    above = int((density > top * (1 + 1e-12)).sum())  # the factor allows for rounding errors
+    if above:
+        caption += f" {count(above, 'bin')} {verb(above, 'lie')} above the colours' end at {number(top)}."
+    return caption
 
 
 KIND_MARKERS: Final = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -14,7 +13,7 @@ from vibroswarm.errors import InputError, RunError, check_callable, check_flags,
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.runner import Job, Progress, run_study
 from vibroswarm.study.spec import Study
-from vibroswarm.study.store import SHARDS, Store
+from vibroswarm.study.store import SHARDS, Store, resume_command
 from vibroswarm.study.study_result import StudyResult, _TemporaryFolder
 
 
@@ -119,7 +118,6 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
         some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         raise RunError(
             f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
-            "again and merge it too, or finish here: "
-            + shlex.join(["vibroswarm", "evaluate", str(out / "study.toml"), "--out", str(out)])
+            f"again and merge it too, or finish here: {resume_command(out)}"
         )
     return joined

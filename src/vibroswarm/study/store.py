@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
@@ -57,6 +58,11 @@ SHARDS: Final = "shards"
 """Folder of the stored batches."""
 FAILURES: Final = "failures"
 """Folder of the records of failed batches."""
+
+
+def resume_command(folder: str | Path) -> str:
+    """Return the command that goes on with the study in a folder, as a shell takes it."""
+    return shlex.join(["vibroswarm", "evaluate", f"{folder}/{MARKER}", "--out", str(folder)])
 
 
 @dataclass(frozen=True)
