@@ -169,7 +169,7 @@ SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_c
 MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
 FEW = CASES[:2]
 """Cases for motion: ``test_motion_contract.py`` holds our sources to all, and finds what is wrong, check by check."""
-FEW_SETTINGS = {name: network_checks.SETTINGS[name] for name in ("five robots, none", "one robot, positive")}
+FEW_SETTINGS = {name: network_checks.SETTINGS[name] for name in ("five robots, none", "one robot, none")}
 """Settings for networks: ``test_our_networks.py`` holds ours to more."""
 
 
