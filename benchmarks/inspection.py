@@ -51,7 +51,7 @@ from vibroswarm.inspection.patches import (
     shares_of,
 )
 from vibroswarm.inspection.pod import INTACT
-from vibroswarm.inspection.region import Region, posterior_of, region_of
+from vibroswarm.inspection.region import CELL_M, DRAWN, Region, posterior_of, region_of
 from vibroswarm.inspection.samples import SAMPLES, Law, Samples
 from vibroswarm.inspection.scan import (
     BLOCK_S,
@@ -302,13 +302,18 @@ def damages_of(what: str, random: np.random.Generator, each: int) -> tuple[Damag
     if what == "two squares":  # one in the left half, one in the right
         halves = [random_places(random, np.full(each, 0.2), (0.5, 1.0)) for _ in range(2)]
         return [patch_of(x_m + 0.5 * k, y_m, 0.2) for k, (x_m, y_m) in enumerate(halves)], squares
-    if what == "disc of 14 cm":
-        discs = [Form(side, side, True) for side in SIZES_M]
+    if what.startswith("disc of 14 cm"):
+        discs = [Form(side, side, True) for side in SIZES_M] if what in SORTS else []
         return [drawn_patches(random, np.full(each, 0.14), surface, 1.0, "disc")], [*squares, *discs]
-    if what == "crack of 30 cm x 2 cm":
-        cracks = [(long, 0.02) for long in (0.1, 0.2, 0.3, 0.4, 0.6)]
+    if what.startswith("crack of 30 cm x 2 cm"):
+        cracks = [(long, 0.02) for long in (0.1, 0.2, 0.3, 0.4, 0.6)] if what in SORTS else []
         cracks += [(0.02, long) for long, _ in cracks]
         return [drawn_patches(random, np.full(each, 0.3), surface, 1.0, "crack")], [*squares, *cracks]
+    if what.startswith("rectangle of 30 cm x 10 cm"):
+        upright = random.random(each) < 0.5
+        sides_m = np.where(upright, 0.1, 0.3), np.where(upright, 0.3, 0.1)
+        x_m, y_m = (0.5 * side + (1.0 - side) * random.random(each) for side in sides_m)
+        return [Patch(x_m, y_m, *sides_m, np.ones(each))], squares
     side_m, contrast = random.uniform(0.08, 0.25, each), random.uniform(0.4, 1.0, each)
     if what != "squares of 8 to 25 cm, contrast .4 to 1":
         side_m, contrast = np.full(each, float(what.split()[-2]) / 100.0), np.ones(each)
@@ -320,15 +325,21 @@ SORTS = (
     "square of 10 cm", "square of 14 cm", "square of 20 cm", "squares of 8 to 25 cm, contrast .4 to 1", "two squares",
     "disc of 14 cm", "crack of 30 cm x 2 cm",
 )  # fmt: skip
+UNDECLARED = (
+    "disc of 14 cm, only squares declared", "rectangle of 30 cm x 10 cm, only squares declared",
+    "crack of 30 cm x 2 cm, only squares declared",
+)  # fmt: skip
+"""Of these the region holds no shape; it may hold the centre."""
 
 
 def measure_region(count: int) -> None:
     """Print how often the joint region of a called patch holds the damage, among surfaces that are called."""
     for name in ("optimised-places", "calibrated"):
-        held, called = dict.fromkeys(SORTS, 0), dict.fromkeys(SORTS, 0)
-        random = generator(9, "damage for regions")
+        held, called = dict.fromkeys(SORTS + UNDECLARED, 0), dict.fromkeys(SORTS + UNDECLARED, 0)
+        of_declared, of_others = generator(9, "damage for regions"), generator(10, "damage for regions")
         for number, samples in enumerate(inspections(name, count, 600.0, "random:0.0", 9)):
-            for what in SORTS:
+            for what in SORTS + UNDECLARED:
+                random = of_declared if what in SORTS else of_others
                 damages, sides = damages_of(what, random, 1)
                 patches = declared(samples.size_m, sides)
                 shares = shares_of(samples, patches)
@@ -343,8 +354,9 @@ def measure_region(count: int) -> None:
                     region = region_of(posterior_of(read, patches, shares, there))
                     there &= ~near(read, box)
                     called[what] += 1
-                    held[what] += any(holds(region, one) for one in damages)
-        for what in SORTS:
+                    is_held = holds if what in SORTS else holds_centre
+                    held[what] += any(is_held(region, one) for one in damages)
+        for what in SORTS + UNDECLARED:
             print(f"{name}, {what}: the region holds it in {share(held[what], called[what])}", flush=True)
 
 
@@ -352,6 +364,14 @@ def holds(region: Region, patch: Patch) -> bool:
     """Return whether a region holds the first replicate of a patch."""
     form = Form(patch.width_m[0], patch.height_m[0], patch.is_disc)
     return region.holds(form, patch.x_m[0], patch.y_m[0], patch.contrast[0])
+
+
+def holds_centre(region: Region, patch: Patch) -> bool:
+    """Return whether the centre of the first replicate is in the area of the centres (``Region.centre_m2``)."""
+    shape, at = region.posterior.drawn(generator(1, "density of damage"), DRAWN)
+    inside = at[:2, region.posterior.density(shape, at) >= region.least]
+    centre_m = np.array([patch.x_m[0], patch.y_m[0]])
+    return bool((inside // CELL_M == (centre_m // CELL_M)[:, None]).all(axis=0).any())
 
 
 def critical_of(

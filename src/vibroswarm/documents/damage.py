@@ -22,6 +22,7 @@ from vibroswarm.core.numbers import (
 from vibroswarm.inspection.assessment import WHOLLY, Assessment
 from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.missed import EACH
 from vibroswarm.inspection.patches import Form
 from vibroswarm.inspection.pod import INTACT
 from vibroswarm.inspection.region import HELD
@@ -51,13 +52,25 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
         where = at_least + count(len(found.scan.called_m), "patch", "patches")
         first = f"DAMAGE: {where}, {'; '.join(each)} (centres; p = {p_value(found.scan.p_value)})."
     elif found.verdict == "clear":
-        first = f"CLEAR of damage of {size}: risk {told} (tolerated: {stated_percent(question.risk)})."
+        first = (
+            f"CLEAR of damage of {size}: risk {told}{'' if question.strict else ' on average over places'} (tolerated: "
+            f"{stated_percent(question.risk)}){_unvisited(found)}."
+        )
     else:
         first = (
             f"OPEN: no damage is called (p = {p_value(found.scan.p_value)}), but the risk of damage of {size} is "
             f"{told} (tolerated: {stated_percent(question.risk)}); {_next(found)}."
         )
     return first, _pod_words(found)
+
+
+def _unvisited(found: Assessment) -> str:
+    """Return how much has no sample, where the average over places may be tolerated all the same."""
+    return (
+        f"; {percent(1.0 - found.visited)} of the cells of 10 cm have no sample"
+        if found.visited < 1.0
+        else ""
+    )
 
 
 def _next(found: Assessment) -> str:
@@ -170,7 +183,9 @@ def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
         f"Place, size and contrast of a patch are in one joint region with {percent(HELD, 0)}, of which the table has "
         "the area of the centres, the sizes and the contrasts. One patch is presumed; later ones are by the samples "
         "that are not on those before. Damage below the smallest or above the largest declared size is not weighed: "
-        "smaller damage comes out larger and weaker than it is."
+        "smaller damage comes out larger and weaker than it is. The region presumes the shapes that were scanned for: "
+        "other damage is in it less often than stated (a crack, if only squares were scanned for: its centre in 40 to "
+        "80 % of cases, its length seldom)."
     )
     return Table(pl.DataFrame(rows, schema=list(columns), orient="row"), columns, name="patches"), Text(words)
 
@@ -284,7 +299,7 @@ def weakest_parts(found: Assessment) -> tuple[Table, ...]:
     }
     caption = (
         "Weakest contrast that would have been found in 90 % of inspections, by area, with its upper limit; a dash: "
-        "none up to 1."
+        f"not shown up to 1 by {whole(EACH // 2)} drawn surfaces of each contrast (a90 above is of more)."
     )
     return (Table(shown, columns, caption=caption, name="weakest"),)
 

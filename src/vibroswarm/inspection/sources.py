@@ -213,6 +213,8 @@ CORNER: Final = 0.01
 """Places within this share of width and height are in the corner, as are those in m where others are in mm."""
 CORNERED: Final = 0.05
 """Largest share of places in the corner that is not odd."""
+OUTSIDE: Final = 0.01
+"""Largest share of places outside the surface, by ``CORNER`` and 3 standard deviations, that is not odd."""
 UNEQUAL: Final = 0.9
 """Share of different values from which on values of another file that are equal are copies."""
 ENDS: Final = (-4.5, 4.5)
@@ -259,7 +261,7 @@ def samples_of_csv(
         spread_x_m=pl.lit(spread_m),
         spread_y_m=pl.lit(spread_m),
         value="energy",
-    ).sort("time_s", "robot")
+    ).sort("time_s", "robot", "x_m", "y_m", "value")  # so that the order of rows does not matter
     exact = (
         "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {stated(1000 * spread_m)} mm"
     )
@@ -300,7 +302,24 @@ def _doubts(samples: Samples) -> Iterator[str]:
             f"{at_corner.sum()} of {frame.height} places are in the lower left corner, within {percent(CORNER, 0)} of "
             "width and height, as if they were in a larger unit than the others."
         )
+    yield from _doubt_of_the_edges(samples)
     yield from _doubts_of_values(samples.law, samples.column("value"), bool(samples.warning))
+
+
+def _doubt_of_the_edges(samples: Samples) -> Iterator[str]:
+    """Yield that places are farther outside the surface than their spread explains, if more than a few are."""
+    at_m, spread_m = (
+        np.stack([samples.column(f"{name}{axis}_m") for axis in "xy"]) for name in ("", "spread_")
+    )
+    whole_m = np.array(samples.size_m)[:, None]
+    beyond_m = np.maximum(-at_m, at_m - whole_m)
+    outside = (beyond_m > CORNER * whole_m + 3.0 * spread_m).any(axis=0)
+    if outside.mean() > OUTSIDE:
+        yield (
+            f"{outside.sum()} of {outside.size} places are outside the surface, by up to "
+            f"{number(100.0 * beyond_m.max(), 1)} cm, which their standard deviation does not explain, as if the size "
+            "or the origin were another."
+        )
 
 
 def _alike(frame: pl.DataFrame) -> list[int]:
