@@ -78,7 +78,15 @@ def test_a_csv_of_ones_own(tmp_path, capsys):
     assert main(["lab", "import", *arguments, "--out", str(tmp_path / "mine")]) == 0
     said = capsys.readouterr().out
     assert "decisions, beliefs or numbers of messages sent are not logged" in " ".join(said.split())
-    assert "beliefs replayed, not logged" in (tmp_path / "mine" / "run.html").read_text(encoding="utf-8")
+    assert "which 38.7 % of the energies exceed" in " ".join(
+        said.split()
+    )  # by the preset's threshold, a guess
+    page = (tmp_path / "mine" / "run.html").read_text(encoding="utf-8")
+    assert "beliefs replayed at an unknown threshold, not logged" in page
+    known = [*arguments, "--set", "sensor.rms_threshold=1.33", "--out", str(tmp_path / "known")]
+    assert main(["lab", "import", *known]) == 0
+    assert "threshold of these robots" not in capsys.readouterr().out
+    assert "beliefs replayed, not logged" in (tmp_path / "known" / "run.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("empty_pictures")

@@ -182,6 +182,22 @@ def test_nothing_is_sampled_before_the_first_stop(capsys):
     assert "No robot took a sample." in said
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ([], "more than 381 observations, own and received (decision.min_observations); the most that one had is "),
+        (["decision.gate=own", "decision.min_observations=4"], "more than 4 own samples (decision.min_observations)"),
+        (["decision.min_observations=0"], None),
+        (["strategy.name=places"], None),
+        (["task.name=share"], None),
+    ],
+)  # fmt: skip
+def test_a_gate_that_no_robot_reached_is_said(capsys, settings, words):
+    assert run("--set", "run.t_end_s=20", *(word for one in settings for word in ("--set", one))) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert (f"No robot was allowed to decide: that takes {words}" in said) if words else "allowed" not in said
+
+
 def test_the_swarm_words_of_each_outcome(capsys):
     easy = ["--floor", "stripe:0.48", "--set", "run.t_end_s=300", "--set", "decision.min_observations=5"]
     assert run(*easy, "--set", "decision.decision_boundary=0.03", "--robots", "3") == 0

@@ -328,6 +328,10 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) ->
     assert "kind 0 is most common" in page.inner_text("#task")
     assert "read kind 2" in page.inner_text("body")
     assert "of 5 say: \u201ckind 2" in page.inner_text("#facts")
+    lead = page.inner_text("#belief-lead")  # without beliefs, the gate alone says why nobody decided before
+    assert "report no belief" in lead
+    assert "only with more than 20 observations" in lead
+    assert "Share of kind 1" in page.inner_text("#details")
     read = result.observations["observation"].to_numpy()
     kind = result.floor(0).tiles.ravel()[result.observations["tile"].to_numpy()]
     assert f"{round(100 * (read != kind).mean(), 1):g} % misread" in page.inner_text("#facts")

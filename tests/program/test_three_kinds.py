@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.documents.run import result_document
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import replay_recording
 from vibroswarm.result import Result
@@ -98,3 +99,12 @@ def test_a_decision_for_kind_2_is_no_undecided_robot_in_a_log(folder: Path) -> N
     recording = Recording.read(folder / "recording")
     assert set(recording.robots["decision"]) == {None}
     assert recording.runs["consensus"].to_list() == [None]
+
+
+def test_an_estimate_that_the_task_does_not_ask_for_is_named(folder: Path) -> None:
+    """Asked for the most common kind, robots have an estimate all the same: the share of kind 1."""
+    result = Result.read(folder / "run")
+    robots = result_document(result).tables["robots"]
+    assert robots.columns["posterior"].title == "share of kind 1 (95 %)"
+    ones = (result.observations["observation"] == 1).mean()
+    assert robots.frame["posterior"].mean() == pytest.approx(ones, abs=0.02)

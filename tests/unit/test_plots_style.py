@@ -138,6 +138,18 @@ def test_pictures_are_written_with_their_numbers_and_repeat(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "formats", "written"),
+    [
+        ("x.pdf", None, ["x.pdf", "x.csv"]),
+        ("x.v1", ("png",), ["x.v1.png", "x.v1.csv"]),
+        ("x.pdf", (), ["x.pdf.csv"]),
+    ],
+)
+def test_a_suffix_names_the_format(tmp_path, name, formats, written):
+    assert [path.name for path in draw_error_bars(FRAME).write(tmp_path / name, formats)] == written
+
+
 def test_writing_says_what_is_wrong(tmp_path):
     picture = draw_error_bars(FRAME)
     with pytest.raises(InputError, match="formats: there is no 'gif'"):

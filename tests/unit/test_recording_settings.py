@@ -116,6 +116,21 @@ def test_where_nobody_decides_nothing_is_said_of_deciding(told: Scenario, tmp_pa
     assert settings["strategy.name"].value is None, settings["strategy.name"].evidence
 
 
+def test_clocks_that_differ_tell_no_strategy(told: Scenario, tmp_path: Path) -> None:
+    """With one clock 5 s late what robots received is not what others sent, and soft feedback seems the likeliest."""
+    undecided = {"decision.min_observations": 10_000, "strategy.name": "none", "run.t_end_s": 900.0}
+    write_rugbot(simulate(told.with_values(undecided), 11, 1, segments=True), tmp_path / "log.csv", 0)
+    log = in_order(read_log(tmp_path / "log.csv"))
+    late = pl.col("time_s") + pl.when(pl.col("robot") == log.samples["robot"][0]).then(5.0).otherwise(0.0)
+    samples = log.samples.with_columns(late).sort("time_s")
+    said = [
+        next(one for one in infer_settings([each]) if one.name == "strategy.name")
+        for each in (log, replace(log, samples=samples))
+    ]
+    assert ["clocks differ" in one.evidence for one in said] == [False, True]
+    assert said[1].value is None
+
+
 def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Path]) -> None:
     logs = [in_order(read_log(path)) for path in console_logs]
     settings = {one.name: one for one in infer_settings(logs)}

@@ -39,7 +39,8 @@ from vibroswarm.recordings.replay import (
 )
 from vibroswarm.recordings.threshold import Recommendation, Threshold
 from vibroswarm.run_page.write import record_of, write_page
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.presets import preset_names
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
 
 
@@ -64,10 +65,39 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
     return Document(
         title="Recording",
         answer=(f"{_outcomes(recording)} {recording.floor_words}",),
+        warnings=_presumed_threshold(recording, recording.scenario),
         parts=tuple(parts),
         made_by={"robots": ", ".join(map(str, recording.names)), "stated": ", ".join(recording.stated)},
         data=_import_data(recording, pages, computed),
     )
+
+
+def _presumed_threshold(recording: Recording, scenario: Scenario) -> tuple[str, ...]:
+    """Warn if samples are read by a threshold that nobody stated and the logs do not show.
+
+    Args:
+        scenario: with the threshold that is used, which a replay may state.
+    """
+    threshold = recording.scenario.sensor.rms_threshold
+    if _knows_bits(recording) or scenario.sensor.rms_threshold != threshold:
+        return ()
+    above = percent(float((recording.rows["energy"] > threshold).mean()))  # type: ignore[arg-type]
+    return (
+        f"The threshold of these robots is unknown. Samples are read by the preset's, {stated(threshold)}, which "
+        f"{above} of the energies exceed; beliefs and decisions on pages and in replays follow from it. Find one with "
+        "'vibroswarm lab threshold', and import again with --set sensor.rms_threshold=...",
+    )
+
+
+def _knows_bits(recording: Recording) -> bool:
+    """Return whether what samples read is logged, or follows from a threshold that is stated or that logs show."""
+    threshold = recording.scenario.sensor.rms_threshold
+    if recording.knows("sensor.rms_threshold") or threshold not in {
+        preset(name).sensor.rms_threshold for name in preset_names()
+    }:  # that of no preset is the user's, in a scenario's file
+        return True
+    read = (recording.rows["energy"] > threshold).cast(pl.Int64)
+    return bool((read != recording.observations["observation"]).any())
 
 
 def _outcomes(recording: Recording) -> str:
@@ -188,7 +218,7 @@ def replay_document(found: Replays) -> Document:
             *(f"{name}: {_shares(of_one)} (mean over {draws})." for name, of_one in outcomes.items()),
         ),
         knew=told(replay.scenario for replay in replays.values()),
-        warnings=found.warnings,
+        warnings=(*found.warnings, *_presumed_threshold(recording, first.scenario)),
         parts=(
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
@@ -489,11 +519,13 @@ def write_pages(recording: Recording, folder: Path) -> list[str]:
     has_gate = recording.knows("decision.gate", "decision.min_observations")
     logged = recording.logs_beliefs
     with_replayed = recording if logged else with_beliefs(recording)
+    at = "" if _knows_bits(recording) else " at an unknown threshold"
+    replayed = f" (beliefs replayed{at}, not logged)"
     runs = recording.runs["run"].to_list()
     for run in runs:
         name = "run" if len(runs) == 1 else f"run-{run + 1}"
         write_run_picture(recording, folder / f"{name}.png", run)
-        title = str(recording.sessions[run]["log"]) + ("" if logged else " (beliefs replayed, not logged)")
+        title = str(recording.sessions[run]["log"]) + ("" if logged else replayed)
         page = record_of(with_replayed, run, title=title)
         write_page(replace(page, gated=page.gated and has_gate), folder / f"{name}.html")
         names.append(f"{name}.html")

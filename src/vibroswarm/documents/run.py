@@ -37,6 +37,8 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
+from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.strategies.static_analysis import fields_read
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""
@@ -59,9 +61,16 @@ def run_document(result: Result, run: int) -> Document:
     decidable = decidability(scenario, floor=result.floor(run).at(found.end_s))
     opinions = holds_opinions(scenario)
     posterior = "opinion" if opinions else "share of ones" if _counts(found, scenario) else "estimate"
+    if posterior == "estimate" and scenario.sensor.kinds > 2 and not found.estimated:
+        posterior = "share of kind 1"  # which the task, such as the most common kind, does not ask for
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
-        answer=(*failure_sentences(result), *_outcome(found), *_when_given(found, answers)),
+        answer=(
+            *failure_sentences(result),
+            *_outcome(found),
+            *_gate_unreached(result, found),
+            *_when_given(found, answers),
+        ),
         knew=told([scenario]),
         warnings=(decidable.says,) if decidable.is_warning else (),
         parts=(
@@ -265,6 +274,33 @@ def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
         return ()
     return (
         f"Right by the floor at the end; when given, {stated_percent(round(right, 3))} of the answers were right.",
+    )
+
+
+COUNTED: Final = {
+    "total": "observations, own and received",
+    "received": "received bits",
+    "own": "own samples",
+}
+"""What a gate counts, in words."""
+
+
+def _gate_unreached(result: Result, found: Verdict) -> tuple[str, ...]:
+    """Return a sentence on the gate of a simulated run if no robot had enough observations to decide by its end."""
+    rule = result.scenario.decision
+    if result.seed is None or found.estimated or found.undecided < len(found.robots):
+        return ()
+    if "min_observations" not in fields_read(strategy_of(result.scenario.strategy.name)):
+        return ()
+    most = max(
+        robot.samples * (rule.gate != "received") + (robot.received or 0) * (rule.gate != "own")
+        for robot in found.robots
+    )
+    if most > rule.min_observations:
+        return ()
+    return (
+        f"No robot was allowed to decide: that takes more than {rule.min_observations} {COUNTED[rule.gate]} "
+        f"(decision.min_observations); the most that one had is {most}.",
     )
 
 

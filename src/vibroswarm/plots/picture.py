@@ -62,10 +62,12 @@ class Picture(NotebookView):
     def __repr__(self) -> str:
         return f"Picture({shown(self.caption)}, {self.numbers.height} marks)"
 
-    def write(self, path: Path | str, formats: Sequence[str] = FORMATS) -> list[Path]:
+    def write(self, path: Path | str, formats: Sequence[str] | None = None) -> list[Path]:
         """Write the picture as ``path.svg``, ``path.pdf`` and ``path.png``, and its numbers as ``path.csv``.
 
-        ``formats`` selects which of the three pictures are written. Existing files are replaced.
+        A path that ends in one of these three suffixes is written in that format alone, with its numbers beside it.
+        ``formats`` selects formats instead; then suffixes are appended to the path as it is. Existing files are
+        replaced.
 
         Returns:
             The paths of the files, the CSV last.
@@ -73,8 +75,15 @@ class Picture(NotebookView):
             InputError: an unknown format, or the folder cannot be written.
             RunError: the disk is full or failed.
         """
+        path, asked = Path(path), Path(path).suffix[1:]
+        if formats is None and asked in FORMATS:
+            path, formats = path.with_suffix(""), (asked,)
         return write_picture(
-            self.figure, self.numbers, path, formats, dots_per_inch=style_named(self.style).dots_per_inch
+            self.figure,
+            self.numbers,
+            path,
+            FORMATS if formats is None else formats,
+            dots_per_inch=style_named(self.style).dots_per_inch,
         )
 
     def svg(self) -> str:

@@ -37,6 +37,10 @@ CLEAR_LEAD: Final = 9.2
 enough, since the bits of an interval are dependent."""
 
 
+MOST_SURPRISE: Final = 3.0
+"""Standard errors by which bits received may be farther from what a strategy says that was sent than chance allows."""
+
+
 def infer_strategy(
     logs: Sequence[Log], between: pl.DataFrame, threshold: float, eta: float, kappa: float
 ) -> Inferred:
@@ -44,7 +48,8 @@ def infer_strategy(
 
     The bits are those sent, or if these are not logged, those received. A bit whose probability under soft feedback is
     unknown, since its posterior is not logged, is left out for all strategies. The strategy is undetermined if no bit
-    is left, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``).
+    is left, if the second strategy has almost the same likelihood (``CLEAR_LEAD``), or if the bits received are not
+    those that others sent under the first one either (``MOST_SURPRISE``), such as where clocks differ.
 
     Args:
         between: ``infer_settings.intervals_of`` the logs.
@@ -52,8 +57,8 @@ def infer_strategy(
     """
     name = "strategy.name"
     sent = _from_sent(logs, threshold, eta, kappa)
-    # Log likelihood by strategy, number of bits, and what these bits are.
-    likelihood, used, words = sent or _from_received(logs, between, threshold, eta, kappa)
+    # Log likelihood by strategy, number of bits, what these bits are, and how much they surprise under each strategy.
+    likelihood, used, words, surprise = sent or _from_received(logs, between, threshold, eta, kappa)
     if used == 0 and sent is not None:
         return undetermined(
             name, "bits sent are logged, but no posterior, without which soft feedback cannot be tested"
@@ -66,7 +71,13 @@ def infer_strategy(
         f"{strategy} {number(likelihood[strategy], 1)}" for strategy in STRATEGIES
     )
     value = order[0] if lead > CLEAR_LEAD else None
-    if value is None:
+    if surprise[order[0]] > MOST_SURPRISE:
+        value = None
+        evidence += (
+            ": none of them explains which bits were received when. Do the robots' clocks differ, or were they "
+            "programmed otherwise?"
+        )
+    elif value is None:
         evidence += ": too close to each other"
     return Inferred(name, value, low=None, high=None, evidence=evidence)
 
@@ -101,14 +112,14 @@ def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str,
 
 def _from_sent(
     logs: Sequence[Log], threshold: float, eta: float, kappa: float
-) -> tuple[dict[str, float], int, str] | None:
+) -> tuple[dict[str, float], int, str, dict[str, float]] | None:
     """Compute the log likelihood of each strategy from the bits sent.
 
     Args:
         threshold: theta_E; a bit read that is not logged is 1 if the energy is above it. eta, kappa: parameters of soft
             feedback.
-    Returns: log likelihood by strategy, number of bits used (which may be 0), and what these bits are in words; None if
-        a log lacks bits sent.
+    Returns: log likelihood by strategy, number of bits used (which may be 0), what these bits are in words, and no
+        surprise (0); None if a log lacks bits sent.
     """
     if any(log.samples["message"].null_count() for log in logs):
         return None
@@ -123,24 +134,31 @@ def _from_sent(
             total[strategy] += float(np.log(np.where(bit == 1, chance, 1 - chance)).sum())
         used += bit.size
         left_out += int((~is_known).sum())
-    return total, used, "bits sent" + (f" ({left_out} without a posterior left out)" if left_out else "")
+    words = "bits sent" + (f" ({left_out} without a posterior left out)" if left_out else "")
+    return total, used, words, dict.fromkeys(STRATEGIES, 0.0)
 
 
 def _from_received(
     logs: Sequence[Log], between: pl.DataFrame, threshold: float, eta: float, kappa: float
-) -> tuple[dict[str, float], int, str]:
+) -> tuple[dict[str, float], int, str, dict[str, float]]:
     """Compute the log likelihood of each strategy from the bits received.
 
     Between two samples of a robot the number of ones among the bits received is known. It is taken as binomial, with
     the mean probability of a 1 of the messages that others sent in that time. A log is left out if its posterior,
     decision, belief or count of messages received is missing in any sample.
 
+    The surprise of a strategy is the sum of (k - n q)^2 / (n q (1 - q)) over intervals with k ones of n bits, q their
+    share under the strategy, less its expected value, 1 an interval, in standard errors: its variance is
+    2 + (1 - 6 q (1 - q)) / (n q (1 - q)) an interval.
+
     Args:
         between: ``infer_settings.intervals_of`` the logs. threshold: theta_E; the own bit of a sample is taken as 1 if
             its energy is above it, also where the bit is logged. eta, kappa: parameters of soft feedback.
-    Returns: log likelihood by strategy, number of bits used (which may be 0), and the words "bits received".
+    Returns: log likelihood by strategy, number of bits used (which may be 0), the words "bits received", and the
+        surprise by strategy.
     """
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
+    excess, variance = dict.fromkeys(STRATEGIES, 0.0), dict.fromkeys(STRATEGIES, 0.0)
     for session, log in enumerate(logs):
         if (
             log.samples.select("alpha", "beta", "messages_received", "decision", "belief_below")
@@ -183,7 +201,11 @@ def _from_received(
         for strategy, share in zip(STRATEGIES, shares, strict=True):
             likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
             total[strategy] += math.fsum(_log_binomial(ones_received, bits_received, likely))
-    return total, used, "bits received"
+            spread = bits_received * likely * (1 - likely)
+            excess[strategy] += math.fsum((ones_received - bits_received * likely) ** 2 / spread - 1)
+            variance[strategy] += math.fsum(2 + (1 - 6 * likely * (1 - likely)) / spread)
+    surprise = {one: excess[one] / math.sqrt(variance[one]) if used else 0.0 for one in STRATEGIES}
+    return total, used, "bits received", surprise
 
 
 def _log_binomial(ones: Floats, n: Floats, share: Floats) -> Floats:

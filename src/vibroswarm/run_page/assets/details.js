@@ -6,7 +6,7 @@ function buildDetails() {
     ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
     ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
-    ["Fill ratio", ratio(run.truth.fill_ratio)],
+    [KIND_COUNT > 2 ? "Share of kind 1" : "Fill ratio", ratio(run.truth.fill_ratio)],
     ["Strategy", run.strategy],
     ["Decides", ruleWords(run.rule)],
   ];
@@ -36,7 +36,8 @@ function buildLeads() {
   const claim = ANSWERS ? `the answer is ${DECISION_WORDS[STILL]}`
     : boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
   if (KIND_COUNT > 2) {
-    say(byId("belief-lead"), "Beliefs are those of two kinds of tile; flags show when robots decided.");
+    const lead = "Of more than two kinds of tile robots report no belief; a flag shows when a robot decided.";
+    say(byId("belief-lead"), `${lead}${gateSentence()}`);
     return;
   }
   const rule = run.rule.by_belief
