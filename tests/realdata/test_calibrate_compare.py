@@ -5,26 +5,14 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
 from vibroswarm.calibrate.session_statistics import figures_of
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.recordings.recording import Recording
 
 pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
-
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
 
 AUTHORS = {
     "avoidance": 0.930,
@@ -37,11 +25,8 @@ AUTHORS = {
 
 
 @pytest.fixture(scope="module")
-def found() -> Comparison:
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-    real = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
-    simulated = [read_log(Path(FOLDER) / f"webots_log_{k}.txt") for k in (0, 1, 2)]
-    return compare(*(recording_of(logs, floor, preset("paper")) for logs in (real, simulated)))
+def found(real: Recording, simulated: Recording) -> Comparison:
+    return compare(real, simulated)
 
 
 def test_the_authors_figures_come_out(found: Comparison) -> None:
@@ -75,29 +60,26 @@ def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> 
     assert found.classifier.real.low < 0.5
 
 
-def test_the_figures_are_those_of_the_readings() -> None:
+def test_the_figures_are_those_of_the_readings(real: Recording, simulated: Recording) -> None:
     """Section 6: what the real robots do that the simulator does not."""
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-    found = []
-    for names in ([f"CAL_{k}.csv" for k in (1, 2, 3)], [f"webots_log_{k}.txt" for k in (0, 1, 2)]):
-        logs = [read_log(Path(FOLDER) / name) for name in names]
-        figures = figures_of(recording_of(logs, floor, preset("paper")), 1.33)
-        found.append({one.name: one.interval.estimate for one in figures if one.interval is not None})
-    real, simulated = found
-    assert real["speed_m_s"] == pytest.approx(0.0567, abs=0.0015)
-    assert real["start_speed_m_s"] == pytest.approx(0.0602, abs=0.0015)
-    assert real["between_m_s"] == pytest.approx(0.0081, abs=0.0007)
-    assert real["share_between"] == pytest.approx(0.79, abs=0.06)
-    assert real["lag_one"] == pytest.approx(0.18, abs=0.03)
-    assert real["drop"] == pytest.approx(0.103, abs=0.01)
-    assert real["veer_rad_s"] == pytest.approx(np.radians(-5.7), abs=np.radians(0.5))
-    assert real["veer_between_rad_s"] == pytest.approx(np.radians(2.8), abs=np.radians(0.4))
-    assert real["avoid_s"] == pytest.approx(0.423, abs=0.003)
-    assert real["avoid_none"] == pytest.approx(0.66, abs=0.01)
-    assert real["density_corners"] == pytest.approx(1.14, abs=0.01)
-    assert real["density_inside"] == pytest.approx(0.92, abs=0.01)
-    assert real["off_walls"] == pytest.approx(1.71, abs=0.01)
-    assert real["near_walls"] == pytest.approx(0.21, abs=0.01)
-    assert real["lag_one_bits"] == pytest.approx(0.24, abs=0.02)
-    assert simulated["drop"] == pytest.approx(0.142, abs=0.01)
-    assert simulated["share_between"] < 0.05  # it redraws speeds at every sample
+    robots, simulator = (
+        {one.name: one.interval.estimate for one in figures_of(log, 1.33) if one.interval is not None}
+        for log in (real, simulated)
+    )
+    assert robots["speed_m_s"] == pytest.approx(0.0567, abs=0.0015)
+    assert robots["start_speed_m_s"] == pytest.approx(0.0602, abs=0.0015)
+    assert robots["between_m_s"] == pytest.approx(0.0081, abs=0.0007)
+    assert robots["share_between"] == pytest.approx(0.79, abs=0.06)
+    assert robots["lag_one"] == pytest.approx(0.18, abs=0.03)
+    assert robots["drop"] == pytest.approx(0.103, abs=0.01)
+    assert robots["veer_rad_s"] == pytest.approx(np.radians(-5.7), abs=np.radians(0.5))
+    assert robots["veer_between_rad_s"] == pytest.approx(np.radians(2.8), abs=np.radians(0.4))
+    assert robots["avoid_s"] == pytest.approx(0.423, abs=0.003)
+    assert robots["avoid_none"] == pytest.approx(0.66, abs=0.01)
+    assert robots["density_corners"] == pytest.approx(1.14, abs=0.01)
+    assert robots["density_inside"] == pytest.approx(0.92, abs=0.01)
+    assert robots["off_walls"] == pytest.approx(1.71, abs=0.01)
+    assert robots["near_walls"] == pytest.approx(0.21, abs=0.01)
+    assert robots["lag_one_bits"] == pytest.approx(0.24, abs=0.02)
+    assert simulator["drop"] == pytest.approx(0.142, abs=0.01)
+    assert simulator["share_between"] < 0.05  # it redraws speeds at every sample

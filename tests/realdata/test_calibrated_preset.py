@@ -5,7 +5,6 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -30,14 +29,7 @@ from vibroswarm.simulation import simulate
 
 pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
 
-FOLDER = Path(os.environ.get("VIBROSWARM_RUGBOT", ""))
-pytestmark = [
-    pytest.mark.skipif(
-        not os.environ.get("VIBROSWARM_RUGBOT"),
-        reason="VIBROSWARM_RUGBOT does not name the folder of the recordings",
-    ),
-    pytest.mark.slow,
-]
+pytestmark = pytest.mark.slow
 SEEDS = (150, 151)
 
 
@@ -49,18 +41,13 @@ def simulated(seed: int, column: str = "calibrated", **values: Any) -> Result:
 
 
 @pytest.fixture(scope="module")
-def real() -> Recording:
-    return read_recordings(FOLDER, REAL)
-
-
-@pytest.fixture(scope="module")
 def known() -> RealCache:
     return RealCache()
 
 
 @pytest.fixture(scope="module")
-def authors(real: Recording, known: RealCache) -> Comparison:
-    return compare(real, read_recordings(FOLDER, AUTHORS), known)
+def authors(real: Recording, known: RealCache, recordings: Path) -> Comparison:
+    return compare(real, read_recordings(recordings, AUTHORS), known)
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +55,8 @@ def ours(real: Recording, known: RealCache) -> list[Comparison]:
     return [compare(real, simulated(seed), known) for seed in SEEDS]
 
 
-def test_recordings_are_read_again_only_if_a_file_has_changed(tmp_path: Path) -> None:
-    folder = shutil.copytree(FOLDER, tmp_path / "copy")
+def test_recordings_are_read_again_only_if_a_file_has_changed(recordings: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(recordings, tmp_path / "copy")
     first = read_recordings(folder, REAL)
     assert read_recordings(folder, REAL) is first
     log = folder / REAL[0]

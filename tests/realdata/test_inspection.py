@@ -6,7 +6,6 @@ law and the places fit this floor, not how often a map would be wrong on another
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,22 +22,9 @@ from vibroswarm.inspection.others import by_tiles
 from vibroswarm.inspection.samples import Law, ratios_of_values
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
-from vibroswarm.paper.real_data import REAL, read_recordings
 from vibroswarm.recordings.recording import Recording
 
-FOLDER = Path(os.environ.get("VIBROSWARM_RUGBOT", ""))
-pytestmark = [
-    pytest.mark.skipif(
-        not os.environ.get("VIBROSWARM_RUGBOT"),
-        reason="VIBROSWARM_RUGBOT does not name the folder of the recordings",
-    ),
-    pytest.mark.slow,
-]
-
-
-@pytest.fixture(scope="module")
-def real() -> Recording:
-    return read_recordings(FOLDER, REAL)
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ They stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -16,33 +15,11 @@ from vibroswarm.analysis.sampling import lag_one, packet_loss, walk_figures
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import preset
-
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
-
-
-def floor() -> Floor:
-    return Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-
-
-@pytest.fixture(scope="module")
-def real() -> Recording:
-    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
-    return recording_of(logs, floor(), preset("paper"))
-
-
-@pytest.fixture(scope="module")
-def simulated() -> Recording:
-    logs = [read_log(Path(FOLDER) / f"webots_log_{k}.txt") for k in (0, 1, 2)]
-    return recording_of(logs, floor(), preset("paper"))
 
 
 def test_all_is_read_and_told(real: Recording) -> None:
@@ -80,9 +57,9 @@ def test_what_the_simulator_ran_with(simulated: Recording) -> None:
     assert [one["told"]["rows_repeated"] for one in simulated.sessions] == [5, 5, 5]
 
 
-def test_a_floor_that_is_mirrored_is_refused() -> None:
-    mirrored = Floor.filling(np.flipud(floor().tiles), name="mirrored")
-    log = read_log(Path(FOLDER) / "CAL_1.csv")
+def test_a_floor_that_is_mirrored_is_refused(real: Recording, recordings: Path) -> None:
+    mirrored = Floor.filling(np.flipud(real.floor().tiles), name="mirrored")
+    log = read_log(recordings / "CAL_1.csv")
     with pytest.raises(InputError, match="Mirrored top to bottom it fits"):
         recording_of([log], mirrored, preset("paper"))
 

@@ -5,31 +5,11 @@ They stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import polars as pl
 import pytest
 
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
-from vibroswarm.scenario.scenario import preset
-
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
-
-
-@pytest.fixture(scope="module")
-def real() -> Recording:
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
-    return recording_of(logs, floor, preset("paper"))
 
 
 def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:

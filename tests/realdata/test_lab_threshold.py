@@ -5,32 +5,13 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from vibroswarm.documents.recording import threshold_document
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled, recommend
-from vibroswarm.scenario.scenario import preset
-
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
-
-
-@pytest.fixture(scope="module")
-def real() -> Recording:
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
-    return recording_of(logs, floor, preset("paper"))
 
 
 def test_error_rates_at_the_simulators_threshold(real: Recording) -> None:

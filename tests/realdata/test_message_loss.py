@@ -5,9 +5,7 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,23 +22,13 @@ from vibroswarm.calibrate.message_loss import (
     second_s,
     windows_of,
 )
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.scenario.scenario import preset
-
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
 
 
 @pytest.fixture(scope="module")
-def windows() -> list[Windows]:
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
-    return windows_of(recording_of(logs, floor, preset("paper")))
+def windows(real: Recording) -> list[Windows]:
+    return windows_of(real)
 
 
 def test_the_networks_defaults_are_the_best_fit(windows: list[Windows]) -> None:

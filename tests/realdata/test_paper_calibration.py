@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import polars as pl
@@ -13,15 +12,10 @@ from vibroswarm.paper.item import CLAIMS, Settings
 from vibroswarm.paper.items import items_named
 from vibroswarm.paper.reproduce import reproduce
 
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
 
-
-def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> None:
+def test_the_printed_similarities_come_out_and_say_little(recordings: Path, tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
-    settings = Settings(runs=9, columns=("paper",), recordings=Path(FOLDER))
+    settings = Settings(runs=9, columns=("paper",), recordings=recordings)
     made = reproduce(settings, tmp_path, items_named(["calibration"])).made[0]
     verdicts = {one.claim.id: one for one in decide(made.tables[CLAIMS])}
     assert verdicts["calibration-printed"].verdict == "reproduced"
@@ -39,9 +33,9 @@ def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_session_that_no_fit_has_seen_is_predicted(tmp_path: Path) -> None:
+def test_a_session_that_no_fit_has_seen_is_predicted(recordings: Path, tmp_path: Path) -> None:
     """The number of samples, and not with the timer of other experiments: the negative control."""
-    settings = Settings(runs=9, columns=("calibrated",), recordings=Path(FOLDER))
+    settings = Settings(runs=9, columns=("calibrated",), recordings=recordings)
     made = reproduce(settings, tmp_path, items_named(["unseen-session"])).made[0]
     verdicts = {one.claim.id: one for one in decide(made.tables[CLAIMS])}
     turned = {one.claim.id: one for one in decide(made.tables["control"])}
@@ -60,8 +54,8 @@ def test_a_session_that_no_fit_has_seen_is_predicted(tmp_path: Path) -> None:
     assert all(cell.startswith(("distance and angle", "avoidance time")) for cell in lost)
 
 
-def test_without_its_preset_or_the_recordings_it_is_skipped() -> None:
+def test_without_its_preset_or_the_recordings_it_is_skipped(recordings: Path) -> None:
     (item,) = items_named(["unseen-session"])
-    assert "calibrated" in str(item.skipped(Settings(columns=("paper",), recordings=Path(FOLDER))))
+    assert "calibrated" in str(item.skipped(Settings(columns=("paper",), recordings=recordings)))
     assert "--recordings" in str(item.skipped(Settings(columns=("calibrated",))))
-    assert item.skipped(Settings(columns=("calibrated",), recordings=Path(FOLDER))) is None
+    assert item.skipped(Settings(columns=("calibrated",), recordings=recordings)) is None

@@ -5,7 +5,6 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,26 +16,21 @@ from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
+from vibroswarm.paper.real_data import REAL
 
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"
-)
-
-SESSIONS = ("CAL_1.csv", "CAL_2.csv", "CAL_3.csv")
 BY_SESSION = (0.482, 0.506, 0.499)
 """Share that reads as vibrating at 1.33, each tile counting alike."""
 
 
-def samples(session: str) -> tuple[np.ndarray, np.ndarray]:
+def samples(folder: Path, session: str) -> tuple[np.ndarray, np.ndarray]:
     """Tile and energy of each sample of a session."""
-    frame = pl.read_csv(Path(FOLDER) / session, infer_schema=False)
+    frame = pl.read_csv(folder / session, infer_schema=False)
     rows = frame.filter(pl.col("Energy") != "None").select(
         x=pl.col("X Meter").cast(pl.Float64),
         y=pl.col("Y Meter").cast(pl.Float64),
         e=pl.col("Energy").cast(pl.Float64),
     )
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)))
+    floor = Floor.filling(read_tiles(folder / "world.txt", (5, 5)))
     inside = rows.with_columns(pl.col("x", "y").clip(1e-9, 1 - 1e-9))
     return floor.tile_at(inside["x"].to_numpy(), inside["y"].to_numpy()), rows["e"].to_numpy()
 
@@ -45,10 +39,10 @@ RATES = (0.163, 0.147)
 """False positives and negatives of all recordings at 1.33."""
 
 
-@pytest.mark.parametrize(("session", "share"), list(zip(SESSIONS, BY_SESSION, strict=True)))
-def test_no_session_can_be_told_from_the_boundary(session: str, share: float) -> None:
+@pytest.mark.parametrize(("session", "share"), list(zip(REAL, BY_SESSION, strict=True)))
+def test_no_session_can_be_told_from_the_boundary(recordings: Path, session: str, share: float) -> None:
     """As its bits are worth where they were read; told tile by tile the first alone would stand a little off."""
-    tile, energy = samples(session)
+    tile, energy = samples(recordings, session)
     seen = observed_share(tile, energy > 1.33)
     assert seen.share == pytest.approx(share, abs=0.0006)
     assert seen.tiles == 25
@@ -59,9 +53,9 @@ def test_no_session_can_be_told_from_the_boundary(session: str, share: float) ->
     assert told.verdict == "indistinguishable from the boundary", told.says
 
 
-def test_nor_all_three_together_but_at_a_higher_threshold() -> None:
+def test_nor_all_three_together_but_at_a_higher_threshold(recordings: Path) -> None:
     """Tile by tile, and with the session as the unit: sessions differ by more than their samples' noise."""
-    by_session = [samples(session) for session in SESSIONS]
+    by_session = [samples(recordings, session) for session in REAL]
     tile, energy = (np.concatenate(parts) for parts in zip(*by_session, strict=True))
     verdicts, over_sessions = {}, {}
     for threshold in (1.33, 1.55):

@@ -5,23 +5,16 @@ The logs stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.paper.real_data import AUTHORS, real_floor
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = pytest.mark.skipif(
-    not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the logs of the study's simulator"
-)
-
-LOGS = ("webots_log_0.txt", "webots_log_1.txt", "webots_log_2.txt")
 WITHIN = {"spacing_s": 0.005, "distance_m": 0.03, "avoid_ms": 0.10}
 """Largest relative difference of the means."""
 RUNS = 100
@@ -58,9 +51,9 @@ def read_log(path: Path, run: int) -> pl.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def logged() -> Means:
+def logged(recordings: Path) -> Means:
     """Of the three logs together."""
-    means = means_of(pl.concat([read_log(Path(FOLDER) / name, run) for run, name in enumerate(LOGS)]))
+    means = means_of(pl.concat([read_log(recordings / name, run) for run, name in enumerate(AUTHORS)]))
     # What is known of the logs; else they are not the ones meant, or misread.
     assert means["spacing_s"] == pytest.approx(3.355, abs=0.005)
     assert means["distance_m"] == pytest.approx(0.0962, abs=0.0005)
@@ -68,21 +61,10 @@ def logged() -> Means:
     return means
 
 
-def floor_of_the_logs() -> list[str]:
-    """``world.txt``: a line ``a,b`` is the tile at column a from the left and row b from the top."""
-    tiles = np.zeros((5, 5), dtype=int)
-    for line in (Path(FOLDER) / "world.txt").read_text(encoding="utf-8").split():
-        if "," in line:
-            column, row = map(int, line.split(","))
-            tiles[row, column] = 1
-    assert tiles.sum() == 12
-    return ["".join(map(str, row)) for row in tiles]
-
-
 def simulated(**changes: Any) -> Means:
     """At the settings of the logs."""
     settings = {
-        "floor.tiles": floor_of_the_logs(),
+        **real_floor(),
         "walk.walk_duration_location_ms": 7500.0,
         "walk.walk_duration_scale_ms": 15_000.0,
         "walk.avoidance_threshold_mm": 50.0,

@@ -5,49 +5,32 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import pytest
 
 from vibroswarm.calibrate import fit_vibration as fit_module
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_vibration import VibrationFit, _Simulator, facts_of, fit_vibration
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.scenario.scenario import preset
 
-FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"),
-]
+pytestmark = pytest.mark.slow
 
 
-def recorded() -> tuple[Dataset, Scenario]:
-    """The three sessions, corrected for the camera, and the scenario of the fit."""
-    floor = Floor.filling(read_tiles(Path(FOLDER) / "world.txt", (5, 5)), name="world.txt")
-    logs = [read_log(Path(FOLDER) / f"CAL_{k}.csv") for k in (1, 2, 3)]
-    found = dataset_of([recording_of(logs, floor, preset("paper"))])
-    base = preset("paper").with_values({"sensor.model": "acceleration"})
-    return found.corrected(fit_camera(found, draws=2).camera), base
-
-
-def test_a_fit_to_the_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_to_the_recordings(real: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     """One test for all that is known of the fit, which takes long: a process for each would make it again.
 
     Its searches are cut short; misfits are within 0.002 of those of whole ones, which ``test_fit_vibration`` makes.
     """
     monkeypatch.setattr(fit_module, "EVALUATIONS", (20, 40))
-    sessions, base = recorded()
-    found = fit_vibration(sessions, base, draws=20)
-    the_misfit_is_at_most_12_percent_in_sessions_not_seen(found)
-    what_it_cannot_reproduce_is_as_documented(found)
-    scatter_in_time_is_as_recorded_and_not_that_of_slow_motors(found, sessions)
-    a_session_of_another_is_a_better_forecast(found)
+    found = dataset_of([real])
+    sessions = found.corrected(fit_camera(found, draws=2).camera)
+    base = preset("paper").with_values({"sensor.model": "acceleration"})
+    fitted = fit_vibration(sessions, base, draws=20)
+    the_misfit_is_at_most_12_percent_in_sessions_not_seen(fitted)
+    what_it_cannot_reproduce_is_as_documented(fitted)
+    scatter_in_time_is_as_recorded_and_not_that_of_slow_motors(fitted, sessions)
+    a_session_of_another_is_a_better_forecast(fitted)
 
 
 def the_misfit_is_at_most_12_percent_in_sessions_not_seen(fitted: VibrationFit) -> None:

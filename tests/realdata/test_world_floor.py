@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -11,19 +10,17 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.floors.source import resolve
+from vibroswarm.paper.real_data import ROWS
 
 
 @pytest.fixture
-def world() -> Path:
-    folder = os.environ.get("VIBROSWARM_RUGBOT")
-    if not folder:
-        pytest.skip("VIBROSWARM_RUGBOT does not name the folder of the recordings")
-    return Path(folder) / "world.txt"
+def world(recordings: Path) -> Path:
+    return recordings / "world.txt"
 
 
 def test_the_world_of_the_real_robots(world):
     tiles = read_tiles(world, (5, 5))
-    assert ["".join(map(str, row)) for row in tiles.tolist()] == ["01010", "10010", "10101", "01101", "10010"]
+    assert tuple("".join(map(str, row)) for row in tiles.tolist()) == ROWS
     found = measure(tiles)
     assert (found.ones, found.fill_ratio, found.clusters) == (12, 0.48, 7)
     assert resolve(str(world), (5, 5))[1] == "world.txt"

@@ -9,12 +9,10 @@ import polars as pl
 import pytest
 
 from vibroswarm.cli import main
-from vibroswarm.errors import InputError
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.recordings.log_readers import (
     CAMERA_LOG,
     camera_log_bytes,
-    log_file,
     looks_like_camera,
     read_log,
 )
@@ -82,9 +80,3 @@ def test_sessions_of_several_folders_become_one_recording(
     capsys.readouterr()
     assert main(["lab", "import", str(tmp_path), *given, "--force"]) == 2
     assert "is a folder without log.csv" in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_file_stands_for_itself(tmp_path: Path) -> None:
-    assert log_file(tmp_path / "x.csv") == tmp_path / "x.csv"
-    with pytest.raises(InputError, match="is a folder without"):
-        log_file(tmp_path)

@@ -15,6 +15,7 @@ import polars as pl
 import pytest
 
 from helpers.manifests import resealed
+from vibroswarm.core.folders import FORMAT
 from vibroswarm.core.tables import ALLOWED, check_table
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.assemble_recording import recording_of
@@ -151,7 +152,7 @@ KEYS: list[tuple[str, str, Change]] = [
     ("motion", "twice", lambda f: pl.concat([f, f.head(1)])),
     ("motion", "order", lambda f: f.reverse()),
     ("motion", "'robot'", put("robot", 3)),
-    ("motion", "'run'", put("run", 9, row=-1)),
+    ("motion", "'run'", lambda f: put("run", 9, row=f.height - 1)(f)),
     ("motion", "'time_s'", put("time_s", 500.0)),
     ("observations", "'sample'", lambda f: f.head(5)),
     ("observations", "'sample'", lambda f: f.reverse()),
@@ -168,7 +169,7 @@ KEYS: list[tuple[str, str, Change]] = [
     ("ends", "'end_s'", put("end_s", 1e6)),
     ("robots", "'robot'", put("robot", 7)),
     ("robots", "'samples'", put("samples", 0)),
-    ("robots", "'decision_time_s'", put("decision_time_s", None, row=0)),
+    ("robots", "'decision_time_s'", lambda f: f.with_columns(decision_time_s=pl.lit(None, pl.Float64))),
     ("runs", "holds no run", lambda f: f.clear()),
     ("runs", "'run'", lambda f: f.reverse()),
     ("runs", "'right'", put("right", 60_000)),
@@ -189,18 +190,7 @@ KEYS: list[tuple[str, str, Change]] = [
 @pytest.mark.parametrize(("name", "said", "change"), KEYS)
 def test_tables_fit_each_other_and_the_scenario(there: Path, name: str, said: str, change: Change) -> None:
     path = there / "result" / f"{name}.parquet"
-    if name == "motion" and said == "'run'":
-        changed(
-            path,
-            lambda f: f.with_columns(
-                run=pl.when(pl.int_range(pl.len()) == f.height - 1).then(9).otherwise("run").cast(pl.UInt32)
-            ),
-        )
-    elif said == "'decision_time_s'":
-        changed(path, lambda f: f.with_columns(decision_time_s=pl.lit(None, dtype=pl.Float64)))
-        assert (pl.read_parquet(path)["decision"] != -1).any()
-    else:
-        changed(path, change)
+    changed(path, change)
     refused(Result.read, there / "result", path, said)
 
 
@@ -231,7 +221,7 @@ def test_tables_that_only_a_recording_has(there: Path, name: str, said: str, cha
     refused(Recording.read, there / "recording", path, said)
 
 
-ODD: list[Any] = [None, "x", -1, 1.5, [], {}, [1], {"a": None}, [[]], True]
+ODD: list[Any] = [None, "x", -1, 1.5, [], {}, [1], {"a": None}, [[]], True, ["motion"], "study"]
 
 
 @pytest.mark.parametrize("key", ["names", "sessions", "stated", "inferred", "floor"])
@@ -268,11 +258,12 @@ def test_the_head_of_a_result_is_checked(there: Path, key: str, value: Any) -> N
     assert str(caught.value.field).startswith(str(there / "result"))
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", '{"a": Infinity}', "\x00", '"x"'])
+@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", '{"a": Infinity}', "\x00", "\xff\xfe", '"x"',
+                                  "", "{", "[]", "null", "{}", f'{{"format": {FORMAT}}}'])  # fmt: skip
 def test_json_that_no_reader_survives_is_refused(there: Path, text: str) -> None:
     path = there / "result" / "vibroswarm.json"
-    path.write_text(text)
-    refused(Result.read, there / "result", path, "damaged")
+    path.write_text(text, encoding="latin-1")
+    refused(Result.read, there / "result", path, "UTF-8" if text == "\xff\xfe" else "damaged")
 
 
 @pytest.mark.parametrize("name", ["vibroswarm.json", "scenario.toml", "runs.parquet"])

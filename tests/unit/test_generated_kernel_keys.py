@@ -22,31 +22,23 @@ from vibroswarm.strategies import strategy
 from vibroswarm.strategies.base import Strategy
 
 
-def typed_in(module: str, decides: int) -> Strategy:
-    """A strategy of which one function was typed in: its module is unknown, or one without a file."""
-    text, names = f"def decision(s, a, p, w):\n    return {decides}\n", {"__name__": module}
-    linecache.cache["<cell>"] = (len(text), None, text.splitlines(True), "<cell>")  # as notebooks do
-    exec(compile(text, "<cell>", "exec"), names)  # noqa: S102 - the text above
-    function: Any = names["decision"]
-    return replace(strategy("none"), source=None, decision=function)
-
-
-@pytest.mark.parametrize("module", ["not_imported", "builtins"])
-def test_strategies_without_a_source_file_are_told_apart_by_their_code(module: str) -> None:
-    assert key_of(typed_in(module, 1)) != key_of(typed_in(module, 0))
-    assert key_of(typed_in(module, 1)) == key_of(typed_in(module, 1))
-
-
-def cell(text: str) -> Strategy:
+def cell(text: str, module: str = "not_imported") -> Strategy:
     """A strategy whose function ``decision`` was typed into a cell with other code."""
-    names: dict[str, Any] = {"__name__": "not_imported", "np": np, "njit": njit}
-    linecache.cache["<cell>"] = (len(text), None, text.splitlines(True), "<cell>")
+    names: dict[str, Any] = {"__name__": module, "np": np, "njit": njit}
+    linecache.cache["<cell>"] = (len(text), None, text.splitlines(True), "<cell>")  # as notebooks do
     exec(compile(text, "<cell>", "exec"), names)  # noqa: S102 - a text of this file
     function: Any = names["decision"]
     return replace(strategy("none"), source=None, decision=function)
 
 
 DECISION = "def decision(s, a, p, w):\n    return {}\n"
+
+
+def test_strategies_of_a_module_without_a_source_file_are_told_apart_by_their_code() -> None:
+    one, same, other = (cell(DECISION.format(decides), "builtins") for decides in (1, 1, 0))
+    assert key_of(one) == key_of(same) != key_of(other)
+
+
 CELLS = {
     "helper": "def limit(x):\n    return x > {}\n" + DECISION.format("limit(s.alpha)"),
     "helper of a helper": "def most():\n    return {}\ndef limit(x):\n    return x > most()\n"

@@ -139,13 +139,6 @@ def test_a_study_shows_labels_presets_and_fields_that_only_some_cells_set() -> N
     assert "none" in view.text
 
 
-def test_a_large_result_lists_few_rows() -> None:
-    many = simulate(SHORT.with_values({"run.t_end_s": 1.0}), 1, 50)
-    view = Markup(many._repr_html_())
-    assert "... and 30 more rows" in view.text
-    assert len(repr(many)) < 200
-
-
 class RobotRow(NamedTuple):
     """A row of a table."""
 

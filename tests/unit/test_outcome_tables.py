@@ -182,6 +182,9 @@ def test_robots_and_runs_are_what_the_queries_say(scenario: Scenario, seed: int,
     robots, of_runs = by_query(result)
     same(result.robots, robots)
     same(result.runs, of_runs)
+    decision = scenario.decision
+    counted = result.robots["alpha"] + result.robots["beta"] - decision.prior_alpha - decision.prior_beta
+    assert (counted == result.robots["samples"] + result.robots["messages_received"]).all()
 
 
 def test_the_examples_hold_what_they_are_meant_to() -> None:

@@ -38,7 +38,7 @@ def found(told: Scenario, tmp_path: Path, **changes: Any) -> dict[str, Any]:
 )
 def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: str) -> None:
     least = {"own": 60, "total": 300, "received": 240}[gate]
-    settings = infer = found(
+    settings = found(
         told, tmp_path, decision__gate=gate, decision__min_observations=least, strategy__name=strategy,
         sensor__rms_threshold=1.45, run__t_end_s=500.0,
     )  # fmt: skip
@@ -48,11 +48,8 @@ def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: 
     tau = settings["sample.sample_interval_ms"]
     assert tau.low <= 2000 <= tau.high
     assert tau.value == 2000
-    if infer["decision.gate"].value is not None:  # it held somebody back
-        assert infer["decision.gate"].value == gate
-        assert infer["decision.min_observations"].low <= least <= infer["decision.min_observations"].high
-    else:
-        assert gate in infer["decision.gate"].evidence
+    assert settings["decision.gate"].value == gate, settings["decision.gate"].evidence
+    assert settings["decision.min_observations"].low <= least <= settings["decision.min_observations"].high
 
 
 @pytest.mark.parametrize(
@@ -82,12 +79,6 @@ def test_a_page_shows_no_gate_that_the_logs_do_not_show(
         unknown = [one | {"value": None} for one in recording.inferred]
         (page,) = write_pages(replace(recording, inferred=tuple(unknown)), tmp_path)
         assert f'"gated":{str(known).lower()}' in (tmp_path / page).read_text(encoding="utf-8")
-
-
-def test_the_gate_is_found_where_it_held_robots_back(told: Scenario, tmp_path: Path) -> None:
-    settings = found(told, tmp_path, decision__gate="own", decision__min_observations=60)
-    assert settings["decision.gate"].value == "own", settings["decision.gate"].evidence
-    assert settings["decision.min_observations"].value == 60
 
 
 @pytest.mark.parametrize("gate", ["own", "received", "total"])
@@ -173,7 +164,7 @@ def test_without_posteriors_no_strategy_is_inferred(soft_logs: list[Log]) -> Non
 
 @pytest.mark.parametrize(
     ("timer", "interval_ms"),
-    [*((timer, 2000.0) for timer in TIMERS), (TIMERS[0], 3778.0), (TIMERS[-1], 3778.0)],
+    [*((timer, 2000.0) for timer in TIMERS), (TIMERS[0], 3778.0)],
 )
 def test_the_timer_is_found(told: Scenario, tmp_path: Path, timer: str, interval_ms: float) -> None:
     changes = {

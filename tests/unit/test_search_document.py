@@ -432,7 +432,7 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     assert warned(grid_document(nodes, None, MADE), "not scored on fresh runs")
 
 
-def test_a_grid_that_moves_robots_claims_no_shared_motion(nodes: Nodes) -> None:
+def test_a_grid_that_moves_robots_claims_no_shared_motion() -> None:
     vary = {"walk.walk_duration_scale_ms": [1000.0, 2000.0]}
     grid = Grid(Study({"preset": "paper", "run": {"t_end_s": 60.0}}, {"grid": vary}, 4), Objective())
     told = seen(page_html(grid_document(scores_of(grid, run_study(grid.study)), None, MADE)))

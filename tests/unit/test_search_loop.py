@@ -16,18 +16,17 @@ from helpers.dask_cluster import Cluster
 from helpers.forked import FORKED
 from helpers.manifests import resealed
 from helpers.search_functions import steps_of
-from vibroswarm.documents.search import search_document
 from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.methods import Method, Sampler, forget, register
-from vibroswarm.optimize.objective import Objective, Rows
+from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_files import candidate_table, history_table, write_search
 from vibroswarm.optimize.space import Point
 from vibroswarm.optimize.spec import Search, SearchSettings
-from vibroswarm.optimize.validation import front_of, truth_of
+from vibroswarm.optimize.validation import Truth, front_of, truth_of
 from vibroswarm.study import executors
 
 SMALL = f"""
@@ -137,7 +136,7 @@ def test_every_evaluation_has_runs_of_its_own_or_common_ones() -> None:
             assert seen.count((0, 1, 2)) == 8
 
 
-@pytest.mark.parametrize("steps", [0, 1, 3, 6])
+@pytest.mark.parametrize("steps", [0, 3, 6])
 def test_stopped_and_resumed_it_gives_the_same_bit_by_bit(tmp_path: Path, whole: Found, steps: int) -> None:
     told = 0
 
@@ -212,9 +211,7 @@ def test_other_versions_are_refused_unless_mixed(folder: Path, whole: Found) -> 
 
 
 @pytest.mark.parametrize("workers", [1, 8])
-def test_failed_runs_are_counted_and_shown(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, workers: int
-) -> None:
+def test_failed_runs_are_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, workers: int) -> None:
     """A machine that fails now and then costs a second try; one that fails always costs the candidate its chance.
 
     What is counted is the same where workers share the runs of a candidate.
@@ -238,9 +235,6 @@ def test_failed_runs_are_counted_and_shown(
     assert found.archive.score(bad.key) == np.inf
     assert found.best != bad.key
     assert found.runs == 90
-    (failures,) = search_document(found).tables["failures"].frame.to_dicts()
-    assert failures["runs"] == 3
-    assert "crash" in failures["why"]
     assert same(found, run_search(small(), tmp_path / "s"))
 
 
@@ -334,9 +328,13 @@ def test_a_search_with_one_objective_has_no_front(whole: Found) -> None:
         front_of(whole)
 
 
-def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found) -> None:
-    truth = truth_of(whole, runs=200, others=[("slow", {"sample.sample_interval_ms": 6000.0,
-                                                        "decision.min_observations": 60})])  # fmt: skip
+@pytest.fixture(scope="module")
+def truth(whole: Found) -> Truth:
+    slow = {"sample.sample_interval_ms": 6000.0, "decision.min_observations": 60}
+    return truth_of(whole, runs=200, others=[("slow", slow)])
+
+
+def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found, truth: Truth) -> None:
     assert truth.believed == whole.believed
     assert truth.winner.rows.shape[0] == 200
     assert [one.name for one in truth.others] == ["start", "slow"]
@@ -349,8 +347,7 @@ def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found)
     assert len(seeds) == 4
 
 
-def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
-    truth = truth_of(whole, runs=400)
+def test_the_difference_is_named_for_what_it_is(whole: Found, truth: Truth) -> None:
     low = replace(truth, believed=truth.winner.score.estimate * 0.5)
     assert "50 % too low" in low.words
     assert "lucky" in low.words
@@ -423,16 +420,6 @@ def test_settings_without_a_default_rule_cannot_be_none(name: str) -> None:
     with pytest.raises(InputError, match=rf"search\.{name}: None is wrong"):
         SearchSettings(**{name: None})
     assert SearchSettings(budget=None, final=None) == SearchSettings()
-
-
-def test_worst_case_over_floors() -> None:
-    text = SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n'
-    search = small(text.replace("final = 60", "final = 0"))
-    found = run_search(search)
-    rows: Rows = found.archive[found.best].all_rows()
-    assert rows.shape[1:] == (2, 1)
-    truth = truth_of(found, runs=100)
-    assert truth.winner.score.estimate == max(case.estimate for case in truth.winner.cases)
 
 
 @pytest.fixture(autouse=True)

@@ -161,25 +161,23 @@ def test_floors_of_values_may_be_varied_and_take_no_effect_elsewhere(tmp_path: P
     assert Study.from_toml(study.to_toml()).hash == study.hash
 
 
-def test_scenarios_with_values_of_a_file_are_compared() -> None:
-    with_values = preset("paper").with_values({"floor.values": VALUES, "floor.source": "gone.csv"})
-    scenarios = {"values": with_values, "paper": preset("paper")}
-    study = Study.of_scenarios(scenarios, 2)
-    assert [cell.scenario for cell in study.cells] == list(scenarios.values())
-    assert Study.from_toml(study.to_toml()).hash == study.hash
-    assert Study.of(with_values, 2, strategy__name=["none", "soft"]).cells[0].scenario == with_values
-
-
-def test_scenarios_with_and_without_an_optional_field_are_compared_in_any_order() -> None:
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"floor.values": VALUES, "floor.source": "gone.csv"},
+        {"change.at_s": 20.0, "change.to": "invert", "robot.misalignment_drift": 0.02},
+    ],
+    ids=["values of a file", "optional fields"],
+)
+def test_scenarios_with_and_without_a_field_are_compared_in_any_order(values: dict[str, Any]) -> None:
     """If the first one had it, it was refused: the base lost the field that later ones do not have."""
-    steady = preset("paper")
-    changing = steady.with_values(
-        {"change.at_s": 20.0, "change.to": "invert", "robot.misalignment_drift": 0.02}
-    )
-    for scenarios in ({"a": changing, "b": steady}, {"b": steady, "a": changing}):
+    without = preset("paper")
+    with_field = without.with_values(values)
+    for scenarios in ({"a": with_field, "b": without}, {"b": without, "a": with_field}):
         study = Study.of_scenarios(scenarios, 2)
         assert [cell.scenario for cell in study.cells] == list(scenarios.values())
         assert Study.from_toml(study.to_toml()).hash == study.hash
+    assert Study.of(with_field, 2, strategy__name=["none", "soft"]).cells[0].scenario == with_field
 
 
 HEAD = "runs = 3\n"
@@ -189,6 +187,8 @@ BAD = {
     "runs 0": ("runs = 0", "runs: 0 is wrong"),
     "runs a text": ('runs = "3"', "'3' is wrong"),
     "runs true": ("runs = true", "True is wrong"),
+    "runs 1.5": ("runs = 1.5", "1.5 is wrong"),
+    "runs of thousands of digits": (f"runs = {'9' * 5000}", "is not TOML: .{,200}$"),
     "runs and until": ('runs = 3\nuntil = "2%"', "either a number of runs or a precision"),
     "until without a sign": ('until = "2"', "not a percentage"),
     "until 0": ('until = "0%"', "not a percentage"),
@@ -205,13 +205,20 @@ BAD = {
     "level 1": ('until = "2%"\nlevel = 1', "level: 1 is not a level"),
     "level without until": (HEAD + "level = 0.9", "only together with 'until'"),
     "seed": (HEAD + "seed = -1", "seed: -1 is wrong"),
+    "seed true": (HEAD + "seed = true", "seed: True is wrong"),
     "seed too large": (HEAD + f"seed = {2**63}", "seed"),
     "motion": (HEAD + 'motion = "evnt"', "did you mean 'event'"),
     "motion 3": (HEAD + "motion = 3", "3 is not a text"),
     "keep": (HEAD + 'keep = ["sample"]', "did you mean 'samples'"),
     "keep a text": (HEAD + 'keep = "samples"', "is not a list"),
+    "keep a number": (HEAD + "keep = [1]", "keep"),
+    "keep a list": (HEAD + "keep = [[1]]", "keep"),
+    "name 1": (HEAD + "name = 1", "name: 1 is"),
     "newer": (HEAD + "format = 99", "update vibroswarm"),
     "format a text": (HEAD + 'format = "1"', "format"),
+    "format a list": (HEAD + "format = []", "format"),
+    "scenario a list": (HEAD + 'scenario = ["a"]', "scenario"),
+    "preset 1": (HEAD + "[scenario]\npreset = 1", "preset"),
     "scenario 3": (HEAD + "scenario = 3", "must be a table"),
     "scenario nowhere": (HEAD + 'scenario = "nowhere.toml"', "cannot be read"),
     "scenario field": (HEAD + "[scenario.walk]\ngamma = 3", "no such field"),
@@ -221,6 +228,7 @@ BAD = {
     "date": (HEAD + "[grid]\n'swarm.robots' = [1979-05-27]", "swarm.robots"),
     "floors": (HEAD + "floors = 3", "3 is not a table of floors"),
     "floor rows": (HEAD + "[floors]\na = '01'", "list of rows"),
+    "floor rows of numbers": (HEAD + "[floors]\na = [1]", "floors"),
     "floor tiles": (HEAD + "[floors]\na = ['02']\n[scenario.floor]\nsource = 'a'", "floor"),
     "floor nowhere": (HEAD + "[grid]\n'floor.source' = ['nowhere.txt']", "nowhere.txt"),
     "grid empty": (HEAD + "[grid]\n", "grid: is empty"),

@@ -88,12 +88,15 @@ COMMANDS = {
     "evaluate": ["evaluate", "--runs", "2", "--no-confirm"],
     "detect": ["detect", "--runs", "2", "--fills", "0.4,0.6"],
     "tradeoff": ["evaluate", "tradeoff", "--runs", "2", "--thresholds", "0.9", "--observations", "10"],
-}
+    "league": [
+        "league", "--runs", "2", "--patterns", "random", "--fills", "0.4", "--belief-runs", "0", "--fault-runs", "0",
+    ],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_first_lines_say_it(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    robots = ["--strategy", "none,places"] if command == "evaluate" else ["--strategy", "places"]
+    robots = ["--strategy", "none,places"] if command in ("evaluate", "league") else ["--strategy", "places"]
     line = [*COMMANDS[command], *SHORT, *robots, "--quiet"]
     assert main([*line, *TRUE]) == 0
     assert NOTE in capsys.readouterr().out.partition("\n\n")[0]
@@ -111,13 +114,6 @@ def test_folders_and_pages_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert NOTE in (tmp_path / "one" / "run.html").read_text(encoding="utf-8")
     assert main(["show", str(tmp_path / "one"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["robots_were_told"][0].startswith(NOTE)
-
-
-def test_a_league_says_it(capsys: pytest.CaptureFixture[str]) -> None:
-    floors = ["--patterns", "random", "--fills", "0.4", "--belief-runs", "0", "--fault-runs", "0"]
-    line = ["league", "--runs", "2", *SHORT, *floors, "--strategy", "none,places", "--quiet"]
-    assert main([*line, *TRUE]) == 0
-    assert NOTE in capsys.readouterr().out.partition("\n\n")[0]
 
 
 def test_notebooks_and_reports_say_it() -> None:

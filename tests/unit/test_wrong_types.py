@@ -123,17 +123,6 @@ def test_numbers_of_thousands_of_digits_are_refused_in_a_scenario(field: str) ->
         preset("paper").with_values({field: HUGE})
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["keep = [1]", "keep = [[1]]", "runs = 1.5", "seed = true", f"runs = {'9' * 5000}", "name = 1", "motion = 5",
-     "format = []", "floors = 3", "[floors]\na = [1]", 'scenario = ["a"]', "[scenario]\npreset = 1"],
-)  # fmt: skip
-def test_wrong_types_in_a_study_are_refused(text: str) -> None:
-    with pytest.raises(InputError) as caught:
-        Study.from_toml(text)
-    assert len(str(caught.value)) < 300
-
-
 WRONG: tuple[Any, ...] = (5, 1.5, True, b"x", [1], object(), HUGE)
 """Neither text nor None nor a table, wherever one of these is asked for."""
 
