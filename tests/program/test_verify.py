@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 
@@ -20,6 +21,7 @@ from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import held
 from vibroswarm.optimize.verify import verify
+from vibroswarm.study.batch import Batch, BatchResult, do_batch
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -80,16 +82,52 @@ def test_other_runs_are_seen(
 ) -> None:
     """Negative control: runs of another seed."""
 
-    def with_another_seed(scenario: Any, seed: int, *rest: Any, **how: Any) -> Result:
-        return simulate(scenario, seed + 1, *rest, **how)
+    def with_another_seed(work: Batch) -> BatchResult:
+        return do_batch(replace(work, seed=work.seed + 1))
 
-    monkeypatch.setattr(module, "simulate", with_another_seed)
+    monkeypatch.setattr(module, "do_batch", with_another_seed)
     assert main(["verify", str(study), "--runs", "3", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert told["answer"] == [
         "NOT VERIFIED: 3 of 12 runs, drawn at random, were simulated again, and 3 came out differently."
     ]
     assert [row["tables"] for row in told["tables"]["differing"]] == ["robots"] * 3
+
+
+def test_every_table_of_a_study_is_compared(tmp_path: Path) -> None:
+    """Negative control: the last bit of one number in each table, and in a column of how robots sampled."""
+    folder = tmp_path / "study"
+    own = {"strategy.name": "places", "change.at_s": 30.0, "change.to": "invert"}
+    study = replace(Study.of(SHORT.with_values(own), 2, 5), keep=("samples",))
+    study.run(folder, progress=False)
+    (description,) = (folder / "shards").glob("*.json")
+    whole = json.loads(description.read_text(encoding="utf-8"))
+    about = {key: value for key, value in whole.items() if key not in ("format", "kind", "files", "sha256")}
+    content = {
+        path.name.removeprefix(description.stem).removesuffix(".parquet").strip(".")
+        or "robots": path.read_bytes()
+        for path in (folder / "shards").glob("*.parquet")
+    }
+    assert verify(folder).holds
+    changed = {
+        "robots": "spacing_s",
+        "samples": "energy",
+        "agreements": "right_time_share",
+        "maps": "map_brier",
+        "reported": "value",
+    }
+    assert set(changed) == set(content)
+    for name, column in changed.items():
+        table = pl.read_parquet(content[name])
+        values = table[column].to_numpy().copy()
+        of_run_1 = (table["run"] == 1).arg_true().to_numpy()
+        values[of_run_1] = np.nextafter(
+            values[of_run_1], np.float32(2.0)
+        )  # all robots have a column of their run
+        other = parquet_bytes(table.with_columns(pl.Series(column, values, nan_to_null=True)))
+        write_described(folder / "shards", description.stem, "batch", {**content, name: other}, **about)
+        found = verify(folder)
+        assert found.runs.filter(~found.runs["same"]).select("run", "tables").rows() == [(1, name)], name
 
 
 @pytest.fixture(scope="module")

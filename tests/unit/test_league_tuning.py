@@ -141,6 +141,13 @@ def test_the_example_judges_settings_on_a_seed_of_no_round() -> None:
     assert seeds[1] not in range(seeds[0], seeds[0] + len(ROUNDS))
 
 
+def test_by_default_too_a_league_plays_on_seeds_of_no_round() -> None:
+    rounds, playing = (
+        {seed, seed + 1, seed + 2} for seed in (league_commands.Tuned.seed, league_commands.Players.seed)
+    )
+    assert not rounds & playing  # a league's beliefs and faults have the two seeds that follow its own
+
+
 SMALL = ["--runs", "2", "--patterns", "stripe", "--fills", "0.48", "--robots", "3", "--strategy", "none"]
 QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
 
@@ -149,7 +156,7 @@ def test_the_command_writes_settings_that_a_league_reads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "my settings.toml"
-    line = ["league", "tune", *SMALL, *QUICK, "--points", "8", "--out", str(file)]
+    line = ["league", "tune", *SMALL, *QUICK, "--points", "8", "--seed", "1", "--out", str(file)]
     assert main(line) == 0
     said = capsys.readouterr().out
     assert said.startswith("none: ")

@@ -155,6 +155,11 @@ def parquet_bytes(frame: pl.DataFrame, metadata: dict[str, str] | None = None) -
     return stream.getvalue()
 
 
+def frame_of(content: bytes) -> pl.DataFrame:
+    """Return the table of a Parquet file of our own, as ``parquet_bytes`` makes it."""
+    return pl.read_parquet(content)
+
+
 def write_frame(frame: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write a table as a Parquet file of any name, with ``metadata`` (texts by name) as the file's own metadata.
 

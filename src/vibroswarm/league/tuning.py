@@ -123,7 +123,7 @@ def tune(
     space_of: Mapping[str, Mapping[str, Any]] | None = None,
     points: int = 48,
     runs: int = 20,
-    seed: int = 1,
+    seed: int = 101,
     progress: Callable[[float], None] = lambda share: None,
     folder: Path | None = None,
     **how: Any,

@@ -18,13 +18,15 @@ from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.folders import KINDS, matching, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.tables import frame_of
 from vibroswarm.errors import InputError, path_of, whole_number_of
-from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.optimize.evaluate import do_piece
 from vibroswarm.optimize.loop import RecordedRun, recorded_runs
 from vibroswarm.optimize.steps import STEPS, read_step, saved_search, versions_of
 from vibroswarm.result import TABLES, Result
 from vibroswarm.simulation import simulate, versions
+from vibroswarm.study.batch import FURTHER, ROBOTS, batch_of, do_batch
+from vibroswarm.study.plan import Group
 from vibroswarm.study.store import SHARDS
 from vibroswarm.study.study_result import StudyResult
 
@@ -169,15 +171,18 @@ def _of_study(folder: Path) -> _Part:
 
     def again(chosen: Sequence[tuple[int, int]]) -> Iterator[tuple[str, int, bool, str]]:
         for number in dict.fromkeys(cell for cell, _ in chosen):  # one cell in memory at a time
-            cell = result.cell(number)
-            robots, of_runs = result.tables(number)
+            cell, saved = result.cell(number), result.saved_tables(number)
             for run in (run for of, run in chosen if of == number):
-                one = simulate(
-                    cell.scenario, result.study.seed, [run], motion=result.study.motion, energies=False
-                )
+                files = do_batch(batch_of(result.study, Group(0, (((cell,),),), 0.0), run, run + 1)).files
+                again = {
+                    name: frame_of(content).sort(FURTHER.get(name, ROBOTS).key)
+                    for name, content in files.items()
+                }
+                # A table without any row was made before studies saved it.
                 pairs = {
-                    "robots": (_of_run(robots, run), one.robots.select(list(ROBOTS))),
-                    "runs": (_of_run(of_runs, run, list(RUNS)), one.runs.select(list(RUNS))),
+                    name: (_of_run(table, run), again.get(name))
+                    for name, table in saved.items()
+                    if table.height
                 }
                 yield cell.name, run, *_compared(pairs)
 
@@ -209,12 +214,9 @@ def _drawn(saved: Sequence[Any], count: int, seed: int) -> list[Any]:
     return [saved[place] for place in sorted(places)]
 
 
-def _of_run(table: pl.DataFrame | None, run: int, columns: Sequence[str] = ()) -> pl.DataFrame | None:
-    """Return the rows of a run; None without a table, or if an optional table has no row of this run."""
-    if table is None:
-        return None
-    rows = table.filter(pl.col("run") == run)
-    return rows.select(columns) if columns else rows
+def _of_run(table: pl.DataFrame | None, run: int) -> pl.DataFrame | None:
+    """Return the rows of a run; None without a table."""
+    return None if table is None else table.filter(pl.col("run") == run)
 
 
 def _compared(pairs: Mapping[str, tuple[pl.DataFrame | None, pl.DataFrame | None]]) -> tuple[bool, str]:

@@ -37,6 +37,7 @@ from vibroswarm.study.batch_table import (
     FAILED_TABLE,
     MAPS_TABLE,
     REPORTED_TABLE,
+    ROWS,
     arrays_of,
     tables_of,
 )
@@ -436,6 +437,11 @@ class StudyResult(NotebookView):
         both = found[0] if len(found) == 1 else found[0].join(found[1], on="run", how="full", coalesce=True)
         return both.sort("run")
 
+    def saved_tables(self, cell: int) -> dict[str, pl.DataFrame]:
+        """Return the tables of a shard (``batch.do_batch``) by name, with all saved rows of a cell, sorted by run."""
+        further = {name: self._stored(name, (cell,)) for name in FURTHER}
+        return {"robots": self.rows(cell).select(list(ROWS)).collect(), **further}
+
     def _stored(self, table: str, cells: Sequence[int]) -> pl.DataFrame:
         """Return one of the tables ``batch_table.OF_SOME`` for some cells; without rows if they have none."""
         scans, schema = self._scans(table, cells), FURTHER[table]
@@ -447,7 +453,7 @@ class StudyResult(NotebookView):
         """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.
 
         Args:
-            cell: its number. runs: number of a run, or several numbers.
+            cell: its number. runs: how many, from run 0, or the numbers of the runs: ``[17]`` for run 17 alone.
             segments: whether the result includes the paths between samples, from which poses are computed.
         """
         check_flags(segments=segments)
