@@ -11,6 +11,8 @@ single winner is named. A contestant is left out of the best group only if anoth
 | critical value | c | 95 % quantile over draws of the maximum of abs(d_ij* - d_ij) / s_ij over all pairs |
 | of n units | c_n | sqrt(n / (n - 1)) times the quantile of Student's law, n - 1 degrees of freedom, that c is of the \
 normal law: s_ij is estimated from n units |
+| of few units | c_n | at least Bonferroni's for the pairs that differ in some unit: n units have n - 1 directions at \
+most in which contestants vary, so that the maximum over many pairs comes out too small |
 | interval | - | d_ij - c_n s_ij to d_ij + c_n s_ij |
 | best group | - | every i for which no interval of d_ij lies above 0 |
 
@@ -35,6 +37,8 @@ LEVEL: Final = 0.95
 """Confidence level of all intervals together."""
 FEWEST: Final = 10
 """Least number of units to tell contestants apart: with fewer, all intervals hold in less than 95 % of leagues."""
+FEW: Final = 4
+"""Units per contestant below which c_n is at least Bonferroni's."""
 
 
 @dataclass(frozen=True)
@@ -73,17 +77,20 @@ def _margins(difference: Array, drawn: Array, units: int) -> Array:
     Args:
         difference: d_ij. drawn: m_i*, (contestants, draws). units: n.
     """
-    error, largest = np.zeros(difference.shape), np.full(drawn.shape[1], np.nan)
+    error, largest, pairs = np.zeros(difference.shape), np.full(drawn.shape[1], np.nan), 0
     for one in range(len(drawn) - 1):  # not all pairs at once, which may be many
         apart, own = drawn[one] - drawn[one + 1 :], difference[one, one + 1 :]
         spread = np.nanstd(apart, axis=1, ddof=1)
         error[one, one + 1 :] = error[one + 1 :, one] = spread
         varies = spread > 0.0  # contestants that are alike in every run do not
+        pairs += int(varies.sum())
         away = np.abs(apart - own[:, None])[varies] / spread[varies][:, None]
         # over pairs; a pair that is nan in a draw does not count in it
         largest = np.fmax(largest, np.fmax.reduce(away, axis=0, initial=np.nan))
     if np.isnan(largest).all():  # all are alike
         return np.zeros(difference.shape)
     tail = ndtr(-np.nanquantile(largest, LEVEL))  # that of the normal law beyond c
+    if units < FEW * len(drawn):
+        tail = min(tail, (1.0 - LEVEL) / (2 * pairs))
     critical = -stdtrit(units - 1, tail) * math.sqrt(units / (units - 1))
     return np.asarray(critical * error)
