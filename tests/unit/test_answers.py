@@ -12,7 +12,7 @@ from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settin
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.core.numbers import listed
-from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of
+from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of, warnings_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
 from vibroswarm.study.answers import Answer, answers_of
@@ -224,3 +224,10 @@ def test_names_with_commas_are_listed_between_semicolons() -> None:
     assert listed(["none"], "or") == "none"
     assert listed(["none", "positive", "soft"], "or") == "none, positive or soft"
     assert listed(["random:0.48, none", "random:0.52, none"]) == "random:0.48, none; and random:0.52, none"
+
+
+def test_a_gate_that_no_robot_of_a_cell_reached_is_warned_of() -> None:
+    """All were undecided, and nothing said why; robots with a map have no such gate."""
+    study = Study.of(preset("paper").with_values({"run.t_end_s": 20.0}), 2, strategy__name=["none", "places"])
+    (warning,) = warnings_of(outcome_of(study.run(progress=False), compare=False))
+    assert warning.startswith("none: No robot was allowed to decide: that takes more than 381 observations")

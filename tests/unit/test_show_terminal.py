@@ -187,3 +187,13 @@ def test_sections_of_figures_alone_are_left_out() -> None:
 def test_columns_of_whole_numbers_have_decimals_where_all_are_small(values, written):
     laid = cells.written(Table(pl.DataFrame({"a": values}), {"a": Column("time", "s", decimals=0)}))
     assert [row[0].text for row in laid.rows] == written
+
+
+def test_limits_that_differ_are_not_written_alike() -> None:
+    """Beside far larger numbers they were 0 [0, 0], as if the difference were known exactly."""
+    frame = pl.DataFrame({"a": [118.0, -0.1, 0.0], "low": [90.0, -0.3, 0.0], "high": [147.0, 0.2, 0.0]})
+    column = Column("time", "s", limits=("low", "high"), decimals=0)
+    laid = cells.written(Table(frame, {"a": column}))
+    assert [row[0].text + " " + row[0].limits for row in laid.rows] == [
+        "118 [90, 147]", "-0.10 [-0.30, 0.20]", "0 [0, 0]",
+    ]  # fmt: skip

@@ -12,6 +12,7 @@ from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
+from vibroswarm.analysis.gate import counted, gate_unreached
 from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
@@ -37,8 +38,6 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
-from vibroswarm.strategies import strategy as strategy_of
-from vibroswarm.strategies.static_analysis import fields_read
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""
@@ -68,7 +67,7 @@ def run_document(result: Result, run: int) -> Document:
         answer=(
             *failure_sentences(result),
             *_outcome(found),
-            *_gate_unreached(result, found),
+            *_gate_unreached(result, run, found),
             *_when_given(found, answers),
         ),
         knew=told([scenario]),
@@ -277,31 +276,13 @@ def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
     )
 
 
-COUNTED: Final = {
-    "total": "observations, own and received",
-    "received": "received bits",
-    "own": "own samples",
-}
-"""What a gate counts, in words."""
-
-
-def _gate_unreached(result: Result, found: Verdict) -> tuple[str, ...]:
+def _gate_unreached(result: Result, run: int, found: Verdict) -> tuple[str, ...]:
     """Return a sentence on the gate of a simulated run if no robot had enough observations to decide by its end."""
-    rule = result.scenario.decision
-    if result.seed is None or found.estimated or found.undecided < len(found.robots):
+    if result.seed is None or found.undecided < len(found.robots):
         return ()
-    if "min_observations" not in fields_read(strategy_of(result.scenario.strategy.name)):
-        return ()
-    most = max(
-        robot.samples * (rule.gate != "received") + (robot.received or 0) * (rule.gate != "own")
-        for robot in found.robots
-    )
-    if most > rule.min_observations:
-        return ()
-    return (
-        f"No robot was allowed to decide: that takes more than {rule.min_observations} {COUNTED[rule.gate]} "
-        f"(decision.min_observations); the most that one had is {most}.",
-    )
+    robots = result.robots.filter(pl.col("run") == run)
+    said = gate_unreached(result.scenario, robots.select(counted(result.scenario)).item())
+    return (said,) if said else ()
 
 
 MOST_REPORTED: Final = 12

@@ -335,8 +335,10 @@ def warnings_of(outcome: Outcome) -> list[str]:
         failed_words(one.cell, one.failed, one.summary.runs) for one in outcome.cells if one.failed.height
     ]
     unmatched = [outcome.unmatched] if outcome.unmatched else []
+    unreached = [f"{one.cell.name}: {one.unreached}" for one in outcome.cells if one.unreached]
     return [
-        *floors, *failed, *_missing_runs(outcome), *_store_warnings(outcome), *_imprecise(outcome), *unmatched,
+        *floors, *unreached, *failed, *_missing_runs(outcome), *_store_warnings(outcome), *_imprecise(outcome),
+        *unmatched,
     ]  # fmt: skip
 
 

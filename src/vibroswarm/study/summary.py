@@ -17,6 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary, summary_of, times_by_run
 from vibroswarm.analysis.decidability import Decidability, decidability
+from vibroswarm.analysis.gate import counted, gate_unreached
 from vibroswarm.analysis.intervals import columns_of, mean_interval, within
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
@@ -57,6 +58,8 @@ class CellOutcome(NotebookView):
     settled: Settled | None = None
     """After how many runs the cell's group needed no more, and at which level the figure with the wanted precision is
     reported; None if the study has no precision, or the group needs more runs."""
+    unreached: str = ""
+    """Why no robot was allowed to decide (``analysis.gate``); empty if one was."""
 
     def as_row(self) -> dict[str, Any]:
         """Return a flat row of all figures with ``_low`` and ``_high``, for a table; None for what is not finite."""
@@ -186,10 +189,15 @@ def outcome_of(
         cell = result.study.cells[number]
         t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
         parts = (
-            (figures, times_by_run(robots, t_end_s), runs.select(WALK))
+            (
+                figures,
+                times_by_run(robots, t_end_s),
+                runs.select(WALK),
+                robots.select(most=counted(cell.scenario)),
+            )
             for figures, robots, runs in result.parts(number)
         )
-        table, times, walked = (pl.concat(part) for part in zip(*parts, strict=True))
+        table, times, walked, most = (pl.concat(part) for part in zip(*parts, strict=True))
         if len(result.selected) <= KEPT:
             known[number] = compared_columns(table)
         figures = _with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled)
@@ -202,6 +210,7 @@ def outcome_of(
                 decidable=decidable,
                 failed=failed,
                 settled=settled,
+                unreached=gate_unreached(cell.scenario, most["most"].max()),
             )
         )
         del table, times, walked  # before those of the next cell are read
