@@ -299,7 +299,7 @@ def weakest_parts(found: Assessment) -> tuple[Table, ...]:
     }
     caption = (
         "Weakest contrast that would have been found in 90 % of inspections, by area, with its upper limit; a dash: "
-        f"not shown up to 1 by {whole(EACH // 2)} drawn surfaces of each contrast (a90 above is of more)."
+        f"not shown up to 1 by {whole(EACH)} drawn surfaces of each contrast."
     )
     return (Table(shown, columns, caption=caption, name="weakest"),)
 

@@ -117,7 +117,7 @@ def weakest_found(
         critical, false, looks: as for ``own_trials``.
     """
     random, rows = generator(seed, "weakest contrast"), []
-    contrast = np.repeat(CONTRASTS, EACH // 2)
+    contrast = np.repeat(CONTRASTS, EACH)
     for side_m in [side_m for side_m in WEAKEST_M if side_m <= min(samples.size_m)]:
         places_m = random_places(random, np.full(contrast.size, side_m), samples.size_m)
         patch = patch_of(*places_m, side_m, contrast)
