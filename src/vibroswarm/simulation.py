@@ -77,10 +77,8 @@ def simulate(
     strategy_used(scenario)
     floors = floors_of(scenario, seed, chosen)
     wanted = Wanted(segments=segments, moves=moves or needs_moves(scenario))
-    if steers(scenario):
-        moved = steered_motion(scenario, seed, chosen, floors, motion, wanted, progress)
-    elif scenario.run.stop == "all_decided":
-        moved = until_all_decided(scenario, seed, chosen, floors, motion, wanted, progress)
+    if depends_on_decisions(scenario):
+        moved = decided_motion(scenario, seed, chosen, floors, motion, wanted, progress)
     else:
         moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
@@ -90,6 +88,25 @@ def simulate(
         moved = replace(moved, moves=None)  # a motion source may return moves that were not requested
     places = places_of(scenario, seed, timeline)
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places, reports)
+
+
+def depends_on_decisions(scenario: Scenario) -> bool:
+    """Return whether motion depends on decisions: the strategy steers, or runs end when all robots have decided."""
+    return steers(scenario) or scenario.run.stop == "all_decided"
+
+
+def decided_motion(
+    scenario: Scenario,
+    seed: int,
+    runs: Sequence[int],
+    floors: Mapping[int, Floor],
+    motion: str,
+    wanted: Wanted,
+    progress: Progress | None = None,
+) -> Motion:
+    """Simulate motion that ``depends_on_decisions``. Arguments and errors are those of ``steered_motion``."""
+    simulated = steered_motion if steers(scenario) else until_all_decided
+    return simulated(scenario, seed, runs, floors, motion, wanted, progress)
 
 
 OF_MOTION = ("arena", "swarm", "robot", "motion_rays", "walk", "sample", "run", "motion_faults")

@@ -16,7 +16,6 @@ from vibroswarm import Result, Scenario, Study, preset, simulate, tasks
 from vibroswarm.analysis.figures import BY_NAME, Swarms
 from vibroswarm.analysis.reports_over_time import reports_over_time
 from vibroswarm.errors import CodeError, InputError
-from vibroswarm.inference.reports import reported_last
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.strategies import Report, Strategy, array, register, strategy
@@ -124,9 +123,10 @@ def test_a_report_that_is_nowhere_declared_is_refused() -> None:
 
 
 class Counted:
-    """Own readings, their share of ones, and how often each other robot agreed with the last one."""
+    """Own readings, their share of ones, messages, and how often each other robot agreed with the last reading."""
 
     ones: int
+    heard: int
     seen: int
     share: float
     agreed = array("int64", 3)
@@ -139,6 +139,7 @@ def begin(s: Any, a: Any, d: Any, p: Any, w: Any) -> None:
 
 
 def on_message(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
+    s.heard += 1
     if sender < 3:
         s.agreed[sender] += m.bit == s.last
 
@@ -163,7 +164,7 @@ def counted() -> Iterator[Scenario]:
     register(
         Strategy(
             name="counted", state=Counted, begin=begin, on_message=on_message, on_sample=on_sample, decision=decision,
-            reports=("agreed", Report("share", "of tiles", estimates=True)),
+            reports=("agreed", "heard", Report("share", "of tiles", estimates=True)),
         )
     )  # fmt: skip
     yield PAPER.with_values({"strategy.name": "counted", "run.t_end_s": 80.0, "swarm.robots": 3})
@@ -182,7 +183,7 @@ def test_an_array_of_the_state_is_reported_after_each_sample(counted: Scenario) 
     assert rises >= 0
     assert agreed["value"].max() > 3
     drawn = reports_over_time(result)
-    assert drawn["name"].unique().sort().to_list() == ["agreed 0", "agreed 1", "agreed 2", "share"]
+    assert drawn["name"].unique().sort().to_list() == ["agreed 0", "agreed 1", "agreed 2", "heard", "share"]
     picture = draw_run_reports(result)
     assert [axes.get_title() for axes in picture.figure.axes if axes.get_title()][-1] == "share (of tiles)"
     assert "dashed: the true number, 0.48" in picture.caption
@@ -194,10 +195,20 @@ def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_
     runs = 6
     outcome = outcome_of(Study(scenario, runs=runs, seed=4).run(tmp_path / "study"), compare=False)
     (row,) = outcome.reported.filter(pl.col("report") == "share").to_dicts()
+    result = simulate(scenario, seed=4, runs=runs)
+    assert result.reports is not None
+    # What robots heard after their last sample counts, also where a run ends with the decisions.
+    (messages,) = outcome.reported.filter(pl.col("report") == "heard").to_dicts()
+    by_run = result.robots.group_by("run").agg(pl.col("messages_received").mean())
+    assert messages["value"] == pytest.approx(by_run["messages_received"].mean(), abs=1e-12)
+    after = (
+        result.reports.filter(pl.col("name") == "heard").group_by("run", "robot").agg(pl.col("value").max())
+    )
+    assert after["value"].sum() < result.robots["messages_received"].sum()
     # An estimate depends on own samples only, so that the last report is that at the end.
-    reports = simulate(scenario, seed=4, runs=runs).reports
-    assert reports is not None
-    last = reports.filter(pl.col("name") == "share").group_by("run", "robot", maintain_order=True).last()
+    last = (
+        result.reports.filter(pl.col("name") == "share").group_by("run", "robot", maintain_order=True).last()
+    )
     by_run = last.group_by("run", maintain_order=True).agg(
         value=pl.col("value").mean(), error=(pl.col("value") - 0.48).abs().mean()
     )
@@ -217,9 +228,9 @@ def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_
 def test_robots_without_a_value_are_left_out_of_its_mean(counted: Scenario) -> None:
     """Before its first sample a robot has nothing to report."""
     early = counted.with_values({"run.t_end_s": 6.0})
+    found = Study(early, runs=20, seed=4).run().reported().filter(pl.col("name") == "share")
     result = simulate(early, seed=4, runs=20)
     assert result.reports is not None
-    found = reported_last(early, result.reports, result.runs).filter(pl.col("name") == "share")
     told = result.reports.filter(pl.col("name") == "share").group_by("run").agg(pl.col("value").mean())
     assert 0 < told.height < 20 or (result.robots["samples"] == 0).any()
     joined = found.join(told, on="run", suffix="_expected")

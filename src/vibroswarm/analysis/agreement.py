@@ -67,21 +67,6 @@ def agreements_of(swarm: Swarm, runs: range) -> pl.DataFrame:
     return pl.DataFrame({"run": numbers[agreed], "holds": holds[agreed]}, schema=AGREEMENTS)
 
 
-def agreements_in(result: Result) -> pl.DataFrame:
-    """Return the table of agreements of a result, by the opinions of robots at their last samples.
-
-    It has no rows if decisions are final (``may_change``).
-    """
-    if not may_change(result.scenario):
-        return NO_AGREEMENTS
-    last = result.inference.sort("sample").group_by(_KEY).agg(opinion=pl.col("decision").last())
-    rows = _counted(result).join(last, on=_KEY, how="left")
-    held = ~pl.col("counts") | (pl.col("opinion") == pl.col("decision")).fill_null(False)
-    agreed = (pl.col("decision") != -1).all() & (pl.col("decision").n_unique() == 1)
-    by_run = rows.group_by("run").agg(agreed=agreed, holds=held.all())
-    return by_run.filter("agreed").select("run", "holds").sort("run")
-
-
 def _counted(result: Result) -> pl.DataFrame:
     """Return run, robot and decision of each robot, and whether its opinion ``counts``: those with faults do not.
 

@@ -27,14 +27,12 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm import strategies
-from vibroswarm.analysis.floor_maps import floor_maps
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.outcomes import fills_and_truth
 from vibroswarm.inference.robot_maps import beliefs_of
 from vibroswarm.localisation.locate import draws_read
-from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.place_map import WITH_MAP
 
@@ -72,31 +70,17 @@ def map_figures(
     else:  # without an array p a field has this name, which is no map
         reported = getattr(swarm.arrays, "p", np.empty((runs * robots, 0)))
         maps = np.asarray(reported, dtype=np.float64).reshape(runs, robots, -1)
-    by_run = dict(zip(floors, maps, strict=True))
-    return _table(by_run, floors, end_s, detection_times_s(scenario, floors, end_s, samples))
-
-
-def map_figures_of(result: Result) -> pl.DataFrame:
-    """Return the table ``MAP_FIGURES`` of a simulated result of a scenario that ``keeps_map``."""
-    floors = {run: result.floor(run) for run in result.runs["run"].to_list()}
-    if result.scenario.strategy.name in WITH_MAP:
-        found = floor_maps(result).filter(pl.col("robot").is_not_null()).select("run", "robot", p="vibrating")
-    else:
-        assert result.reports is not None
-        found = result.reports.filter(pl.col("name") == "p").select("run", "robot", "index", p="value")
-        # A field of this name has a row for each sample, and no index but 0.
-        found = found.filter(pl.col("index").max().over("run", "robot") > 0)
-    maps = {
-        run: np.array([own["p"].to_list() for _, own in of_run.group_by("robot", maintain_order=True)])
-        for (run,), of_run in found.group_by("run", maintain_order=True)
-    }
-    end_s = result.runs["end_s"].to_numpy()
-    beliefs = result.inference.select("run", "robot", "sample", "belief_below")
-    samples = result.motion.select("run", "robot", "sample", "time_s").join(
-        beliefs, on=["run", "robot", "sample"]
-    )
-    detected = detection_times_s(result.scenario, floors, end_s, samples.sort("run", "robot", "sample"))
-    return _table(maps, floors, end_s, detected)
+    detected_s = detection_times_s(scenario, floors, end_s, samples)
+    rows = []
+    for (run, floor), end, own in zip(floors.items(), end_s.tolist(), maps, strict=True):
+        now = floor.at(end)
+        row: dict[str, Any] = {"run": run}
+        if own.shape[-1] == now.tiles.size:  # else the arrays are not maps of this floor, and have no figures
+            scores = [map_scores(p, now) for p in own]
+            row |= {name: float(np.mean([one[score] for one in scores])) for name, score in SCORES.items()}
+            row["detection_time_s"] = detected_s.get(run)
+        rows.append(row)
+    return pl.DataFrame(rows, schema=MAP_FIGURES).fill_nan(None)
 
 
 def detection_times_s(
@@ -123,26 +107,3 @@ def detection_times_s(
         for run in damaged
         for time_s, count in [sums.get(run, (0.0, 0))]
     }
-
-
-def _table(
-    maps: Mapping[int, NDArray[np.float64]],
-    floors: Mapping[int, Floor],
-    end_s: NDArray[np.float64],
-    detected_s: Mapping[int, float],
-) -> pl.DataFrame:
-    """Return the table of the means over robots; runs whose arrays are not maps of their floor have no figures.
-
-    Args:
-        maps: probabilities of tiles by number of the run, (robots, tiles) each. detected_s: ``detection_times_s``.
-    """
-    rows = []
-    for (run, floor), end in zip(floors.items(), end_s.tolist(), strict=True):
-        now, own = floor.at(end), maps.get(run, np.empty((0, 0)))
-        row: dict[str, Any] = {"run": run}
-        if own.shape[-1] == now.tiles.size and own.size:
-            scores = [map_scores(p, now) for p in own]
-            row |= {name: float(np.mean([one[score] for one in scores])) for name, score in SCORES.items()}
-            row["detection_time_s"] = detected_s.get(run)
-        rows.append(row)
-    return pl.DataFrame(rows, schema=MAP_FIGURES).fill_nan(None)

@@ -113,7 +113,7 @@ REPORTED: Final[dict[str, Any]] = {
     "value": pl.Float64,
     "error": pl.Float64,
 }
-"""Columns of the table of what robots reported last: means over the robots of a run, null if no robot has a value.
+"""Columns of the table of what robots reported at the end: means over the robots of a run, null if no robot has a value.
 ``error``: mean distance from the number that the task asks for, null if the report estimates no number."""
 
 
@@ -135,24 +135,6 @@ def reported_at_end(
         places = np.where(has_sampled[:, None], places, np.nan)
         values[name] = places.reshape(len(runs), scenario.swarm.robots, places.shape[1])
     return _means(reported, values, runs, asked)
-
-
-def reported_last(scenario: Scenario, reports: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFrame:
-    """Return the table ``REPORTED`` of runs, by the reports after the robots' last samples.
-
-    Args:
-        reports, runs: tables of a result.
-    """
-    last = reports.group_by("run", "robot", "name", "index", maintain_order=True).last()
-    numbers, robots = runs["run"].to_list(), scenario.swarm.robots
-    values = {}
-    for (name,), own in last.group_by("name"):
-        size = int(own["index"].to_numpy().max()) + 1
-        table = np.full((len(numbers), robots, size), np.nan)
-        at = np.searchsorted(numbers, own["run"]), own["robot"].to_numpy(), own["index"].to_numpy()
-        table[at] = own["value"].fill_null(np.nan).to_numpy()
-        values[str(name)] = table
-    return _means(strategy_used(scenario).reported, values, numbers, runs["fill_ratio"].to_numpy())
 
 
 def _means(

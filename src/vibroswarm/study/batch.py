@@ -23,13 +23,12 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.agreement import (
     NO_AGREEMENTS,
-    agreements_in,
     agreements_of,
     is_followed,
     may_change,
 )
-from vibroswarm.analysis.answers_over_time import answers_in, answers_table
-from vibroswarm.analysis.map_figures import keeps_map, map_figures, map_figures_of
+from vibroswarm.analysis.answers_over_time import answers_table
+from vibroswarm.analysis.map_figures import keeps_map, map_figures
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
@@ -37,10 +36,11 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import arrays_fit, final_columns, strategy_used
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
+from vibroswarm.inference.motion_feedback import Wanted
 from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
 from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
 from vibroswarm.inference.replay_arrays import Log
-from vibroswarm.inference.reports import reported_at_end, reported_last
+from vibroswarm.inference.reports import reported_at_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
     OBSERVATIONS,
@@ -53,7 +53,13 @@ from vibroswarm.observation.observe import (
 from vibroswarm.result import NULLABLE
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
+from vibroswarm.simulation import (
+    check_scenario,
+    decided_motion,
+    depends_on_decisions,
+    floors_of,
+    versions,
+)
 from vibroswarm.study.batch_table import (
     AGREED_TABLE,
     FAILED_TABLE,
@@ -65,7 +71,6 @@ from vibroswarm.study.batch_table import (
     BatchRows,
     Columns,
     agreed_rows,
-    columns_of,
     failed_rows,
     of_cells,
     walked,
@@ -116,15 +121,15 @@ def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -
     entries = [[(scenario_of(text), cells) for text, cells in entry] for entry in work.observed]
     for scenario, _ in chain(*entries):
         check_scenario(scenario)
-    first, cells = entries[0][0]
-    if first.run.stop == "all_decided" or steers(first):
-        # The motion depends on the decisions, so such a group has a single scenario (see ``plan.plan_of``).
-        yield _closed_loop(first, cells, work)
-        return
     _check(cancelled)
-    moves = any(needs_moves(scenario) for scenario, _ in chain(*entries))
-    segments = False  # no figure needs the paths between samples
-    full = source(work.motion).batch(first, work.seed, work.numbers, segments, moves)
+    first = entries[0][0][0]
+    # No figure needs the paths between samples (segments).
+    wanted = Wanted(moves=any(needs_moves(scenario) for scenario, _ in chain(*entries)))
+    if depends_on_decisions(first):  # such a group has a single scenario (see ``plan.plan_of``)
+        floors = floors_of(first, work.seed, work.numbers)
+        full = decided_motion(first, work.seed, work.numbers, floors, work.motion, wanted)
+    else:
+        full = source(work.motion).batch(first, work.seed, work.numbers, *wanted)
     motion, end_s = _SharedMotion(first, full, work, cancelled), first.run.t_end_s
     for entry in entries:
         scenarios = [scenario for scenario, _ in entry]
@@ -139,33 +144,6 @@ def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -
 def _check(cancelled: Callable[[], bool]) -> None:
     if cancelled():
         raise Cancelled
-
-
-def _closed_loop(scenario: Scenario, cells: Sequence[int], work: Batch) -> BatchOutcomes:
-    """Simulate runs whose motion depends on decisions: runs end when all robots have decided, or the strategy steers.
-
-    Args:
-        scenario: of one cell, or of several cells with equal scenarios. cells: the numbers of these cells.
-    """
-    # Only the table of samples needs energies here: for a strategy that reads them, ``simulate`` computes them anyway.
-    with_samples = SAMPLES_TABLE in work.keep
-    result = simulate(scenario, work.seed, work.numbers, motion=work.motion, energies=with_samples)
-    tile, observation = (result.observations[name].to_numpy() for name in ("tile", "observation"))
-    tiles = result.floor(work.first).tiles.size  # the same in all runs
-    walk = Walk(result.motion).figures(tile, observation, tiles)
-    robots, of_runs = columns_of(result)
-    tables = (result.motion, result.observations, result.inference)
-    further = {FAILED_TABLE: failed_rows(result.failures, [cells], scenario.run.t_end_s)}
-    if with_samples:
-        further[SAMPLES_TABLE] = samples_of(*tables, cells)
-    if is_followed(scenario):
-        answers = answers_in(result) if scenario.change.is_given else None
-        further[AGREED_TABLE] = agreed_rows(agreements_in(result), answers, cells)
-    if keeps_map(scenario):
-        further[MAPS_TABLE] = of_cells(map_figures_of(result), cells)
-    if result.reports is not None:
-        further[REPORTED_TABLE] = of_cells(reported_last(scenario, result.reports, result.runs), cells)
-    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, work.numbers)}, further)
 
 
 class _SharedMotion:

@@ -28,7 +28,6 @@ from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
 from vibroswarm.inference.reports import REPORTED
 from vibroswarm.motion.source import FAILURES
-from vibroswarm.result import Result
 from vibroswarm.study.spec import Cell
 
 Columns = Mapping[str, NDArray[Any]]
@@ -104,19 +103,6 @@ def _empty(kinds: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, NDArra
     return {name: np.empty(shape, dtype=kind) for name, kind in types.items()}
 
 
-def columns_of(result: Result) -> tuple[Columns, Columns]:
-    """Return the columns of a result as ``BatchRows.put`` takes them for one row of outcomes.
-
-    The tables of a result are sorted by run and robot, so no rows are moved.
-
-    Returns: the columns ``OF_ROBOTS``, (1, runs, robots) each; and ``OF_RUNS`` without ``WALK``, (runs,) each.
-    """
-    shape = (1, result.runs.height, -1)
-    robots = {name: values_of(result.robots[name]).reshape(shape) for name in OF_ROBOTS}
-    runs = {name: values_of(result.runs[name]) for name in RUNS if name != "run"}
-    return robots, runs
-
-
 def tables_of(rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Divide rows of one cell, one for each run and robot, into a table of robots and one of runs, as a ``Result`` has.
 
@@ -185,7 +171,7 @@ AGREED_TABLE: Final = "agreements"
 MAPS_TABLE: Final = "maps"
 """Scores of the maps of robots that keep some."""
 REPORTED_TABLE: Final = "reported"
-"""What robots reported last."""
+"""What robots reported at the end of their runs."""
 FAILED_TABLE: Final = "failures"
 """One row per cell and failed run: since when the robots stand, and why."""
 

@@ -407,7 +407,7 @@ class StudyResult(NotebookView):
         return self._stored(MAPS_TABLE, cells)
 
     def reported(self, *cells: int) -> pl.DataFrame:
-        """Return what robots reported last in the runs of ``cells`` (by default all selected), means over robots.
+        """Return what robots reported at the end of the runs of ``cells`` (by default all selected), means over robots.
 
         There are no rows if no robots report anything.
         """
