@@ -113,8 +113,8 @@ REPORTED: Final[dict[str, Any]] = {
     "value": pl.Float64,
     "error": pl.Float64,
 }
-"""Columns of the table of what robots reported at the end: means over the robots of a run, null if no robot has a value.
-``error``: mean distance from the number that the task asks for, null if the report estimates no number."""
+"""Columns of the table of what robots reported at the end: means over the robots of a run, null if no robot has a
+value. ``error``: mean distance from the number that the task asks for, null if the report estimates no number."""
 
 
 def reported_at_end(
