@@ -391,6 +391,7 @@ def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
     return ObservedShare(share, math.sqrt(variance), variance_of_one / variance, n.size)
 
 
+@lru_cache(maxsize=256)
 def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | None:
     """Compute how many independent samples decide on which side of the boundary the true share of ones lies.
 

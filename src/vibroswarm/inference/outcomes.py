@@ -411,7 +411,7 @@ def as_series(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
 
 def numbers(column: pl.Series) -> Array:
     """Return a column as an array of floats, with nan in place of null."""
-    return column.cast(pl.Float64).fill_null(math.nan).to_numpy()
+    return column.to_numpy().astype(np.float64)
 
 
 # Sums over the robots of each run

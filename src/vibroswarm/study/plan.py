@@ -115,7 +115,7 @@ class Group:
         equal_cells, *_ = entry_of_longest_runs
         return equal_cells[0].scenario
 
-    @property
+    @cached_property
     def cells(self) -> tuple[Cell, ...]:
         """All cells in the order of their numbers."""
         found = (cell for entry in self.observed for equal_cells in entry for cell in equal_cells)

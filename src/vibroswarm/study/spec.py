@@ -470,7 +470,7 @@ class Study(NotebookView):
         result: StudyResult = study_verbs().run_with_bar(self, folder, progress, how)
         return result
 
-    @property
+    @cached_property
     def varied(self) -> list[str]:
         """The varied fields, in order of first use."""
         return list(dict.fromkeys(name for cell in self.cells for name in cell.point))

@@ -141,7 +141,7 @@ class StudyResult(NotebookView):
             "there": pl.UInt32,
         }
         frame = pl.DataFrame(rows, schema=schema, orient="row")
-        return frame.select("cell").hstack(self._varied_columns()).hstack(frame.drop("cell"))
+        return frame.select("cell").hstack(self._varied_columns).hstack(frame.drop("cell"))
 
     def cell(self, number: int) -> Cell:
         """Return a selected cell by its number.
@@ -255,7 +255,7 @@ class StudyResult(NotebookView):
             cells: by number; if empty, all selected cells. start, end: first run, and one past the last.
         """
         self._check_cells(*cells)
-        chosen, frames = cells or self.selected, []
+        chosen, frames = set(cells or self.selected), []
         for group in self.plan.groups:
             numbers = [cell.number for cell in group.cells if cell.number in chosen]
             if not numbers:
@@ -606,6 +606,7 @@ class StudyResult(NotebookView):
             )
         return with_last_part[0]
 
+    @cached_property
     def _varied_columns(self) -> pl.DataFrame:
         """Return the varied fields as columns, one row per selected cell; null where a cell does not set a field."""
         return pl.DataFrame(
@@ -614,7 +615,7 @@ class StudyResult(NotebookView):
 
     def _with_varied(self, frame: pl.DataFrame) -> pl.DataFrame:
         """Return a table with the varied fields inserted after its column ``cell``."""
-        varied = self._varied_columns()
+        varied = self._varied_columns
         if not varied.width:
             return frame
         keys = pl.DataFrame({"cell": pl.Series(self.selected, dtype=pl.UInt32)}).hstack(varied)

@@ -185,6 +185,7 @@ def outcome_of(
         replicate_with_runs, _ = _with_runs(replicate)
         replicate, failed_replicate = (replicate_with_runs, None) if has_runs else (None, replicate)
     known: dict[int, pl.DataFrame] = {}
+    all_failed = result.failed_runs()
     for number in result.selected:
         cell = result.study.cells[number]
         t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
@@ -201,14 +202,13 @@ def outcome_of(
         if len(result.selected) <= KEPT:
             known[number] = compared_columns(table)
         figures = _with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled)
-        failed, decidable = result.failed_runs(number), decidability(cell.scenario)
         cells.append(
             CellOutcome(
                 cell=cell,
                 summary=figures,
                 walk=_walk(walked),
-                decidable=decidable,
-                failed=failed,
+                decidable=decidability(cell.scenario),
+                failed=all_failed.filter(pl.col("cell") == number),
                 settled=settled,
                 unreached=gate_unreached(cell.scenario, most["most"].max()),
             )
