@@ -365,6 +365,18 @@ def test_few_runs_that_differ_call_no_score_better() -> None:
     )
 
 
+@pytest.mark.parametrize(("statistic", "runs"), [("mean+sd", 40), ("quantile 0.9", 30)])
+def test_scores_of_few_runs_that_have_no_limits_do_not_differ_either(statistic: str, runs: int) -> None:
+    """One of two scenarios that fail in 5 % of runs was called better in up to 37 of 100 comparisons of 30 runs."""
+    random, objective = np.random.default_rng(5), Objective("decision_time", statistic)
+    first, second = (
+        scored_of("name", {}, objective, times[:, None, None], np.arange(runs))
+        for times in random.normal([[400.0], [700.0]], 30.0, (2, runs))
+    )
+    assert math.isinf(first.score.high)
+    assert paired_score(objective, first, second)[1:3] == (-math.inf, math.inf)
+
+
 def test_only_smooth_scores_are_corrected() -> None:
     random = np.random.default_rng(4)
     rows = random.exponential(1.0, (20, 1, 1))

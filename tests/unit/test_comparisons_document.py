@@ -11,20 +11,22 @@ from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
 from vibroswarm.documents.calibration import comparison_document, comparisons_document
 
 
-def compared(*by_session: float) -> Comparison:
+def compared(*by_session: float, simulations: int = 3) -> Comparison:
     share = share_interval(by_session)
-    return Comparison((), (), ClassifierAccuracy(share, share, None, by_session), missing=())
+    return Comparison((), (), ClassifierAccuracy(share, share, None, by_session, simulations), missing=())
 
 
 @pytest.mark.parametrize(
     ("others", "words"),
     [
-        ([(0.72, 0.83, 0.89)], "Least: ours, significantly less than each of the others (paired by 3 real sessions)."),
-        ([(0.50, 0.66, 0.80)], "Least: ours, not significantly less than other-0 (paired by 3 real sessions)."),
-        # without the correction for two comparisons, both differences are significant
+        ([(0.72, 0.83, 0.89)], "Least: ours, significantly less than each of the others (paired by 3 sessions)."),
+        ([(0.50, 0.66, 0.80)], "Least: ours, not significantly less than other-0 (paired by 3 sessions)."),
+        # as sessions that share no training, they differ significantly
+        ([(0.585, 0.73, 0.835)], "Least: ours, not significantly less than other-0 (paired by 3 sessions)."),
+        # with a correction for two comparisons, not for all three pairs, both differences are significant
         (
-            [(0.585, 0.73, 0.835), (0.585, 0.73, 0.835)],
-            "Least: ours, not significantly less than other-0 and other-1 (paired by 3 real sessions).",
+            [(0.6044, 0.73, 0.8156), (0.6044, 0.73, 0.8156)],
+            "Least: ours, not significantly less than other-0 and other-1 (paired by 3 sessions).",
         ),
     ],
 )  # fmt: skip
@@ -39,8 +41,15 @@ def test_the_least_recognised_is_told_from_the_others_or_not(
 def test_one_real_session_tells_no_simulations_apart() -> None:
     found = {"ours": compared(0.5), "other": compared(0.9)}
     assert comparisons_document(found).answer[1] == (
-        "Least: ours, not significantly less than other (paired by 1 real session)."
+        "Least: ours, not significantly less than other (paired by 1 session; it takes 3 real and 3 simulated "
+        "ones)."
     )
+
+
+def test_one_simulated_session_tells_no_simulations_apart() -> None:
+    """Where all real sessions were tested against it, 3 of 5 pairs of equal simulations were told apart."""
+    found = {"ours": compared(0.52, 0.63, 0.70, simulations=1), "other": compared(0.72, 0.83, 0.89)}
+    assert comparisons_document(found).answer[1].startswith("Least: ours, not significantly less than other ")
 
 
 def test_a_recording_of_one_robot_is_compared_without_the_classifier() -> None:

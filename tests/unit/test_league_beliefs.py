@@ -121,6 +121,16 @@ def test_intervals_of_ratios() -> None:
     assert 0.91 < held / 400 < 0.985  # four standard errors about 0.95
 
 
+def test_ratios_that_few_units_change_hold_the_truth() -> None:
+    """Robots of 3 runs in 100 are wrong; the jackknife alone held it in 84 of 100 cases."""
+    random, held = np.random.default_rng(2), 0
+    for _ in range(400):
+        bottom = random.integers(4, 7, size=100).astype(float)
+        _, low, high = ratio_interval(bottom * (random.random(100) > 0.03), bottom)
+        held += low <= 0.97 <= high
+    assert held / 400 > 0.91
+
+
 def test_what_a_robot_is_told_is_as_documented() -> None:
     """Read from the sources here, written by hand in the documentation."""
     page = Path(__file__).parents[2] / "docs" / "strategies.md"

@@ -69,6 +69,8 @@ def _location_error_m(p: Values, x: Values, floor: Floor) -> float:
 def calibration(p: Values, x: Values) -> pl.DataFrame:
     """Return a row for each bin of probability: tiles, mean probability, share that vibrates with Wilson's limits.
 
+    The limits are those of independent tiles, which tiles of one map, or of several maps of one floor, are not.
+
     Args:
         p, x: probability and truth of tiles, of one map or many, (tiles,) each.
     """

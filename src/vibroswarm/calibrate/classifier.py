@@ -12,11 +12,16 @@ correct predictions; 0.5 is chance. The accuracy for real sessions against each 
 how far sessions alone differ. (It is below 0.5 where the difference between two sessions has opposite sign for
 different robots.)
 
+The classifiers of n held-out sessions share most of their training, so that accuracies vary together. The variance of
+their mean is taken as s^2 (1 / n + 1 / (n - 1)), s their standard deviation: 1 session is tested, n - 1 are trained on
+(Nadeau and Bengio 2003).
+
 Classifier, splits and accuracy are scikit-learn's (extra ``lab``).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -26,7 +31,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, pseudo_values, share_interval, student_test
-from vibroswarm.analysis.paired import difference, holm
+from vibroswarm.analysis.paired import differences, holm
 from vibroswarm.calibrate.features import lag_one, wall_distance
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
@@ -56,6 +61,8 @@ class ClassifierAccuracy(NotebookView):
     """Real sessions against each other, tested on other robots than trained on; None with one real session."""
     by_session: tuple[float, ...]
     """``simulated`` of each real session."""
+    simulations: int
+    """Number of simulated sessions."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return estimate and finite limits of each interval, for JSON; None where there is no interval."""
@@ -67,13 +74,41 @@ INTERVALS: Final = ("simulated", "simulated_by_robot", "real")
 """The fields of ``ClassifierAccuracy`` that are intervals."""
 
 
-def more_recognised(least: ClassifierAccuracy, others: Sequence[ClassifierAccuracy]) -> list[float]:
-    """Return p-values of whether each of the others is recognised as often as ``least``.
+FEWEST: Final = 3
+"""Sessions below which no simulation is shown to be recognised less than another."""
 
-    Differences are paired by real session, with Student's test and Holm's correction.
+
+def least_recognised(found: Sequence[ClassifierAccuracy]) -> tuple[int, list[int]]:
+    """Return the place of the least recognised of several simulations, and of those not shown to be recognised more.
+
+    Accuracies are compared session by session, with Student's test. Holm's correction is for all pairs of simulations,
+    since it is the accuracies that tell which one is compared with the others.
     """
-    tested = [difference(least.by_session, one.by_session, test=student_test) for one in others]
-    return holm([each.p_value for each in tested])
+    pairs = list(combinations(range(len(found)), 2))
+    p_values = holm([_p_value(found[i], found[j]) for i, j in pairs])
+    least = min(range(len(found)), key=lambda k: found[k].simulated.estimate)
+    alike = [
+        i + j - least for (i, j), p in zip(pairs, p_values, strict=True) if least in (i, j) and not p <= 0.05
+    ]
+    return least, alike
+
+
+def _p_value(one: ClassifierAccuracy, other: ClassifierAccuracy) -> float:
+    """Return the p-value of whether two simulations are recognised equally often; nan with too few sessions.
+
+    Real sessions that are tested against the same simulated session are not independent, and count as one.
+    """
+    apart = differences(one.by_session, other.by_session)
+    sessions = min(apart.size, one.simulations, other.simulations)
+    if sessions < FEWEST:
+        return math.nan
+    return student_test(_trained_together([apart[k::sessions].mean() for k in range(sessions)])).p_value
+
+
+def _trained_together(by_session: Sequence[float]) -> Floats:
+    """Return values of held-out sessions, further apart by what their common training takes from their variance."""
+    values, n = np.asarray(by_session), len(by_session)
+    return np.asarray(values.mean() + math.sqrt(1.0 + n / max(n - 1, 1)) * (values - values.mean()))
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
@@ -179,7 +214,7 @@ def classifier_accuracy(
         )
     by_session = [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))]
     return ClassifierAccuracy(
-        simulated=share_interval(by_session),
+        simulated=share_interval(_trained_together(by_session)),
         simulated_by_robot=share_interval(
             [
                 float(np.mean([_accuracy_between(own, other, robots) for other in simulated_stretches]))
@@ -188,6 +223,7 @@ def classifier_accuracy(
         ),
         real=_accuracy_among(real_stretches, robots),
         by_session=tuple(by_session),
+        simulations=len(simulated),
     )
 
 

@@ -380,7 +380,7 @@ FITS: Final = (
             "robot.misalignment_drift", "robot.misalignment_run_spread",
         ),
         "undisturbed: the robot only drove",
-        "t and chi-square of the robots; of variation within robots, bootstrap over robots in sessions", _of_drive,
+        "t and chi-square of the robots; of the slow share of veers, bootstrap over robots in sessions", _of_drive,
     ),
     Source(
         "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",

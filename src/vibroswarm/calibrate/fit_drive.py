@@ -25,9 +25,9 @@ Variation of speed within a robot is taken as independent between samples, but n
 change slowly. It is the error of a line of which the deviations of ``BLOCKS`` parts of a session are independent, not
 those of its drives.
 
-Errors: of the mean and spread of robots, Student's t and chi-square of so many robots (``few_groups``), which count once
-in each session if they cannot be matched; of the variation of v_0 between sessions, chi-square of robots in sessions; of
-all else, bootstrap over robots in sessions.
+Errors: of the mean and spread of robots, and of variation within them, Student's t and chi-square of so many robots
+(``few_groups``), which count once in each session if they cannot be matched; of the variation of v_0 between sessions,
+chi-square of robots in sessions; of the slow share, bootstrap over robots in sessions.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -71,6 +71,10 @@ LEAST_VARIATION: Final = 1e-3
 """Variations of misalignments, and of speeds between sessions, below this are left out of the scenario."""
 MOST_VARIATION: Final = 0.08
 """Larger variations of misalignments are cut to this."""
+
+
+BETWEEN: Final = ("between_m_s", "veer_between_rad_s", "bend_between_per_m")
+"""Spreads between robots."""
 
 
 @dataclass(frozen=True)
@@ -214,9 +218,13 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     }
     matched = _matched(table, runs)
     robots = table if matched is None else _mean_of_known(matched)
-    draws_by_name |= _drawn_laws(robots if len(robots) > 1 else table, draws)
-    between, within = (draws_by_name[name] ** 2 for name in ("between_m_s", "within_m_s"))
-    draws_by_name["share_between"] = between / np.maximum(between + within, 1e-30)
+    independent = robots if len(robots) > 1 else table
+    of_robots = _estimates(independent)
+    # The robots' spread is that of so many robots, not of their rows, which are alike where robots are the same.
+    values |= {name: of_robots[name] for name in BETWEEN if name in of_robots}
+    values["share_between"] = float(_share_between(values["between_m_s"], values["within_m_s"]))
+    draws_by_name |= _drawn_laws(independent, draws)
+    draws_by_name["share_between"] = _share_between(draws_by_name["between_m_s"], draws_by_name["within_m_s"])
     if matched is not None and len(matched) > 1:
         values["between_sessions"], draws_by_name["between_sessions"] = _speed_between_sessions(
             matched, draws
@@ -228,6 +236,11 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
         bodies=np.zeros((0, 2)) if matched is None else robots[:, [START, BEND]],
         bend_between_sessions_per_m=0.0 if matched is None else _between_sessions(matched, values, table),
     )
+
+
+def _share_between(between: Floats | float, within: Floats | float) -> Floats:
+    """Return the share of the variance that is between robots, from standard deviations between and within them."""
+    return np.asarray(between**2 / np.maximum(between**2 + within**2, 1e-30))
 
 
 def timed_drive_ms(base: Scenario) -> float:
@@ -325,8 +338,11 @@ def _drawn_laws(robots: Floats, draws: int) -> dict[str, Floats]:
         LOST: ("battery_life_s", None),
         VEER: ("veer_rad_s", "veer_between_rad_s"),
         BEND: ("bend_per_m", "bend_between_per_m"),
+        SPREAD: ("bend_within_per_m", None),
+        DISTANCE: ("distance_spread", None),
     }
-    drawn = {}
+    u = evenly_drawn(draws, _SEED, "within_m_s")
+    drawn = {"within_m_s": np.sqrt(np.maximum(drawn_means(robots[:, WITHIN] ** 2, u), 0.0))}
     for column, (mean, spread) in laws.items():
         known = robots[np.isfinite(robots[:, column]), column]
         if known.size < 2:
@@ -335,6 +351,11 @@ def _drawn_laws(robots: Floats, draws: int) -> dict[str, Floats]:
         if spread is not None:
             u = evenly_drawn(draws, _SEED, spread)
             drawn[spread] = np.sqrt(drawn_variances(float(known.var(ddof=1)), known.size - 1, u))
+    drawn |= {
+        name: np.maximum(drawn[name], 0.0)
+        for name in ("bend_within_per_m", "distance_spread")
+        if name in drawn
+    }
     return drawn | {"battery_life_s": _battery_life_s(drawn["battery_life_s"])}
 
 
@@ -472,7 +493,7 @@ def _estimates(table: Floats) -> dict[str, float]:
         "start_speed_m_s": float(start.mean()),
         "between_m_s": between,
         "within_m_s": inside,
-        "share_between": between**2 / (between**2 + inside**2) if between + inside > 0 else 0.0,
+        "share_between": float(_share_between(between, inside)),
         "battery_life_s": float(_battery_life_s(lost.mean())),
     }
     known = veer[np.isfinite(veer)]

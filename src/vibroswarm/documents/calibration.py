@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.calibrate.classifier import STRETCH, ClassifierAccuracy, more_recognised
+from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
 from vibroswarm.calibrate.features import FEATURES, WORDS
 from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.real_vs_simulated import Comparison
@@ -91,14 +91,15 @@ def _recognised_least(classifiers: Mapping[str, ClassifierAccuracy]) -> tuple[st
     recognised = f"Recognised as real or simulated: {each} (50 %: chance)."
     if len(shares) == 1:
         return (recognised,)
-    least = min(shares, key=lambda name: shares[name])
-    others = [name for name in shares if name != least]
-    p_values = more_recognised(classifiers[least], [classifiers[name] for name in others])
-    alike = [name for name, p in zip(others, p_values, strict=True) if not p <= 0.05]
-    paired = f"(paired by {count(len(classifiers[least].by_session), 'real session')})"
+    names, of_all = list(classifiers), list(classifiers.values())
+    least, alike = least_recognised(of_all)
+    sessions = min(min(len(one.by_session), one.simulations) for one in of_all)
+    needed = "" if sessions >= FEWEST else f"; it takes {FEWEST} real and {FEWEST} simulated ones"
+    paired = f"(paired by {count(sessions, 'session')}{needed})"
     if alike:
-        return recognised, f"Least: {least}, not significantly less than {listed(alike)} {paired}."
-    return recognised, f"Least: {least}, significantly less than each of the others {paired}."
+        others = listed(names[k] for k in alike)
+        return recognised, f"Least: {names[least]}, not significantly less than {others} {paired}."
+    return recognised, f"Least: {names[least]}, significantly less than each of the others {paired}."
 
 
 def figures_document(figures: Mapping[str, Sequence[Figure]], rms_threshold: float) -> Document:

@@ -31,7 +31,13 @@ import numpy as np
 import polars as pl
 from scipy.special import stdtrit
 
-from vibroswarm.analysis.intervals import columns_of, jackknife_error, share_interval
+from vibroswarm.analysis.intervals import (
+    Interval,
+    allowing_for_rare,
+    columns_of,
+    jackknife_error,
+    within,
+)
 from vibroswarm.floors.source import source_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import Entry, LeagueFloor
@@ -203,11 +209,13 @@ def _sums(study: StudyResult, shape: tuple[int, int, int]) -> Array:
 def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
     """Compute sum(top) / sum(bottom), with 95 % limits by the jackknife over units.
 
+    If all units, or all but a few, have the same ratio, the limits are at least those of how often others may occur
+    (``allowing_for_rare``).
+
     Args:
         top, bottom: numerator and denominator of each unit, (units,) each; 0 or more, and top at most bottom.
     Returns: estimate, lower limit, upper limit, cut off at 0 and 1. All are nan if sum(bottom) is 0. The limits are nan
-        if there is only one unit, or only one with ``bottom`` above 0; if all units have the same ratio they are those
-        of ``share_interval``.
+        if there is only one unit, or only one with ``bottom`` above 0.
     """
     total = bottom.sum()
     if total <= 0.0:
@@ -218,6 +226,9 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
         return estimate, np.nan, np.nan
     without = (top.sum() - top) / rest  # the ratio without each unit
     reach = float(stdtrit(top.size - 1, 0.975)) * jackknife_error(without)
-    if reach < 1e-12:  # the same ratio in all units
-        return share_interval(np.full(top.size, estimate))[:3]
-    return estimate, max(estimate - reach, 0.0), min(estimate + reach, 1.0)
+    found = Interval(estimate, estimate - reach, estimate + reach, 0.95, top.size, "jackknife")
+    ratios, counts = np.unique((top[bottom > 0.0] / bottom[bottom > 0.0]).round(9), return_counts=True)
+    usual = ratios[counts.argmax()]
+    # Their mean is the ratio, and those of units with the usual ratio are equal.
+    of_units = usual + (top - usual * bottom) / bottom.mean()
+    return within(allowing_for_rare(found, of_units, 1.0), 0.0, 1.0)[:3]

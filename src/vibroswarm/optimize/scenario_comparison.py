@@ -23,7 +23,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import whole_number_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
-from vibroswarm.optimize.objective import LEAST_DIFFERING, Objective
+from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
 from vibroswarm.scenario.scenario import Scenario
@@ -66,7 +66,7 @@ class Checked(NotebookView):
         if side(self.difference):  # significant, but not in the second block, or with the other sign there
             return "The second block of seeds does not confirm the difference."
         without_limits = math.isinf(self.difference.low) or math.isinf(self.replicate.low)
-        few = f" Fewer than {LEAST_DIFFERING} runs differ: too few for limits." if without_limits else ""
+        few = " Too few runs, or too few that differ, for limits." if without_limits else ""
         return f"No significant difference, which does not mean that they are equal.{few}"
 
 

@@ -306,8 +306,8 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     """Estimate the difference of two scores, first - second, with a bootstrap over the runs that both have.
 
     Runs with the same number are paired. Each resample takes the same runs for both scores, so that noise that is
-    common to both cancels. The limits are infinite if fewer than ``LEAST_DIFFERING`` runs differ, but a score does not
-    differ from itself; without a run in both, the difference is nan.
+    common to both cancels. The limits are infinite if fewer than ``LEAST_DIFFERING`` runs differ, or if a score of so
+    many runs has no limits, but a score does not differ from itself; without a run in both, the difference is nan.
 
     Args:
         objective: of the search. first, second: scored sets, such as those of ``Truth.others``.
@@ -325,7 +325,8 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     found = bootstrap(difference, both)
     if first is second:
         return found._replace(low=0.0, high=0.0)
-    return found if differing >= LEAST_DIFFERING else without_limits(found)
+    too_few = differing < LEAST_DIFFERING or objective.are_too_few(of_first.size)
+    return without_limits(found) if too_few else found
 
 
 def _median_of_known(values: list[float]) -> float:

@@ -126,7 +126,8 @@ def _truth_table(truth: Truth) -> pl.DataFrame:
         row |= {"believed": truth.believed if difference is None else None}
         row |= columns_of("true", scored.score) | columns_of("less", difference or [None] * 3)
         rows.append(row | {"runs": scored.score.n})
-    limits = {"true_low": pl.Float64, "true_high": pl.Float64}  # null in all rows if there are too few runs
+    # null in all rows if there are too few runs
+    limits = {f"{name}_{end}": pl.Float64 for name in ("true", "less") for end in ("low", "high")}
     return pl.DataFrame(rows, schema_overrides=limits, infer_schema_length=None)
 
 
