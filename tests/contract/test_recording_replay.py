@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from vibroswarm.documents.recording import replay_document
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import inference_columns
@@ -22,7 +23,9 @@ from vibroswarm.recordings.replay import (
     _rows_of,
     logged_outcomes,
     replay_recording,
+    replay_strategies,
     session_outcomes,
+    with_beliefs,
 )
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
@@ -117,6 +120,28 @@ def test_a_map_is_replayed_as_it_was(told: Scenario, ground: Floor, tmp_path: Pa
     )
     deaf = replay_recording(replace(found, inference=heard), scenario, draws=1).robots.select(names)
     assert deaf["belief_below"].to_list() != replayed["belief_below"].to_list()
+
+
+@pytest.mark.parametrize(("lost", "counts"), [(0.0, False), (0.3, True)])
+def test_replay_and_page_hear_as_many_messages(
+    lost: float, counts: bool, told: Scenario, ground: Floor, tmp_path: Path
+) -> None:
+    """A replay refused logs without counts, of which pages showed one; with counts, pages showed all as heard."""
+    network = {"strategy.name": "none", "network.name": "loss", "network.loss.share": lost}
+    result = simulate(told.with_values(network), 9, 1)
+    found = exactly_logged(result, ground, tmp_path)
+    scenario = scenario_of(found, told).with_values({"strategy.name": "none"})
+    null = pl.lit(None, dtype=pl.UInt32).alias("messages_received")
+    found = found if counts else replace(found, inference=found.inference.with_columns(null))
+    shown = with_beliefs(replace(found, scenario=scenario))
+    replays = replay_strategies(replace(found, scenario=scenario), scenario, ["none"], draws=1)
+    heard = result.robots["messages_received"].sum()  # some of them after a robot's last sample
+    for one in (shown, replays.by_strategy["none"]):
+        assert one.robots["messages_received"].sum() == pytest.approx(heard, rel=0.05)
+    said = (
+        "The logs do not count the messages received: this is a replay in which all robots hear all messages."
+    )
+    assert (said in replay_document(replays).warnings) == (not counts)
 
 
 def exactly_logged(result: Result, ground: Floor, tmp_path: Path) -> Recording:

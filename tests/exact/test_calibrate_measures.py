@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from vibroswarm.calibrate.classifier import RIDGE, classifier_accuracy, stretch_classifier
+from vibroswarm.calibrate.classifier import RIDGE, classifier_accuracy, columns_of, stretch_classifier
 from vibroswarm.calibrate.features import FEATURES, histogram, sample_table, sessions_of, shapeless, values_of
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy
 from vibroswarm.calibrate.similarity import (
@@ -204,6 +204,18 @@ def test_the_sample_table(simulations: tuple[object, ...]) -> None:
     assert (tiles["vibrating"].to_numpy() == (floor[tiles["tile"].to_numpy()] == 1)).all()
     counts = histogram(values_of(table, "avoidance"), "avoidance")
     assert counts.sum() == (table["avoid_s"].drop_nulls() > 1e-9).sum()
+
+
+def test_walls_are_those_of_the_arena() -> None:
+    """The classifier took each arena as 1 m by 1 m: on a larger one most samples lay on or behind its walls."""
+    scenario = preset("paper-empirical").with_values(
+        {"arena.width_m": 2.0, "arena.height_m": 1.5, "run.t_end_s": 200.0}
+    )
+    table = sample_table(simulate(scenario, 3, 1)).filter(pl.col("robot") == 0)
+    sides = [pl.col("x_m"), 2.0 - pl.col("x_m"), pl.col("y_m"), 1.5 - pl.col("y_m")]
+    assert (table.select(pl.min_horizontal(sides) - pl.col("wall_m")).to_series() == 0.0).all()
+    logarithms = np.log(np.maximum(table["wall_m"].to_numpy()[1:21], 0.005))
+    assert np.isclose(columns_of(table)[0], logarithms.mean(), rtol=0.0, atol=1e-12).any()
 
 
 def four_samples() -> pl.DataFrame:

@@ -198,7 +198,10 @@ def test_what_is_said_to_be_enough_is_enough() -> None:
     assert by_estimate / 200 > 0.3  # the negative control
 
 
-def test_the_document_of_a_detection_names_each_limit_and_draws_the_latest_time() -> None:
+def test_the_document_of_a_detection_names_each_limit_and_draws_the_latest_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("vibroswarm.documents.detection.MOST_CURVES", 1)
     times: list[float | None] = [float(t) for t in range(1, 101)]
     answers_more = {"decision": pl.lit(1, pl.Int8)}, {"truth": pl.lit(1, pl.Int8), "fill_ratio": pl.lit(0.6)}
     cells = [cell(times, robots) for robots in (1, 2)]
@@ -221,6 +224,7 @@ def test_the_document_of_a_detection_names_each_limit_and_draws_the_latest_time(
     assert document.tables["needed"].frame["clear_until_s"].to_list() == [100.0, 100.0, None, None, None]
     at_the_end = document.figures["detection-robots"].drawn.numbers
     assert at_the_end["missed"].to_list() == [0.0] * 5
+    assert document.figures["detection-1-robots"].title == "1 robot (drawn: 1 of 2 swarms)"
 
 
 @pytest.mark.parametrize(("fills", "longer"), [([0.0, 1.0], 1), ([0.48, 0.52], 4)])

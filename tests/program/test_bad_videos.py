@@ -177,6 +177,25 @@ def test_a_video_without_markers_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("beside", "words"),
+    [
+        ({}, "shows the robots' markers [0, 1] at"),
+        ({"robots": False}, "shows the floor's markers [46, 47, 48, 49]"),
+    ],
+)
+def test_two_arenas_in_a_video_are_said(
+    folder: Path, tmp_path: Path, capsys: Any, beside: Any, words: str
+) -> None:
+    """It said that a video shows none of these markers, and which it does show: the same."""
+    both = zip(drawn.frames(FEW), drawn.frames(FEW, **beside), strict=True)
+    drawn.write(tmp_path / "two.mp4", [np.hstack(pair) for pair in both])
+    assert tracked(folder, tmp_path / "two.mp4", tmp_path / "out") == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert words in said
+    assert "if it shows several arenas, crop it to one" in said
+
+
 def test_interrupted_it_leaves_nothing_half_written(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

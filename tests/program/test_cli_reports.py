@@ -95,14 +95,19 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
     assert {str(path) for path in before if before[path] != after[path]} == set()
 
 
-def test_decisions_over_time_have_a_picture_for_each_floor_where_one_would_be_crowded() -> None:
+@pytest.mark.parametrize(("most", "said"), [(6, ""), (2, " (drawn: 2 of 3 values)")])
+def test_decisions_over_time_have_a_picture_for_each_floor_where_one_would_be_crowded(
+    most: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vibroswarm.documents.study_figures.MOST_PANELS", most)
     more = Study.from_toml(
         STUDY.replace("runs = 24", "runs = 2").replace('["random', '["random:0.44", "random')
     )
-    names = {figure.name for figure in time_figures(outcome_of(run(more)))}
-    assert {name for name in names if name.startswith("incidence-")} == {
-        f"incidence-{unit}-{number}" for unit in ("robots", "swarms") for number in (1, 2, 3)
+    titles = {figure.name: figure.title for figure in time_figures(outcome_of(run(more)))}
+    assert {name for name in titles if name.startswith("incidence-")} == {
+        f"incidence-{unit}-{number}" for unit in ("robots", "swarms") for number in range(1, min(most, 3) + 1)
     }
+    assert titles["incidence-robots-1"] == f"Decisions of robots over time: fill ratio 0.44{said}"
 
 
 FEW = ["evaluate", "--runs", "4", "--no-confirm", *SMALL]

@@ -305,6 +305,27 @@ def test_a_file_in_the_way_is_refused(tmp_path, capsys):
     assert (tmp_path / "out").read_text() == "mine"
 
 
+@pytest.mark.parametrize("out", [".", "..", "../here"])
+def test_the_working_folder_is_never_replaced(
+    out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A study ended with a traceback, a run was lost, and the page of a third stood in a folder that was gone."""
+    place = tmp_path / "here"
+    place.mkdir()
+    monkeypatch.chdir(place)
+    assert run(*SHORT, "--out", out) == 2
+    assert "is the working folder or holds it" in capsys.readouterr().err
+    Path(out, "vibroswarm.json").write_text("")
+    assert main(["evaluate", "--runs", "1", "--out", out, "--force"]) == 2
+    assert "is the working folder or holds it" in capsys.readouterr().err
+    assert place.samefile(".")
+
+
+def test_an_empty_path_is_not_the_working_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*SHORT, "--out", "") == 2
+    assert "--out: is empty; give a path" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("where", ["frame", "picture"])
 def test_a_disk_that_fills_up_leaves_nothing_and_ends_with_1(where, tmp_path, monkeypatch, capsys):
     def full(*_: object, **__: object) -> None:

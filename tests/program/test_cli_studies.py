@@ -292,7 +292,8 @@ BAD = {
     "evaluate one.toml --seed 1": ("--seed", "is not for a study file"),
     "evaluate one.toml --motion event": ("--motion", "is not for a study file"),
     "evaluate one.toml --max-runs 0": ("--max-runs", "is not for a study file"),
-    "evaluate one.toml --out file": ("file", "exists but is not a study"),
+    "evaluate one.toml --out file": ("file", "is a file; give the name of a folder"),
+    "evaluate one.toml --out dangling": ("dangling", "is a symbolic link to nothing"),
     "evaluate one.toml --out file/deeper": ("deeper", "cannot be"),
     "evaluate one.toml --out thesis": ("thesis", "exists but is not a study"),
     "evaluate one.toml --out newer": ("newer", "update vibroswarm"),
@@ -320,7 +321,7 @@ BAD = {
     "show newer": ("newer", "update vibroswarm"),
     "evaluate merge out nowhere": ("nowhere", "is not a study of vibroswarm"),
     "evaluate merge out other another": ("another", "is of another study than 'other'"),
-    "evaluate merge file other": ("file", "exists but is not a study"),
+    "evaluate merge file other": ("file", "is a file; give the name of a folder"),
 }
 
 
@@ -340,6 +341,7 @@ def workplace(tmp_path_factory) -> Path:
         (place / f"{name}.toml").write_text(text)
     (place / "binary.toml").write_bytes(b"\xff\xfe\x00\x00")
     (place / "file").write_text("mine")
+    (place / "dangling").symlink_to("nowhere")
     (place / "thesis").mkdir()
     (place / "thesis" / "thesis.tex").write_text("ten years")
     for name, seed in (("newer", 1), ("other", 9), ("another", 8)):

@@ -399,7 +399,10 @@ def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecor
     assert not plain.is_visible("#map-section")
 
 
-def test_it_shows_what_robots_report_as_time_goes_on(open_page: Open, tmp_path: Path) -> None:
+def test_it_shows_what_robots_report_as_time_goes_on(
+    open_page: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vibroswarm.run_page.write.MOST_REPORTS", 1)
     scenario = preset("paper").with_values(
         {"strategy.name": "mcp", "run.t_end_s": 200.0, "task.name": "share"}
     )
@@ -407,6 +410,7 @@ def test_it_shows_what_robots_report_as_time_goes_on(open_page: Open, tmp_path: 
     write_run_page(result, tmp_path / "run.html")
     page = open_page("", tmp_path / "run.html", reduced_motion="reduce")
     assert page.inner_text("#reports-title") == "What robots report"
+    assert page.inner_text("#reports-lead").endswith("Dashed: the true number. The first 1 of 2 values.")
     assert result.reports is not None
     times = result.motion.select("robot", "sample", "time_s")
     told = result.reports.filter(pl.col("name") == "estimate").join(times, on=["robot", "sample"])

@@ -51,6 +51,15 @@ def test_the_same_reproduction_gives_the_same_bytes(archive: Path, tmp_path: Pat
     assert with_cells.read_bytes() == archive.read_bytes()
 
 
+def test_an_archive_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was refused after hours of work, without a report, in the name of --out."""
+    for archive in (tmp_path, tmp_path / "nowhere" / "paper.zip"):
+        assert main(["reproduce", "--out", str(tmp_path / "out"), "--archive", str(archive)]) == 2
+        assert "error: --archive: " in capsys.readouterr().err
+
+
 def test_an_archive_in_the_folder_is_no_strange_file(tmp_path: Path) -> None:
     """The same command can be run again."""
     out = tmp_path / "out"

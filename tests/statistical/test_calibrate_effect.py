@@ -8,6 +8,7 @@ import pytest
 
 from vibroswarm.calibrate.effect import effects
 from vibroswarm.cli import main
+from vibroswarm.documents.effect import effect_document
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
@@ -55,6 +56,19 @@ def test_the_figures_of_a_scenario_are_those_of_a_study_of_it() -> None:
     (cell,) = outcome_of(Study.of_scenarios({"costs": costs}, 6, 1).run()).cells
     for figure in ("forced_error", "decision_time_s"):
         assert one.figures[0][figure] == getattr(cell.summary, figure)
+
+
+def test_where_a_number_is_asked_for_its_estimates_are_compared() -> None:
+    """Right and wrong stood as dashes, each of them with 'no significant difference'."""
+    asked = EASY.with_values({"task.name": "share", "run.t_end_s": 120.0})
+    (one,) = effects(asked, asked.with_values({"swarm.robots": 1}), runs=6, strategies=("none",))
+    (cell,) = outcome_of(Study.of_scenarios({"asked": asked}, 6, 1).run()).cells
+    assert one.figures[0]["estimate_error"] == cell.summary.figures["estimate_error"]
+    document = effect_document(one)
+    assert document.answer[0].startswith("none: error of the estimate second - first ")
+    assert "-" not in document.tables["differences"].frame["difference"].to_list()
+    with pytest.raises(InputError, match="decisions cannot be compared with estimates of a number"):
+        effects(EASY.with_values({"run.t_end_s": 120.0}), asked, runs=6)
 
 
 def test_no_runs_are_refused() -> None:

@@ -220,6 +220,20 @@ def test_a_counter_wraps_above_0(tmp_path: Path) -> None:
         read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
 
 
+@pytest.mark.parametrize("robots", [2, 1000])
+def test_many_robots_send_more_messages_between_two_samples_than_few(robots: int, tmp_path: Path) -> None:
+    """A log of 1000 robots was refused: its counts of received messages grew by more than 1000."""
+    rows = [PLAIN.format("recv"), *(f"{robot},1.0,0.5,0.5,1.25,0\n" for robot in range(robots))]
+    (tmp_path / "plain.csv").write_text("".join([*rows, "0,5.0,0.5,0.5,1.25,1500\n"]))
+    (tmp_path / "map.toml").write_text(PLAIN_MAP + 'messages_received = "recv"\n')
+    log = read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
+    if robots == 1000:
+        assert in_order(log).samples.height == 1001
+    else:
+        with pytest.raises(InputError, match="and then 1500; such a count only grows, by 1,000 at most"):
+            in_order(log)
+
+
 def test_alpha_without_beta_is_refused(tmp_path: Path) -> None:
     """A recording with one of them could be written, but not read again."""
     (tmp_path / "plain.csv").write_text(

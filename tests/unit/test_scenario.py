@@ -363,6 +363,10 @@ def test_an_unknown_section_is_refused() -> None:
     with pytest.raises(InputError, match="no such field"):
         Scenario.from_toml("[wheels]\nspeed = 3\n")
     assert "no such field" in str(refused({"wheels.speed": 3}))
+    with pytest.raises(
+        InputError, match=r"^run.t_end_s: is a key with a dot; in TOML, write it without quotes$"
+    ):
+        Scenario.from_toml('"run.t_end_s" = 60.0\n')
 
 
 @pytest.mark.parametrize("name", FLOATS)

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.core.numbers import decimals_of, every, first_of, number, percent, verb, with_limits
+from vibroswarm.core.numbers import decimals_of, every, first_of, number, percent, some, verb, with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
@@ -349,6 +349,7 @@ def test_words_follow_the_number_of_things() -> None:
     assert [verb(n, "are", "is") for n in (0, 1, 2)] == ["are", "is", "are"]
     assert [verb(n, "vibrate") for n in (0, 1, 2)] == ["vibrate", "vibrates", "vibrate"]
     assert [first_of(6, n, "floor") for n in (5, 6, 9)] == ["", "", "the first 6 of 9 floors"]
+    assert [some(list("abc"), most) for most in (2, 3)] == ["a, b and 1 more", "a, b and c"]
     assert [every(n, "robot") for n in (1, 2, 1000)] == ["the robot", "both robots", "all 1,000 robots"]
 
 

@@ -417,6 +417,23 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
     return within(mean_interval(correlations, level), -1.0, 1.0)
 
 
+LATE_S: Final = 60.0
+"""A robot of a recording may have been switched on late if its first sample is this much later than another's."""
+
+
+def late_robots(result: Result) -> pl.DataFrame:
+    """Return which robots of a recording may have been switched on late, by their first samples (``LATE_S``).
+
+    A log does not say when robots were switched on. Before its first sample such a robot may have missed messages just
+    because it was off. Robots of a simulation hear from the start, however late they first sample.
+
+    Returns: run and robot of each.
+    """
+    first = result.motion.group_by("run", "robot").agg(pl.col("time_s").min())
+    after_s = pl.col("time_s") - pl.col("time_s").min().over("run")
+    return first.filter(after_s > (LATE_S if result.seed is None else math.inf)).select("run", "robot")
+
+
 def packet_loss(result: Result) -> pl.DataFrame:
     """Count the messages addressed to, and received by, the robots of each run; compute the share that was lost.
 
@@ -425,7 +442,8 @@ def packet_loss(result: Result) -> pl.DataFrame:
     networks that delay messages. Robots read messages only while they walk: for the last time one control period before
     a stop, when they read messages sent at least one period earlier. So of the other robots' messages, those sent at
     least two control periods before the receiver's last stop began are counted as addressed to it: it had read each of
-    these by its last sample, unless the message was lost. Robots without samples do not count.
+    these by its last sample, unless the message was lost. Robots without samples do not count, and of robots that may
+    have been switched on late (``late_robots``) only the messages since their first sample.
 
     A recording may lack rows of samples whose messages were sent nevertheless. So messages are counted by the index
     ``sample`` of a robot's samples, not by rows.
@@ -437,17 +455,20 @@ def packet_loss(result: Result) -> pl.DataFrame:
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
     # One row per robot of each run: its last sample. ``messages_received`` counts from the start of the run, so the
-    # last value is the robot's total.
-    last = (
-        result.motion.with_columns(heard=result.inference["messages_received"])
-        .with_row_index("row")
-        .group_by("run", "robot", maintain_order=True)
-        .last()
-    )
-    last_counted_tick = np.rint(last["stop_start_s"].to_numpy() / tick_s).astype(np.int64) - 2
+    # last value is the robot's total, unless counting begins at its first sample.
+    by_robot = result.motion.with_columns(
+        heard=result.inference["messages_received"].cast(pl.Int64)
+    ).group_by("run", "robot", maintain_order=True)
+    last = by_robot.last()
+    begin = by_robot.first().join(late_robots(result), on=["run", "robot"], how="semi")
+    begin = last.select("run", "robot").join(begin, on=["run", "robot"], how="left", maintain_order="left")
+
+    def last_tick_counted(stop_start_s: pl.Series) -> NDArray[np.int64]:
+        return np.maximum(np.rint(stop_start_s.to_numpy() / tick_s).astype(np.int64) - 2, -1)
+
     # One clock for all runs, in which each run has ``span`` ticks, so that one search serves all runs. A last counted
-    # tick below 0 (a stop in the first ticks) is replaced by -1 below. No sample has this tick: the clock has 2 ticks
-    # between the last possible sample of a run and the next run's tick 0.
+    # tick below 0 (a stop in the first ticks) is replaced by -1. No sample has this tick: the clock has 2 ticks between
+    # the last possible sample of a run and the next run's tick 0.
     span = int(max(tick.max(initial=0), 0)) + 3
     clock = result.motion["run"].to_numpy().astype(np.int64) * span + tick
     run_start = last["run"].to_numpy().astype(np.int64) * span
@@ -455,15 +476,19 @@ def packet_loss(result: Result) -> pl.DataFrame:
     index = pl.col("sample").cast(pl.Int64)
     messages = index - index.shift(1).over("run", "robot").fill_null(-1)
     sent_before = np.append(0, np.cumsum(result.motion.select(messages).to_series().to_numpy()))
-    # Messages of all robots of the run from its start to the last counted tick.
-    sent = sent_before[np.searchsorted(clock, run_start + np.maximum(last_counted_tick, -1), side="right")]
-    sent -= sent_before[np.searchsorted(clock, run_start, side="left")]
+    # Messages of all robots of the run from its start, or the begin of counting, to the last counted tick.
+    sent = sent_before[
+        np.searchsorted(clock, run_start + last_tick_counted(last["stop_start_s"]), side="right")
+    ]
+    begun = last_tick_counted(begin["stop_start_s"].fill_null(0.0))
+    sent -= sent_before[np.searchsorted(clock, run_start + begun, side="right")]
     # Among them are the receiver's own messages, one for each sample before its last; the index of the last sample is
     # the number of these.
     own = last["sample"].to_numpy().astype(np.int64)
     # If rows just before the last sample were lost, their messages count with the last sample, which is too late for
     # ``sent`` but not for ``own``. So the difference may be negative.
-    counted = last.select("run", "heard").with_columns(addressed=pl.Series(np.maximum(sent - own, 0)))
+    heard = last["heard"] - begin["heard"].fill_null(0)
+    counted = last.select("run", heard=heard).with_columns(addressed=pl.Series(np.maximum(sent - own, 0)))
     unknown = pl.col("heard").is_null().any()
     table = counted.group_by("run", maintain_order=True).agg(
         pl.col("addressed").sum(), pl.when(~unknown).then(pl.col("heard").sum()).alias("heard")

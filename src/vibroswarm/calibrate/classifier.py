@@ -32,7 +32,7 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, pseudo_values, share_interval, student_test
 from vibroswarm.analysis.paired import differences, holm
-from vibroswarm.calibrate.features import lag_one, wall_distance
+from vibroswarm.calibrate.features import lag_one
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Floats, Ints
@@ -116,15 +116,15 @@ def columns_of(samples: pl.DataFrame) -> Floats:
 
     Samples without a previous sample or without a time spent avoiding are left out, and so is an incomplete last
     stretch. Energies, times and distances from the wall have skewed distributions, so their logarithms are used. Before
-    a logarithm is taken, values are raised to a smallest value, which keeps the logarithm finite. The arena is taken to
-    be 1 m by 1 m. Constant factors do not matter, because ``stretch_classifier`` standardises the columns.
+    a logarithm is taken, values are raised to a smallest value, which keeps the logarithm finite. Constant factors do
+    not matter, because ``stretch_classifier`` standardises the columns.
 
     Args:
         samples: samples of one robot in one session, ordered by time (``features.sample_table``).
     """
     stepped = samples.filter(pl.col("dx_m").is_not_null() & pl.col("avoid_s").is_not_null())
-    x, y, avoid, vibrating = (
-        stepped[name].to_numpy().astype(float) for name in ("x_m", "y_m", "avoid_s", "vibrating")
+    wall, avoid, vibrating = (
+        stepped[name].to_numpy().astype(float) for name in ("wall_m", "avoid_s", "vibrating")
     )
     # The smallest values (0.05 of energy, 0.1 s, 5 mm) are far below the usual ones, so few values are raised.
     energy = np.log(np.maximum(stepped["energy"].to_numpy(), 0.05))
@@ -132,9 +132,8 @@ def columns_of(samples: pl.DataFrame) -> Floats:
     course = np.arctan2(stepped["dy_m"].to_numpy(), stepped["dx_m"].to_numpy())
     # Change of the course from the previous step, in [-pi, pi); 0 for the first step.
     turned = np.append(0.0, wrapped(np.diff(course)))
-    wall = wall_distance(x, y, (1.0, 1.0))
     rows = []
-    for first in range(0, len(x) - STRETCH + 1, STRETCH):
+    for first in range(0, len(wall) - STRETCH + 1, STRETCH):
         k = slice(first, first + STRETCH)
         on_vibrating = vibrating[k] == 1
         rows.append(

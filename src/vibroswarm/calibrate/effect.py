@@ -12,7 +12,7 @@ from typing import Final
 
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.paired import COMPARED, Confirmation, compare, confirmed
+from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, compare, confirmed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.inference.outcomes import CONSENSUS
@@ -33,7 +33,10 @@ class Effect(NotebookView):
 
     strategy: str
     figures: tuple[dict[str, Interval], dict[str, Interval]]
-    """Mean of each figure (``paired.COMPARED``) over runs with the first seed, in the first and the second scenario."""
+    """Mean of each figure over runs with the first seed, in the first and the second scenario.
+
+    The figures are those of ``paired.COMPARED``, or of ``paired.ESTIMATED`` where the task asks for a number.
+    """
     consensus: tuple[dict[str, float], dict[str, float]]
     """Share of runs with each consensus outcome with the first seed, in the first and the second scenario."""
     differences: tuple[Confirmation, ...]
@@ -66,8 +69,8 @@ def effects(
     Returns:
         One effect per strategy, in the order of ``strategies``.
     Raises:
-        InputError: ``runs`` is not a whole number from 1, the scenarios have different ``run.t_end_s``, or one cannot
-            be simulated.
+        InputError: ``runs`` is not a whole number from 1, the scenarios have different ``run.t_end_s``, the task of one
+            alone asks for a number, or one cannot be simulated.
         RunError: runs failed.
     """
     runs = whole_number_of(runs, "runs", 1, MAX_RUNS)
@@ -76,6 +79,12 @@ def effects(
             f"{first.run.t_end_s:g} s in the first scenario and {second.run.t_end_s:g} s in the second; decision times "
             "can be compared only if all runs end at the same time",
             field="run.t_end_s",
+        )
+    if first.task.asks_number != second.task.asks_number:
+        raise InputError(
+            f"'{first.task.name}' in the first scenario and '{second.task.name}' in the second; decisions cannot be "
+            "compared with estimates of a number",
+            field="task.name",
         )
     # Each strategy in the first scenario, then each in the second: they share the motion of their scenario.
     cells = {
@@ -106,14 +115,15 @@ def _effect(name: str, place: int, strategies: int, blocks: Sequence[StudyResult
     """
     cells = [blocks[0].study.cells[place + strategies * second] for second in range(2)]
     t_end_s = cells[0].scenario.run.t_end_s
+    names = ESTIMATED if cells[0].scenario.task.asks_number else COMPARED
     tables = [[block.figures(cell.number) for cell in cells] for block in blocks]
     # One comparison of the two scenarios (second - first) for each seed.
-    comparisons = [compare(second, first) for first, second in tables]
+    comparisons = [compare(second, first, names) for first, second in tables]
     # Means and shares of outcomes, for each scenario, are those of the first seed.
     figures = [
         {
             figure: BY_COLUMN[figure].mean(table[figure].drop_nulls().to_numpy(), t_end_s=t_end_s)
-            for figure in COMPARED
+            for figure in names
         }
         for table in tables[0]
     ]

@@ -63,11 +63,11 @@ AUTHORS_SHORT_S: Final = 0.536
 def sample_table(result: Result) -> pl.DataFrame:
     """Return one row per sample, ordered by run, robot and time.
 
-    Columns of the sample: run, robot, sample, time_s, x_m, y_m, energy, and vibrating (whether the tile below
-    vibrates). Columns of the interval since the robot's previous sample, null at its first sample: dx_m, dy_m,
-    distance_m, spacing_s (the time between the two samples) and avoid_s (time spent avoiding; also null if a recording
-    does not log it). Column wraps: how often the robot's 16-bit counter of avoidance time started again from 0 since
-    the previous sample.
+    Columns of the sample: run, robot, sample, time_s, x_m, y_m, wall_m (distance from the nearest wall), energy, and
+    vibrating (whether the tile below vibrates). Columns of the interval since the robot's previous sample, null at its
+    first sample: dx_m, dy_m, distance_m, spacing_s (the time between the two samples) and avoid_s (time spent avoiding;
+    also null if a recording does not log it). Column wraps: how often the robot's 16-bit counter of avoidance time
+    started again from 0 since the previous sample.
 
     Raises:
         InputError: the result has no energies, or a floor has more than two kinds of tile.
@@ -86,7 +86,9 @@ def sample_table(result: Result) -> pl.DataFrame:
         refuse_kinds(floor)
         x, y = (frame[name].to_numpy()[of_run] for name in ("x_m", "y_m"))
         vibrating[of_run] = floor.tiles[nearest_tile(floor, x, y)] == 1
-    frame = frame.with_columns(vibrating=pl.Series(vibrating)).sort("run", "robot", "time_s")
+    wall = wall_distance(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), result.scenario.arena.size_m)
+    frame = frame.with_columns(wall_m=pl.Series(wall), vibrating=pl.Series(vibrating))
+    frame = frame.sort("run", "robot", "time_s")
 
     def since(name: str) -> pl.Expr:
         """Return the change of a column since the robot's previous sample."""

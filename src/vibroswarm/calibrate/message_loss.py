@@ -31,6 +31,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import jackknife_error
+from vibroswarm.analysis.sampling import late_robots
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -171,9 +172,11 @@ def windows_of(result: Result) -> list[Windows]:
     """Return the windows of each robot of each run, by run and robot; robots without counts of messages are left out.
 
     A robot sends one message at each sample, so the times of samples are the times of messages (``_times``). A window
-    ends when the robot stops to sample, not at the sample, because a robot reads messages only while it walks.
+    ends when the robot stops to sample, not at the sample, because a robot reads messages only while it walks. The
+    first window of a robot that may have been switched on late is left out (``analysis.sampling.late_robots``).
     """
     tables = []
+    late = set(late_robots(result).iter_rows())
     joined = result.motion.with_columns(received=result.inference["messages_received"])
     for run in joined["run"].unique(maintain_order=True).to_list():
         of_run = joined.filter(pl.col("run") == run)
@@ -182,7 +185,8 @@ def windows_of(result: Result) -> list[Windows]:
             robot: _times(own["sample"].to_numpy(), own["time_s"].to_numpy()) for robot, own in rows.items()
         }
         for robot, own in rows.items():
-            if own["received"].null_count():
+            known = slice(int((run, robot) in late), None)
+            if own["received"].null_count() or not own["received"][known].len():
                 continue
             # Times of the messages that the other robots sent. The empty array is for a run with one robot.
             others_s = np.sort(
@@ -191,7 +195,8 @@ def windows_of(result: Result) -> list[Windows]:
             edges_s = own["stop_start_s"].to_numpy()
             sent = np.diff(np.searchsorted(others_s, edges_s), prepend=0)
             received = np.diff(own["received"].to_numpy().astype(np.int64), prepend=0)
-            tables.append(Windows(run, robot, sent, received, np.diff(edges_s, prepend=0.0)))
+            lengths_s = np.diff(edges_s, prepend=0.0)
+            tables.append(Windows(run, robot, sent[known], received[known], lengths_s[known]))
     return tables
 
 

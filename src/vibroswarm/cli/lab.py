@@ -175,8 +175,9 @@ def replay(
 ) -> None:
     """Replay strategies on the energies of a recording: what each would have decided on these observations.
 
-    As many packets are lost as its log counts; which ones is not logged and is drawn at random. Strategies that read
-    places get those of the recording, as if robots knew them.
+    As many packets are lost as its log counts; which ones is not logged and is drawn at random. If it counts none, all
+    are heard, or those that the network of 'lab import --network' delivers. Strategies that read places get those of
+    the recording, as if robots knew them.
 
     examples:
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4

@@ -31,12 +31,24 @@ def reader(kind: Any, low: float = -math.inf, high: float = math.inf) -> Callabl
         return partial(_choice, choices=get_args(kind))
     if kind in (int, float):
         return partial(number, kind=kind, low=low, high=high)
+    if kind is Path:
+        return path
     return kind  # type: ignore[no-any-return]  # a class, which converts a text when it is called
 
 
 def _choice(text: str, choices: tuple[str, ...]) -> str:
     check_choice(text, "", choices)
     return text
+
+
+def path(text: str) -> Path:
+    """Convert a text to a path.
+
+    Raises:
+        InputError: it is empty, as that of a variable that a shell does not know; ``Path`` would take it for ``.``.
+    """
+    refuse(not text, "", "is empty; give a path")
+    return Path(text)
 
 
 def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf) -> Any:

@@ -5,10 +5,13 @@
 | is missing or empty | it is used |
 | holds results with the same settings | finished runs are not repeated; tables and pictures are made again |
 | holds anything else | it is refused, exit code 2; ``--force`` replaces it if vibroswarm wrote it |
+| is a file, or a symbolic link to nothing | it is refused |
+| would be replaced but is the working folder, or holds it | it is refused |
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +19,7 @@ from typing import Any
 
 from vibroswarm.cli.interruption import saves_in
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.core.atomic_io import OURS, remove_folder
+from vibroswarm.core.atomic_io import OURS, refuse_working_folder, remove_folder
 from vibroswarm.errors import InputError
 
 ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choose another name.*)$")
@@ -39,7 +42,7 @@ def claim(
         mixed: whether ``--mixed`` is given.
     Raises:
         InputError: ``check`` refuses the folder, and ``--force`` is not given or vibroswarm did not write the folder;
-            or ``--force`` or ``--mixed`` is given without ``--out``.
+            or it is no folder; or ``--force`` or ``--mixed`` is given without ``--out``.
     """
     out: Path | None = arguments.out
     saves_in(out, resumes=at_once)
@@ -47,7 +50,13 @@ def claim(
         for option, is_given in (("--force", arguments.force), ("--mixed", mixed)):
             refuse(is_given, option, "has no effect without --out DIR")
         return
-    # A missing or empty folder is accepted. A link is checked even if it leads to such a folder or to nothing.
+    if os.path.lexists(out) and not out.is_dir():
+        leads_nowhere = out.is_symlink() and not out.exists()
+        what = "is a symbolic link to nothing" if leads_nowhere else "is a file"
+        raise InputError(f"{what}; give the name of a folder", field=str(out))
+    if not at_once:
+        refuse_working_folder(out)
+    # A missing or empty folder is accepted. A link is checked even if it leads to such a folder.
     try:
         if not out.is_symlink() and (not out.exists() or (out.is_dir() and not any(out.iterdir()))):
             return
@@ -60,8 +69,6 @@ def claim(
     except InputError as error:
         # the message without its field and its advice, for the new messages below
         why = ADVICE.sub("", error.reason)
-        if not out.is_dir():  # --force replaces folders only
-            raise InputError(why, field=str(out)) from None
         if out.is_symlink():
             raise InputError(
                 f"{why}; give another --out (--force replaces no symbolic link)", field=str(out)

@@ -14,7 +14,7 @@ from vibroswarm.cli.output import print_line
 from vibroswarm.cli.progress import labelled_progress_bar
 from vibroswarm.core.atomic_io import folder_lock, make_folder
 from vibroswarm.core.numbers import count
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import InputError, check_choice, named
 
 if TYPE_CHECKING:
     from vibroswarm.paper.item import Settings
@@ -77,6 +77,9 @@ def reproduce(
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
     destination = Destination(output, "reproduce")
     make_folder(out)
+    if archive is not None:
+        refuse(archive.is_dir(), "--archive", f"'{archive}' is a folder; give the name of a file")
+        refuse(not archive.parent.is_dir(), "--archive", f"there is no folder '{archive.parent}'; create it")
     with folder_lock(out):
         begin(out, "reproduce")
         with labelled_progress_bar(f"reproducing {count(len(items), 'item')}") as progress:
@@ -84,7 +87,8 @@ def reproduce(
             reproduction = computed(settings, out, items, progress, with_cells=archive is not None)
         write_tables(reproduction, out / TABLES)
         if archive is not None:
-            write_archive(reproduction, archive)
+            with named("--archive", of="--out"):
+                write_archive(reproduction, archive)
         destination.deliver(reproduction_document(reproduction))
 
 

@@ -447,9 +447,10 @@ def remove_folder(path: Path) -> None:
     """Remove a folder and its content, unless another process works in it.
 
     Raises:
-        InputError: another process holds the folder's lock.
+        InputError: another process holds the folder's lock, or it is the working folder or holds it.
         RunError: the folder cannot be removed.
     """
+    refuse_working_folder(path)
     # The lock only shows that no other process works in the folder. Its file lies in the folder, and Windows renames no
     # folder with an open file, so it is released first; a process that takes it in between loses its work.
     with folder_lock(path):
@@ -458,6 +459,23 @@ def remove_folder(path: Path) -> None:
         _remove_at_once(path)
     except OSError as error:
         raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
+
+
+def refuse_working_folder(path: Path) -> None:
+    """Refuse a folder that is to be removed or replaced but is the working folder, or holds it.
+
+    Raises:
+        InputError: it is.
+    """
+    try:
+        holds_it = Path.cwd().is_relative_to(path.resolve())
+    except (OSError, ValueError):  # the working folder was removed; the name is impossible
+        return
+    if holds_it:
+        raise InputError(
+            f"'{path}' is the working folder or holds it, so it is not replaced; give the name of a folder in it",
+            field="--out",
+        )
 
 
 def _aside(path: Path) -> Path:
@@ -545,6 +563,7 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
     except (OSError, ValueError) as error:  # a name that is too long, or contains a NUL character
         cause = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{str(path)[:200]!r} is not a valid folder name: {cause}", field="--out") from None
+    refuse_working_folder(path)
     if path.is_symlink():
         raise InputError(f"'{path}' is a symbolic link; give the name of a folder", field="--out")
     if path.exists():

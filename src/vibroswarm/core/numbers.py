@@ -6,7 +6,7 @@ A minus sign is a hyphen here, which every terminal has; pages replace it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 DIGITS: Final = 3
@@ -221,6 +221,11 @@ def first_of(shown: int, total: int, thing: str) -> str:
     return f"the first {shown} of {count(total, thing)}" if shown < total else ""
 
 
+def drawn_of(shown: int, total: int, thing: str) -> str:
+    """Write what the title of one of several figures adds if not all are drawn: `` (drawn: 6 of 9 floors)``."""
+    return f" (drawn: {shown} of {count(total, thing)})" if shown < total else ""
+
+
 def count_of(done: int, wanted: int, thing: str) -> str:
     """Write how many of some things are done: ``10 of 1,000 runs (1 %)``."""
     return f"{whole(done)} of {count(wanted, thing)} ({stated_percent(done / max(wanted, 1))})"
@@ -244,3 +249,9 @@ def listed(words: Iterable[str], word: str = "and") -> str:
     if any(", " in each for each in (*first, last)):
         return f"{'; '.join(first)}; {word} {last}"
     return f"{', '.join(first)} {word} {last}"
+
+
+def some(words: Sequence[str], most: int) -> str:
+    """Join words as ``listed`` does, at most so many of them: ``a, b and 3 more``."""
+    more = len(words) - most
+    return listed([*words[:most], f"{more} more"] if more > 0 else words)

@@ -18,6 +18,7 @@ import polars as pl
 from vibroswarm.core.numbers import (
     count,
     decimals_of,
+    drawn_of,
     few_decimals_of,
     listed,
     number,
@@ -276,10 +277,11 @@ def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> I
         return Figure(name, partial(_draw, part, series, boundary, tolerated.error, title), title)
 
     numbers = drawable["robots"].unique().sort().to_list()
+    some = drawn_of(MOST_CURVES, len(numbers), "swarm")
     for robots in numbers[:MOST_CURVES]:
         times = pl.format("{} s", pl.col("horizon_s").round(0).cast(pl.Int64))
         part = drawable.filter(pl.col("robots") == robots)
-        yield figure(f"detection-{robots}-robots", part, times, count(robots, "robot"))
+        yield figure(f"detection-{robots}-robots", part, times, f"{count(robots, 'robot')}{some}")
     if len(numbers) > 1:
         part = drawable.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
         named = pl.col("robots").map_elements(lambda robots: count(robots, "robot"), pl.String)

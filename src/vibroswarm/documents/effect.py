@@ -7,8 +7,8 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN
-from vibroswarm.analysis.paired import Confirmation
+from vibroswarm.analysis.figures import BY_COLUMN, RunFigure
+from vibroswarm.analysis.paired import ESTIMATED, Confirmation
 from vibroswarm.calibrate.effect import Effect
 from vibroswarm.core.numbers import with_limits
 from vibroswarm.documents.cell_figures import figure_columns
@@ -28,10 +28,16 @@ def effect_document(*found: Effect) -> Document:
 
 
 def _change(effect: Effect) -> str:
-    """Say how the decision time changes, and whether other seeds confirm it."""
-    time = next(one for one in effect.differences if one.first.figure == "decision_time_s")
-    change = with_limits(time.first.difference, "s", 0, sign=True)
-    return f"{effect.strategy}: decision time {_minus(effect)} {change}; {_says(time)}."
+    """Say how the first figure changes, the decision time or the error, and whether other seeds confirm it."""
+    one = effect.differences[0]
+    figure = BY_COLUMN[one.first.figure]
+    change = with_limits(one.first.difference, figure.unit, _decimals(figure), sign=True)
+    return f"{effect.strategy}: {figure.title} {_minus(effect)} {change}; {_says(one)}."
+
+
+def _decimals(figure: RunFigure) -> int:
+    """Return the decimals of a difference: times are written in whole seconds, other figures as in a study."""
+    return 4 if figure.by_run in ESTIMATED else 0 if figure.unit else 3
 
 
 def _minus(effect: Effect) -> str:
@@ -39,21 +45,30 @@ def _minus(effect: Effect) -> str:
 
 
 def _says(one: Confirmation) -> str:
-    """Return whether other seeds confirm a difference, if it is significant."""
+    """Return whether other seeds confirm a difference, if it is significant; ``-`` if no run has the figure."""
+    if not one.first.pairs:
+        return "-"
     return one.says if one.first.difference.excludes(0.0) else "no significant difference"
 
 
 def _figures(found: Sequence[Effect]) -> Table:
-    """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus."""
+    """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus.
+
+    Where the task asks for a number, there is no consensus.
+    """
+    estimates = set(ESTIMATED) == set(found[0].figures[0])
+    shown = ESTIMATED if estimates else ("decision_time_s", "belief_in_truth")
     rows = []
     for effect in found:
         for name, figures, shares in zip(effect.names, effect.figures, effect.consensus, strict=True):
             row: dict[str, Any] = {"strategy": effect.strategy, "scenario": name}
-            for figure in ("decision_time_s", "belief_in_truth"):
+            for figure in shown:
                 row |= zip((figure, *limits_of(figure)), figures[figure][:3], strict=True)
-            rows.append(row | {f"swarm_{outcome}": share for outcome, share in shares.items()})
+            if not estimates:
+                row |= {f"swarm_{outcome}": share for outcome, share in shares.items()}
+            rows.append(row)
     frame = pl.DataFrame(rows)
-    caption = "Means over runs (95 %), and shares of runs by consensus."
+    caption = f"Means over runs (95 %){'' if estimates else ', and shares of runs by consensus'}."
     return Table(frame, figure_columns(), caption, "figures", names=2)
 
 
@@ -62,8 +77,7 @@ def _differences(found: Sequence[Effect]) -> Table:
     for effect in found:
         for one in effect.differences:
             figure = BY_COLUMN[one.first.figure]
-            # times are written in whole seconds, shares and beliefs with three decimals
-            difference = with_limits(one.first.difference, decimals=0 if figure.unit else 3, sign=True)
+            difference = with_limits(one.first.difference, decimals=_decimals(figure), sign=True)
             words = f"{figure.title}, {figure.unit}" if figure.unit else figure.title
             rows.append((effect.strategy, words, difference, _says(one)))
     frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "verdict"], orient="row")

@@ -57,11 +57,7 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
         Section("What was read", (Text("\n".join(count_lines(recording)), "code"),)),
     ]
     if not recording.logs_beliefs:
-        network = recording.scenario.network.name
-        heard = (
-            "in which all robots hear all messages" if network == "ideal" else f"over the network '{network}'"
-        )
-        parts.append(Text(f"Beliefs are not in the logs; the pages show a replay {heard}."))
+        parts.append(Text(f"Beliefs are not in the logs; the pages show a replay {_heard(recording)}."))
     return Document(
         title="Recording",
         answer=(f"{_outcomes(recording)} {recording.floor_words}",),
@@ -70,6 +66,14 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
         made_by={"robots": ", ".join(map(str, recording.names)), "stated": ", ".join(recording.stated)},
         data=_import_data(recording, pages, computed),
     )
+
+
+def _heard(recording: Recording) -> str:
+    """Say which messages robots hear where a replay is over a network."""
+    if recording.counts_messages:
+        return "in which each message is lost at random, with the share that the session's log counts"
+    network = recording.scenario.network.name
+    return "in which all robots hear all messages" if network == "ideal" else f"over the network '{network}'"
 
 
 def _presumed_threshold(recording: Recording, scenario: Scenario) -> tuple[str, ...]:
@@ -211,6 +215,7 @@ def replay_document(found: Replays) -> Document:
     first = next(iter(replays.values()))
     rule = _rule(first.scenario)
     unsent = ", ".join(f"{stated(replay.unsent)} ({name})" for name, replay in replays.items())
+    uncounted = f"The logs do not count the messages received: this is a replay {_heard(recording)}."
     return Document(
         title="Replay of a recording",
         answer=(
@@ -218,7 +223,11 @@ def replay_document(found: Replays) -> Document:
             *(f"{name}: {_shares(of_one)} (mean over {draws})." for name, of_one in outcomes.items()),
         ),
         knew=told(replay.scenario for replay in replays.values()),
-        warnings=(*found.warnings, *_presumed_threshold(recording, first.scenario)),
+        warnings=(
+            *found.warnings,
+            *([] if recording.counts_messages else [uncounted]),
+            *_presumed_threshold(recording, first.scenario),
+        ),
         parts=(
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
@@ -228,7 +237,7 @@ def replay_document(found: Replays) -> Document:
                 "nobody could have sent at that time."
             ),
             *(
-                [Text(_WITH_PLACES)]
+                [Text(_WITH_PLACES.format(_heard(recording)))]
                 if any(one.scenario.strategy.reads_places for one in replays.values())
                 else []
             ),
@@ -391,8 +400,8 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]
 
 
 _WITH_PLACES: Final = (
-    "Strategies that read places: as if robots knew where the camera saw them. Each message is lost at random, with "
-    "the share that the session's log counts, since logs do not say who heard what; samples without a row are left out."
+    "Strategies that read places: as if robots knew where the camera saw them, and in a replay {}, since logs do not "
+    "say who heard what; samples without a row are left out."
 )
 _TELLS_NOTHING: Final = (
     "At this threshold samples on vibrating tiles do not read as vibrating more often than those on still tiles: "

@@ -78,8 +78,6 @@ def refuse_other(folder: Path, command: str, work: str = "") -> None:
     Raises:
         InputError: the folder is refused.
     """
-    if not folder.is_dir():
-        raise InputError("is a file; give the name of a folder", field=str(folder))
     remove_leftovers(folder)
     if all(path.name.startswith(".") for path in folder.iterdir()):
         return  # killed before it had written its manifest, or locked
@@ -105,8 +103,6 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
     from vibroswarm.core.code_version import code_hash
     from vibroswarm.result import head_of
 
-    if not folder.is_dir():
-        raise InputError("is a file; give the name of a folder", field=str(folder))
     try:
         there = head_of(folder)
     except InputError as error:

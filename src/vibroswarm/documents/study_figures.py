@@ -16,7 +16,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
-from vibroswarm.core.numbers import count, first_of, stated
+from vibroswarm.core.numbers import count, drawn_of, first_of, stated
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
@@ -152,9 +152,9 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
     for cell_outcome in cells:
         rest = ", ".join(f"{v}" for k, v in cell_outcome.cell.point.items() if k not in plane)
         panels.setdefault(rest, []).append(cell_outcome)
-    for number, (rest, part) in enumerate(
-        list(panels.items())[:MOST_PANELS]
-    ):  # ``part``: the cells of this map
+    some = drawn_of(MOST_PANELS, len(panels), "combination")
+    # ``part``: the cells of this map
+    for number, (rest, part) in enumerate(list(panels.items())[:MOST_PANELS]):
         for figure, label, best in (
             ("decision_time_s", "decision time (s)", "low"),
             ("swarm_right", "swarms right", "high"),
@@ -163,7 +163,7 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
             title = f"{label} over {' and '.join(label_of(field).text for field in plane)}" + (
                 f": {rest}" if rest else ""
             )
-            yield _figure(name, title, _heat, part, table, plane, figure, label, best)
+            yield _figure(name, f"{title}{some}", _heat, part, table, plane, figure, label, best)
 
 
 def _heat(
@@ -214,10 +214,11 @@ def _incidences(outcome: Outcome) -> Iterator[Figure]:
         return
     # Here ``MOST_SERIES`` limits the cells of a figure, so the lines in either direction.
     panels_shown = [(words, part) for words, part in panels.items() if len(part) <= MOST_SERIES][:MOST_PANELS]
+    some = drawn_of(len(panels_shown), len(panels), "value")
     for number, (words, part) in enumerate(panels_shown):
         for unit in ("robot", "swarm"):
             name = f"incidence-{unit}s" + (f"-{number + 1}" if len(panels_shown) > 1 else "")
-            title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
+            title = f"Decisions of {unit}s over time" + (f": {words}{some}" if words else "")
             # ``words`` is empty for the figure of all cells, in which curves are named by cell and not by series.
             yield _figure(name, title, _incidence, outcome, part, layout if words else None, unit)
 
@@ -272,7 +273,7 @@ def _spread(outcome: Outcome, style: str) -> Picture:
 
 
 def front_figures(outcome: Outcome) -> Iterator[Figure]:
-    """Yield a figure of decision time against error for each floor, for at most the first ``MOST_PANELS`` floors.
+    """Yield a figure of decision time against error for each of the first ``MOST_PANELS`` floors of several cells.
 
     A front shows settings among which one may choose. The floor cannot be chosen, so cells on different floors are in
     different figures. A floor with only one cell has no figure.
@@ -280,11 +281,12 @@ def front_figures(outcome: Outcome) -> Iterator[Figure]:
     floors: dict[str, list[CellOutcome]] = {}
     for cell_outcome in outcome.cells:
         floors.setdefault(str(cell_outcome.cell.point.get(SOURCE, "")), []).append(cell_outcome)
-    for number, (floor, part) in enumerate(list(floors.items())[:MOST_PANELS]):
-        if len(part) > 1:
-            name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
-            title = "Time against error" + (f": {floor}" if floor else "")
-            yield _figure(name, title, _front, _table(outcome), [one.cell.number for one in part])
+    fronts = [(number, *one) for number, one in enumerate(floors.items(), start=1) if len(one[1]) > 1]
+    some = drawn_of(MOST_PANELS, len(fronts), "floor")
+    for number, floor, part in fronts[:MOST_PANELS]:
+        name = "front" + (f"-{number}" if len(floors) > 1 else "")
+        title = "Time against error" + (f": {floor}{some}" if floor else "")
+        yield _figure(name, title, _front, _table(outcome), [one.cell.number for one in part])
 
 
 def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
@@ -334,7 +336,8 @@ def _detection(outcome: Outcome, table: pl.DataFrame, style: str) -> Picture:
         high=1 - pl.col("swarm_right_low"),
     )
     boundary = _shared(outcome.cells, "decision.decision_boundary")
-    return draw_detection(frame, boundary=boundary, style=style)
+    title = first_of(MOST_POINTS, table.height, "cell")
+    return draw_detection(frame, boundary=boundary, title=title, style=style)
 
 
 def _shared(cells: Sequence[CellOutcome], field: str) -> float | None:

@@ -13,7 +13,7 @@ import polars as pl
 from scipy.special import ndtr
 
 from vibroswarm.calibrate.camera import corrected
-from vibroswarm.core.numbers import count, listed, number, percent, stated
+from vibroswarm.core.numbers import count, listed, number, percent, some, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import FittedLaw, hash_of_run
@@ -279,7 +279,7 @@ def _doubt_of_robots(by: ColumnMap, names: Sequence[str]) -> Iterator[str]:
     read = {column.name for column in by.columns.values()}
     unread = [f"'{name}'" for name in names if name not in read]
     if by.columns["robot"].times == 0.0 and unread:
-        yield f"Without a column 'robot' all samples count as one robot's; not read: {listed(unread[:12])}."
+        yield f"Without a column 'robot' all samples count as one robot's; not read: {some(unread, 12)}."
 
 
 def _doubts(samples: Samples) -> Iterator[str]:
@@ -363,7 +363,7 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
         if not fitting:
             raise InputError(
                 f"has no column for {use} with its unit, such as {column} (units: {', '.join(units)}); "
-                f"it has {', '.join(names[:12])}",
+                f"it has {some(names, 12)}",
                 field=str(path),
             )
         if len(fitting) > 1:

@@ -37,7 +37,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, stated
+from vibroswarm.core.numbers import count, some, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_known_keys, nearest
 from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
@@ -153,7 +153,7 @@ def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> Non
         without = "; if it was not logged, give a column map without it (--columns)" if is_optional else ""
         raise InputError(
             f"has no column '{column}'{nearest(column, there)}, needed for {use}{others}; it has "
-            f"{', '.join(repr(name_of) for name_of in there[:20])}{without}",
+            f"{some(list(map(repr, there)), 20)}{without}",
             field=name,
         )
 

@@ -145,7 +145,8 @@ RARE: Final = 0.01
 SLACK_S: Final = 1.0
 """A counter of time may grow by this more than the times of the rows, since rows may be written late."""
 MOST_LOST: Final = 1000
-"""If a count of messages grows by more than this between two rows, the count is wrong: so many rows are never lost."""
+"""If a count of messages grows by more than this between two rows, of those received by this from each of the other
+robots, the count is wrong: so many rows are never lost."""
 
 
 def in_order(log: Log, robots: Sequence[int] | None = None) -> Log:
@@ -284,13 +285,14 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
             )
             wrapped, odd = wrapped + wraps, odd + int(wrong.sum())
             if not of_time:
-                step = np.diff(values[own])
+                step, others = np.diff(values[own]), max(np.unique(robot).size - 1, 1)
+                most = MOST_LOST if name == "sent" else MOST_LOST * others
                 fallen = step < (1 if name == "sent" else 0)  # each sample sends a message
-                if fallen.any() or (step > MOST_LOST).any():
-                    k = int(np.argmax(fallen | (step > MOST_LOST))) + 1
+                if fallen.any() or (step > most).any():
+                    k = int(np.argmax(fallen | (step > most))) + 1
                     raise InputError(
                         f"robot {each} has {name} {values[own][k - 1]:g} messages, and then "
-                        f"{samples[name][int(own[k])]:g}",
+                        f"{samples[name][int(own[k])]:g}; such a count only grows, by {most:,} at most",
                         field=f"{log.name}, row {line[own[k]]}",
                     )
             # The count of messages sent grows by 1 per sample, from 0; each further step is a lost sample.

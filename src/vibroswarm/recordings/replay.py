@@ -8,7 +8,9 @@ Motion is that of the recording, in which robots continued to sample after decid
 
 Strategies that read places, such as ``places``, need to know who sent what, which no log says. For them each message is
 lost with the share that the session's log counts, at random, and places are those of the recording (of the camera), as
-if robots knew them. Lost rows are not restored: nobody heard of those samples.
+if robots knew them. Lost rows are not restored: nobody heard of those samples. If logs count no messages, all
+strategies are replayed like this, over the network of the recording's scenario, and so are the beliefs of pages
+(``with_beliefs``).
 """
 
 from __future__ import annotations
@@ -97,8 +99,8 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
             depend on the threshold alone. seed: of the first draw; each further draw has the next seed.
     Raises:
         InputError: ``draws`` is below 1, the seed of a draw is out of range, another section differs, the strategy is
-            not one of ``counts_only`` and reads no places, or steers, the logs do not count the messages received, or a
-            row was lost on a kind of tile of which its session has no energy.
+            not one of ``counts_only`` and reads no places, or steers, or a row was lost on a kind of tile of which its
+            session has no energy.
         CodeError: the strategy is a user's, and did something that strategies may not do.
     """
     draws = whole_number_of(draws, "draws", 1, MAX_RUNS)
@@ -122,11 +124,9 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
             f"{counting}; or one that reads places: places, field",
             field="strategy.name",
         )
-    if recording.inference["messages_received"].null_count():
-        raise InputError("do not count the messages received, which a replay needs", field="the logs")
     runs = recording.runs["run"].to_list()
-    if scenario.strategy.reads_places:
-        return _replay_with_places(recording, scenario, draws, seed)
+    if scenario.strategy.reads_places or not recording.counts_messages:
+        return _replay_over_network(recording, scenario, draws, seed)
     parts = [_rows_of(recording, run) for run in runs]
     finals, unsent, answers = [], 0, []
     for draw in range(draws):
@@ -206,8 +206,8 @@ def _numbered(table: pl.DataFrame, columns: Iterable[str], draws: int) -> pl.Dat
     return table.select(pl.Series("draw", number), *columns)
 
 
-def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, seed: int) -> Replayed:
-    """Replay a strategy that reads places, with messages that are lost as often as in each session's log."""
+def _replay_over_network(recording: Recording, scenario: Scenario, draws: int, seed: int) -> Replayed:
+    """Replay a strategy with messages that are lost as often as in each session's log (``_with_losses``)."""
     sensor = scenario.sensor
     numbers = model_of(sensor).names_of_numbers(sensor.params)
     if sensor.readings > 2 and len(numbers) > 1:
@@ -215,11 +215,9 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
             f"'{sensor.model}' reads {', '.join(numbers)}, and recordings have energies only",
             field="sensor.model",
         )
-    lost = dict(packet_loss(recording).select("run", "packet_loss").iter_rows())
     scenario = scenario.with_values({"localisation.method": "true"})
-    runs = recording.runs["run"].to_list()
     replays = []
-    for run in runs:
+    for run, of_session in _with_losses(recording, scenario):
         of_run = pl.col("run") == run
         samples = recording.motion.filter(of_run)
         motion = Motion(samples=samples, ends=recording.ends.filter(of_run))
@@ -227,8 +225,6 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
         energy = samples.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left")["energy"]
         read = pl.Series(readings_of(sensor, energy.to_numpy())).set(energy.is_null(), None)
         seen = recording.observations.filter(of_run).with_columns(observation=read)
-        radio = {"network.name": "loss", "network.loss.share": min(max(lost.get(run) or 0.0, 0.0), 1.0)}
-        of_session = scenario.with_values(radio)
         replays.append((of_session, timeline_of(of_session, motion), seen))
     finals, answers = [], []
     for draw in range(draws):
@@ -241,6 +237,20 @@ def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, se
             in_order = samples.select("run", "robot", "time_s", "decision").sort("run", "time_s", "robot")
             answers.append(_answers(recording, scenario, in_order, draw))
     return _replayed(recording, scenario, finals, answers)
+
+
+def _with_losses(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, Scenario]]:
+    """Yield each session with a scenario whose network loses messages at random, with the share that its log counts.
+
+    The network stays that of ``scenario`` where the log does not count them.
+    """
+    lost = dict(packet_loss(recording).select("run", "packet_loss").iter_rows())
+    for run in recording.runs["run"].to_list():
+        share, of_session = lost.get(run), scenario
+        if share is not None:
+            values = {"network.name": "loss", "network.loss.share": min(max(share, 0.0), 1.0)}
+            of_session = scenario.with_values(values)
+        yield run, of_session
 
 
 def _answers(recording: Recording, scenario: Scenario, samples: pl.DataFrame, draw: int) -> pl.DataFrame:
@@ -411,14 +421,22 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     """Return a copy of a recording, also a ``Recording``, with beliefs and decisions computed from its bits.
 
     The strategy of the recording's scenario computes them. They replace logged ones, so this is for recordings that
-    lack beliefs. The scenario's network delivers the messages, since logs do not say which ones the real radio
-    delivered.
+    lack beliefs. Logs do not say which messages the real radio delivered: each is lost at random, with the share that
+    the session's log counts; where it counts none, the scenario's network delivers them.
 
     Args:
         seed: of the random numbers of strategy and network.
     """
-    motion = Motion(samples=recording.motion, ends=recording.ends, segments=recording.segments)
-    inference, finals = infer(recording.scenario, seed, motion, recording.observations)
+    replayed = []
+    for run, of_session in _with_losses(recording, recording.scenario):
+        of_run = pl.col("run") == run
+        motion = Motion(
+            samples=recording.motion.filter(of_run),
+            ends=recording.ends.filter(of_run),
+            segments=None if recording.segments is None else recording.segments.filter(of_run),
+        )
+        replayed.append(infer(of_session, seed, motion, recording.observations.filter(of_run)))
+    inference, finals = (pl.concat(tables) for tables in zip(*replayed, strict=True))
     robots, runs = outcome_tables(recording.scenario, recording.floor_by_run, finals, recording.ends)
     # As in ``_replayed``: people ended the session.
     return replace(recording, inference=inference, robots=robots, runs=runs.with_columns(stopped_early=False))

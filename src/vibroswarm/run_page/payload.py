@@ -209,7 +209,9 @@ class RunRecord:
     maps: MapsOverTime | None = None
     """The robots' maps of the floor; None: they keep none."""
     reports: tuple[ReportOverTime, ...] = ()
-    """What robots report over time."""
+    """What robots report over time, of each value that is shown."""
+    reported: int = 0
+    """Number of values that robots report; those that ``reports`` lacks are not shown."""
     radio: MessageLog | None = None
     """The run's messages; None: every robot hears all messages, or it is not known which robots heard them."""
 
@@ -347,7 +349,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "samples": {name: packed_column(column) for name, column in _samples(samples).items()},
         "places": None if record.places is None else _places(samples, record.places),
         "maps": None if record.maps is None else _maps(record.maps),
-        **({"reports": _reports(record)} if record.reports else {}),
+        **({"reports": _reports(record), "reported": record.reported} if record.reports else {}),
         "poses": _poses(record),
         "faults": [
             {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}

@@ -191,7 +191,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         places=None if result.places is None else result.places.filter(of_run),
         maps=_maps_of(result, run, summary["end_s"]),
         radio=_radio_of(result, run),
-        reports=_reports_of(result, run),
+        **_reports_of(result, run),
         notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
         details=_details_of(result),
         **_rules_of(scenario, floor_at_end),
@@ -310,18 +310,22 @@ MOST_REPORTS: Final = 12
 """Most values that a page shows of what robots report, the first ones."""
 
 
-def _reports_of(result: Result, run: int) -> tuple[ReportOverTime, ...]:
-    """Return what robots reported after each sample of a run, sorted by robot and sample."""
+def _reports_of(result: Result, run: int) -> dict[str, Any]:
+    """Return what robots reported after each sample of a run, sorted by robot and sample, and how many values.
+
+    The keys are names of the record's fields.
+    """
     told = reports_over_time(result, run)
     if told.is_empty():
-        return ()
-    names = told["name"].unique(maintain_order=True).to_list()[:MOST_REPORTS]
+        return {}
+    every_name = told["name"].unique(maintain_order=True).to_list()
+    names = every_name[:MOST_REPORTS]
     samples = result.motion.filter(pl.col("run") == run).sort("robot", "sample").select("robot", "time_s")
     wide = told.pivot("name", index=["robot", "time_s"], values="value")
     values = samples.join(wide, on=["robot", "time_s"], how="left", maintain_order="left")
     headings, estimates = report_headings(result, names), estimates_of(result)
     truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
-    return tuple(
+    reports = tuple(
         ReportOverTime(
             headings[name],
             values[name].fill_null(math.nan).to_numpy().astype(np.float32),
@@ -329,6 +333,7 @@ def _reports_of(result: Result, run: int) -> tuple[ReportOverTime, ...]:
         )
         for name in names
     )
+    return {"reports": reports, "reported": len(every_name)}
 
 
 MAX_RADIO: Final = 4_000_000

@@ -34,6 +34,8 @@ def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: s
     first = error.errors(include_url=False)[0]
     name = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
+        if suggest(name) == f", did you mean '{name}'?":  # "run.t_end_s" = 60.0, which is right in [grid]
+            return InputError("is a key with a dot; in TOML, write it without quotes", field=prefix + name)
         return InputError(f"there is no such field{suggest(name)}", field=prefix + name)
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):  # raised by a check across fields, which has named the field already

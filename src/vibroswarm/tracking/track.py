@@ -195,6 +195,13 @@ def track(
         ("robots'", list(markers.robots), is_seen.any()),
         ("floor's", list(markers.floor), bool(seen.floor_px)),
     ):
+        twice = sorted({marker for _, marker in seen.twice}.intersection(wanted))
+        if not is_there and twice:
+            raise InputError(
+                f"shows the {whose} markers {twice} at two places of a frame, never at one; if it shows several "
+                "arenas, crop it to one",
+                field=str(video),
+            )
         if not is_there:
             raise InputError(
                 f"shows none of the {whose} markers {wanted} (dictionary {markers.dictionary}): "

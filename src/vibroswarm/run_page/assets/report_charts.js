@@ -5,8 +5,9 @@ const reportCharts = [];
 
 function buildReports() {
   byId("reports-section").hidden = !run.reports.length;
-  const estimates = run.reports.some(({ truth }) => truth !== null);
-  say(byId("reports-lead"), `After its samples, a line for each robot.${estimates ? " Dashed: the true number." : ""}`);
+  const estimates = run.reports.some(({ truth }) => truth !== null) ? " Dashed: the true number." : "";
+  const shown = run.reports.length, some = shown < run.reported ? ` The first ${shown} of ${run.reported} values.` : "";
+  say(byId("reports-lead"), `After its samples, a line for each robot.${estimates}${some}`);
   for (const report of run.reports) {
     const canvas = make("canvas", ""), now = make("output", "");
     canvas.setAttribute("role", "img");
