@@ -8,8 +8,8 @@ rows; a third process that loads both would run the wrong one.
 from __future__ import annotations
 
 import gc
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -198,25 +198,16 @@ def test_threads_that_compile_at_once_leave_the_users_settings() -> None:
     from vibroswarm.core.jit import _settings
 
     before = gc.isenabled(), config.SLP_VECTORIZE
-    began = threading.Event()
 
-    def first() -> None:
+    def compile_for(seconds: float) -> None:
         with _settings(True):
-            began.set()
-            time.sleep(0.3)
+            time.sleep(seconds)
 
-    def second() -> None:
-        began.wait()
-        with _settings(True):
-            time.sleep(0.5)
-
-    threads = [threading.Thread(target=first), threading.Thread(target=second)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert (gc.isenabled(), config.SLP_VECTORIZE) == before
-    assert gc.isenabled()
+    with ThreadPoolExecutor(2) as threads:
+        threads.submit(compile_for, 0.3)
+        time.sleep(0.1)
+        threads.submit(compile_for, 0.5)
+    assert before == (True, config.SLP_VECTORIZE) == (gc.isenabled(), before[1])
 
 
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")

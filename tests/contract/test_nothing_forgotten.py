@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import pytest
 from pydantic import Field
@@ -125,12 +125,4 @@ def test_a_key_that_leaves_a_field_out_is_seen(monkeypatch: pytest.MonkeyPatch) 
     one, other = pair("strategy.probe.second")
     monkeypatch.setattr(Scenario, "hash", property(forgetful))
     assert one.hash == other.hash
-    motions, replays = _forgotten(one, other)
-    assert (motions, replays) == (1, 1)
-
-
-def _forgotten(one: Scenario, other: Scenario) -> tuple[Any, Any]:
-    name = "strategy.probe.second"
-    values = [value_of(one, name), value_of(other, name)]
-    plan = plan_of(Study(one.model_dump(exclude_none=True), {"grid": {name: values}}, runs=1))
-    return len(plan.groups), plan.inferences
+    assert groups_of(one, other, "strategy.probe.second") == (1, 1)

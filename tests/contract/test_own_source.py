@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from helpers.walk_checks import TABLE_CHECKS, Check, check_pieces
+from helpers.result_outcomes import assert_same_outcomes, from_result
+from helpers.walk_checks import TABLE_CHECKS, Check
 from vibroswarm import simulate
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.closed_loop import max_samples
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, Motion, Source, register, source
+from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import lattice_sites, start_region
@@ -88,20 +91,6 @@ def test_it_keeps_the_contract(check: Check) -> None:
     check(STANDING)
 
 
-def test_the_suite_rejects_one_that_forgets_what_it_has_given() -> None:
-    """Negative control."""
-
-    class Forgetful(Standing):
-        def advance(self, until_s: float) -> Motion:
-            self.tick = 0
-            return super().advance(until_s)
-
-    with pytest.raises(AssertionError):
-        check_pieces(
-            Source("forgetful", lambda scenario, seed, run, **wanted: Forgetful(scenario, seed, run))
-        )
-
-
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])
 def test_scenarios_run_on_it(stop: str) -> None:
     scenario = Scenario().with_values(
@@ -121,6 +110,8 @@ def test_scenarios_run_on_it(stop: str) -> None:
     assert result.inference["decision"].n_unique() > 1, "somebody decides"
     if stop == "t_end":
         assert told[-1] == 1.0
+        (found,) = outcomes_of([scenario], 3, [0, 2], "standing")
+        assert_same_outcomes(found, from_result(result))
     else:
         assert result.motion.height < 2 * 39 * scenario.swarm.robots
 
@@ -162,20 +153,15 @@ def simulate_with(change: Callable[[Motion], Motion], stop: str) -> Result:
     return simulate(Scenario().with_values(values), 3, [0, 2], motion="standing")
 
 
-def with_moves(change: Callable[[pl.DataFrame], pl.DataFrame]) -> Callable[[Motion], Motion]:
-    return lambda piece: replace(piece, moves=change(piece.moves))
+def with_table(name: str, change: Callable[[pl.DataFrame], object]) -> Callable[[Motion], Motion]:
+    return lambda piece: replace(piece, **{name: change(getattr(piece, name))})
+
+
+with_moves, with_samples, with_ends = (partial(with_table, name) for name in ("moves", "samples", "ends"))
 
 
 def with_failures(table: object) -> Callable[[Motion], Motion]:
-    return lambda piece: replace(piece, failures=table)
-
-
-def with_samples(change: Callable[[pl.DataFrame], object]) -> Callable[[Motion], Motion]:
-    return lambda piece: replace(piece, samples=change(piece.samples))
-
-
-def with_ends(change: Callable[[pl.DataFrame], object]) -> Callable[[Motion], Motion]:
-    return lambda piece: replace(piece, ends=change(piece.ends))
+    return with_table("failures", lambda none: table)
 
 
 UNKNOWN = pl.lit(None, pl.Float64)

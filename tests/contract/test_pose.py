@@ -46,16 +46,6 @@ def test_pose_is_on_the_arc(case: Case) -> None:
     assert largest_gap(case, at_starts) > 1e-4  # negative control
 
 
-@pytest.mark.parametrize("case", OF_THREE_RAYS, ids=lambda case: case.name)
-def test_pose_at_samples_is_that_of_the_samples(case: Case) -> None:
-    motion = motion_of(FIXED_STEP, case)
-    assert motion.segments is not None
-    for (run, robot), rows in motion.samples.group_by("run", "robot"):
-        found = pose(motion.segments, int(run), int(robot), rows["time_s"])  # type: ignore[call-overload]
-        expected = rows.select("x_m", "y_m", "heading_rad").to_numpy()
-        np.testing.assert_allclose(found, expected, atol=1e-9)
-
-
 @pytest.mark.parametrize("case", CASES[:2], ids=lambda case: case.name)
 def test_pose_at_the_beginning_of_a_segment_is_the_segments_own(case: Case) -> None:
     """From the very first on, at time 0."""

@@ -472,12 +472,6 @@ def test_a_scheduler_file_that_is_none(tmp_path: Path, monkeypatch: pytest.Monke
             pass
 
 
-@pytest.mark.parametrize("count", [0, -1])
-def test_too_few_workers(count: int) -> None:
-    with pytest.raises(InputError, match="whole number from 1"):
-        STUDY.run(workers=count)
-
-
 def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
     ours, theirs = FORKED.Pipe()
     process = begin(begin_another, theirs)

@@ -25,7 +25,7 @@ from vibroswarm.observation.decision_boundary import (
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fields import Sensor
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 PAPER, CALIBRATED = preset("paper"), preset("calibrated")
@@ -62,8 +62,8 @@ def test_the_mean_over_all_floors_of_a_grid(
         assert mean.detected + mean.spillover == pytest.approx(np.mean(found), abs=1e-12)
 
 
-@pytest.mark.parametrize("width_m", [0.05, 0.2, 1.0, 30.0])
-@pytest.mark.parametrize(("reach_m", "blur_m"), [(0.01, None), (-0.01, None), (0.01, 0.008), (0.004, 0.001)])
+@pytest.mark.parametrize("width_m", [0.05, 0.2, 30.0])
+@pytest.mark.parametrize(("reach_m", "blur_m"), [(-0.01, None), (0.01, 0.008)])
 def test_one_straight_edge_by_theory(width_m: float, reach_m: float, blur_m: float | None) -> None:
     """A floor of two halves: the vibrating one is larger by the reach, whatever the blur and the size of the tiles."""
     sensor, floor = (
@@ -79,7 +79,7 @@ def test_one_straight_edge_by_theory(width_m: float, reach_m: float, blur_m: flo
 def test_lanes_that_are_alike_may_be_taken_together() -> None:
     """A larger floor, where one lane of tiles stands for many, against random floors."""
     scenario = CALIBRATED.with_values({"floor.rows": 8, "floor.columns": 9, "floor.source": "random:0.375"})
-    shares = [expected_ones_on(scenario.sensor, scenario.floor_for(3, run), (1.0, 1.0)) for run in range(150)]
+    shares = [expected_ones_on(scenario.sensor, scenario.floor_for(3, run), (1.0, 1.0)) for run in range(80)]
     error = np.std(shares) / np.sqrt(len(shares))
     assert abs(np.mean(shares) - expected_ones(scenario, 0.375)) < 3.5 * error
     assert abs(np.mean(shares) - expected_ones(scenario, 0.389)) > 3.5 * error  # one tile more would be seen
@@ -208,9 +208,3 @@ def test_undamaged_floors_no_longer_raise_an_alarm() -> None:
     # And so do robots that think their sensor better than it is.
     better = {**TILES, "decision.assumed_false_positive": 0.05}
     assert share_that_says_more(0.0, 40, **better)[0] > 0.9
-
-
-def test_a_scenario_keeps_what_robots_assume() -> None:
-    asked = PAPER.with_values({**TILES, "decision.assumed_false_positive": 0.2})
-    assert Scenario.from_toml(asked.to_toml()) == asked
-    assert asked.hash != PAPER.with_values(TILES).hash != PAPER.hash

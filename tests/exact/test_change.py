@@ -212,10 +212,6 @@ def scenario(**values: Any) -> Scenario:
     return preset("paper").with_values({"floor.source": "random:0.4", **SHORT, **values})
 
 
-def tables(result: Result) -> dict[str, pl.DataFrame]:
-    return {name: getattr(result, name) for name in ("motion", "observations", "inference", "robots")}
-
-
 def test_a_change_after_the_end_changes_nothing() -> None:
     still = scenario(**{"change.at_s": None, "change.to": None})
     later = simulate(scenario(**{"change.at_s": 120.5}), 2, 3)
@@ -242,16 +238,16 @@ def test_samples_read_the_floor_as_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    "values",
-    [{}, {"change.at_s": None, "change.to": None, "change.rate_per_h": 120.0}],
+    ("values", "preset_name"),
+    [({}, "calibrated"), ({"change.at_s": None, "change.to": None, "change.rate_per_h": 120.0}, "paper")],
     ids=["inverted", "chain"],
 )
-@pytest.mark.parametrize("preset_name", ["paper", "calibrated"])
 def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: str) -> None:
     """With edges, factors of tiles and robots, energies and estimated places, too."""
     one = preset(preset_name).with_values({"floor.source": "random:0.4", **SHORT, **values})
     assert list(in_pieces([(preset_name, one.with_values({"strategy.name": "soft"}))])) == []
     places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
+    places["network.name"] = "ideal"  # for which other tests compile the kernel
     assert list(in_pieces([("places", one.with_values(places))])) == []
 
 
@@ -386,17 +382,6 @@ def test_changes_of_a_floor_are_checked() -> None:
     ):
         with pytest.raises(InputError):
             Floor([[0, 1]], 1.0, 1.0, changes=wrong)
-
-
-def test_a_scenario_without_change_has_the_hash_that_it_had() -> None:
-    paper = preset("paper")
-    assert "change" not in paper.to_toml()
-    assert (
-        paper.with_values(INVERTED).with_values({"change.at_s": None, "change.to": None}).hash == paper.hash
-    )
-    changed = paper.with_values(INVERTED)
-    assert changed.hash != paper.hash
-    assert Scenario.from_toml(changed.to_toml()) == changed
 
 
 def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -216,18 +215,6 @@ def test_an_observed_share_counts_tiles_alike_and_knows_its_error() -> None:
     assert 0.92 <= np.mean(held) <= 0.98
     none = observed_share([-1], [1])
     assert (none.tiles, none.effective_samples) == (0, 0.0)
-
-
-def test_what_cannot_be_decided_is_decided_wrongly_by_the_swarm() -> None:
-    values = {"sensor.rms_threshold": 1.8, "floor.source": "random:0.52"}
-    scenario = PAPER.with_values(values)
-    assert decidability(scenario).verdict == "wrong side"
-    decided = simulate(scenario, 3, 20, energies=False).robots.filter(pl.col("decision") != -1)
-    assert (decided["decision"] == 0).mean() > 0.9
-    right = simulate(
-        PAPER.with_values({**values, "sensor.rms_threshold": 1.33}), 3, 20, energies=False
-    ).robots
-    assert (right.filter(pl.col("decision") != -1)["decision"] == 1).mean() > 0.6
 
 
 def test_a_floor_outside_the_arena_is_refused() -> None:

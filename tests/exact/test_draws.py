@@ -73,20 +73,13 @@ def independence_p(u: NDArray[np.float64]) -> float:
 THRESHOLD = 1e-3 / (2 * len(PARTS) * len(BASES))
 
 
-@pytest.mark.parametrize(("counter", "key", "answer"), KNOWN)
-def test_philox_gives_the_published_answers(
-    counter: tuple[int, ...], key: tuple[int, ...], answer: tuple[int, ...]
-) -> None:
-    assert tuple(int(word) for word in philox4x32(*counter, *key)) == answer  # plain Python, as it is inlined
-    assert tuple(int(word) for word in numba.njit(plain(philox4x32))(*counter, *key)) == answer
-
-
-def test_uniform_is_made_of_the_first_52_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    word, other = KNOWN[0][2][:2]
-    expected = (((word << 20) | (other >> 12)) + 0.5) / 2**52
-    assert uniform(0, 0, 0, 0, 0, 0) == expected
-    monkeypatch.setattr(rng, "philox4x32", plain(philox4x32))
-    assert plain(uniform)(0, 0, 0, 0, 0, 0) == expected
+def test_philox_gives_the_published_answers() -> None:
+    compiled = numba.njit(plain(philox4x32))
+    for counter, key, answer in KNOWN:
+        assert (
+            tuple(int(word) for word in philox4x32(*counter, *key)) == answer
+        )  # plain Python, as it is inlined
+        assert tuple(int(word) for word in compiled(*counter, *key)) == answer
 
 
 @pytest.mark.parametrize("words", [(0, 0), (ONES, ONES)])
@@ -112,8 +105,6 @@ def test_each_part_of_the_address_goes_to_its_own_word() -> None:
         (0, 0, 0, 0, 0, 0),
         (2**63 - 1, 2**32 - 1, 2**16 - 1, 10, 2**32 - 1, 2**32 - 1),
         (2**32, 5, 4, 3, 2, 1),
-        (2**63 - 1, 0, 0, 8, 0, 0),
-        (17, 2**32 - 1, 9999, 7, 123456, 9998),
     ],
 )
 def test_compiled_equals_plain_python(address: Address, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,24 +112,6 @@ def test_compiled_equals_plain_python(address: Address, monkeypatch: pytest.Monk
     monkeypatch.setattr(rng, "philox4x32", plain(philox4x32))
     assert plain(uniform)(*address) == compiled
     assert 0.0 < compiled < 1.0
-
-
-def test_both_halves_of_a_seed_matter() -> None:
-    seeds = [1, 2**31, 2**32, 2**32 + 1, 2**62, 2**63 - 1, 2**63 - 2]
-    assert len({uniform(seed, 0, 0, 0, 0, 0) for seed in seeds}) == len(seeds)
-
-
-def test_addresses_do_not_share_numbers() -> None:
-    addresses = [
-        (seed, run, robot, int(purpose), index, peer)
-        for seed in (1, 2)
-        for run in range(4)
-        for robot in range(4)
-        for purpose in Purpose
-        for index in range(4)
-        for peer in range(4)
-    ]
-    assert len({uniform(*address) for address in addresses}) == len(addresses)
 
 
 @pytest.mark.parametrize("base", BASES)
@@ -185,12 +158,7 @@ def test_checks_see_a_part_of_the_address_that_is_ignored() -> None:
     assert independence_p(u) < THRESHOLD
 
 
-def test_uniforms_are_the_numbers_of_consecutive_indices() -> None:
-    expected = [uniform(3, 4, 5, int(Purpose.LOSS), 7 + k, 0) for k in range(20)]
-    assert uniforms(3, 4, 5, Purpose.LOSS, 20, first=7).tolist() == expected
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 16, 31, 64, 257])
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 31, 257])
 def test_numbers_drawn_in_vectors_are_those_drawn_one_by_one(count: int) -> None:
     """Whole vectors and what is left over, across the index at which the counter starts again."""
     for first in (0, 5, 2**32 - 9):

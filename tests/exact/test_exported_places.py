@@ -101,10 +101,14 @@ def check_inspection(inspection: Any, swarm: Swarm, least: int) -> None:
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_c_in_double_precision_is_the_plain_program_bit_by_bit(swarm: Swarm, tmp_path: Path) -> None:
     program = built(SCENARIO, tmp_path, precision=3)
-    for fed, did in zip(swarm.short, swarm.did, strict=True):
-        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
-    for fed, walked in zip(swarm.whole, swarm.walked, strict=True):
-        assert np.array(run_program(program, fed)).tobytes() == np.array(walked).tobytes()
+    assert_same_bits(program, swarm.short, swarm.did)
+    assert_same_bits(program, swarm.whole, swarm.walked)
+
+
+def assert_same_bits(program: Path, fed: list[list[float]], expected: list[list[float]]) -> None:
+    """A program that is fed what each robot measured gives these numbers, bit by bit."""
+    for events_of_robot, numbers in zip(fed, expected, strict=True):
+        assert np.array(run_program(program, events_of_robot)).tobytes() == np.array(numbers).tobytes()
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -129,11 +133,7 @@ def test_robots_of_field_do_the_same_in_python_and_c(tmp_path: Path) -> None:
     inspection = simulate(scenario, SEED, [0])
     swarm = driven(scenario, inspection)
     check_inspection(inspection, swarm, least=8)
-    program = built(scenario, tmp_path / "double", precision=3, optimise="-O0")
-    mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
-    for fed, did in zip(swarm.short, swarm.did, strict=True):
-        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
-        check_events(run_program(mixed, fed), did, swarm)
+    check_c(scenario, swarm, tmp_path)
 
 
 @pytest.mark.slow
@@ -146,11 +146,7 @@ def test_a_prior_that_tiles_share_does_the_same_in_python_and_c(tmp_path: Path) 
     assert not inspection.inference["belief_below"].equals(independent.inference["belief_below"])
     swarm = driven(scenario, inspection)
     check_inspection(inspection, swarm, least=18)
-    program = built(scenario, tmp_path / "double", precision=3, optimise="-O0")
-    mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
-    for fed, did in zip(swarm.short, swarm.did, strict=True):
-        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
-        check_events(run_program(mixed, fed), did, swarm)
+    check_c(scenario, swarm, tmp_path)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -172,11 +168,17 @@ def test_robots_that_map_three_kinds_do_the_same_in_python_and_c(tmp_path: Path)
     for i, robot in enumerate(swarm.robots):
         maps = inspection.reports.filter(name="by_kind", robot=i).sort("index")["value"]
         np.testing.assert_allclose(robot.arrays.by_kind, maps, rtol=0, atol=1e-6)
-    program = built(scenario, tmp_path / "double", precision=3, optimise="-O0")
-    mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
+    check_c(scenario, swarm, tmp_path)
+
+
+def check_c(scenario: Scenario, swarm: Swarm, folder: Path) -> Path:
+    """C in double precision gives the same bits, with arrays of float the same events; return the former."""
+    double = built(scenario, folder / "double", precision=3, optimise="-O0")
+    mixed = built(scenario, folder / "mixed", precision=2, optimise="-O0")
+    assert_same_bits(double, swarm.short, swarm.did)
     for fed, did in zip(swarm.short, swarm.did, strict=True):
-        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
         check_events(run_program(mixed, fed), did, swarm)
+    return double
 
 
 def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
@@ -280,13 +282,7 @@ def test_a_robot_with_too_much_work_stands_and_does_all_of_it() -> None:
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_robots_that_steer_do_the_same_in_python_and_c(exploring: tuple[Any, Swarm], tmp_path: Path) -> None:
     _, swarm = exploring
-    double = built(EXPLORE, tmp_path / "double", precision=3, optimise="-O0")
-    mixed = built(EXPLORE, tmp_path / "mixed", precision=2, optimise="-O0")
-    for fed, did in zip(swarm.short, swarm.did, strict=True):
-        assert np.array(run_program(double, fed)).tobytes() == np.array(did).tobytes()
-        check_events(run_program(mixed, fed), did, swarm)
-    for fed, walked in zip(swarm.whole, swarm.walked, strict=True):
-        assert np.array(run_program(double, fed)).tobytes() == np.array(walked).tobytes()
+    assert_same_bits(check_c(EXPLORE, swarm, tmp_path), swarm.whole, swarm.walked)
 
 
 @needs_arm

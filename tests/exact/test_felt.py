@@ -48,19 +48,6 @@ def share_of_ones(sensor: Sensor, x_m: float, count: int = 4000) -> float:
     return float(table["observation"].mean())  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("reach_m", [-0.01, 0.0, 0.012])
-@pytest.mark.parametrize("x_m", [0.47, 0.499, 0.501, 0.51, 0.53])
-def test_near_an_edge_it_is_felt_as_often_as_the_normal_distribution_says(reach_m: float, x_m: float) -> None:
-    sensor = Sensor(edge_reach_m=reach_m, edge_blur_m=0.015, **CERTAIN)
-    expected = float(stats.norm.cdf((reach_m - (x_m - 0.5)) / 0.015))
-    found = share_of_ones(sensor, x_m)
-    assert abs(found - expected) < 4 * np.sqrt(expected * (1 - expected) / 4000) + 1e-9
-    # Negative control: with half the blur it would be seen.
-    other = float(stats.norm.cdf((reach_m - (x_m - 0.5)) / 0.0075))
-    if abs(other - expected) > 0.1:
-        assert abs(found - other) > 4 * np.sqrt(expected * (1 - expected) / 4000)
-
-
 def test_without_blur_vibrating_tiles_are_larger_by_the_reach() -> None:
     sensor = Sensor(edge_reach_m=0.02, **CERTAIN)
     assert [share_of_ones(sensor, x, 20) for x in (0.49, 0.519, 0.521)] == [1.0, 1.0, 0.0]
@@ -198,11 +185,6 @@ def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:
     assert sensed_shares_on(Sensor(), floor, (1.0, 1.0)) == pytest.approx(
         (floor.fill_ratio, floor.fill_ratio, 0.0)
     )
-
-
-def test_all_of_it_is_off_in_the_paper() -> None:
-    for field in ("edge_reach_m", "edge_blur_m", "tile_spread", "robot_spread"):
-        assert getattr(preset("paper").sensor, field) is None
 
 
 def test_too_many_factors_are_refused() -> None:

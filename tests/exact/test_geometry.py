@@ -6,15 +6,13 @@ import math
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.motion.control_step import ROBOT, nearest_m
-from vibroswarm.motion.fixed_step import FIXED_STEP
-from vibroswarm.motion.geometry import arc, disc_distance, wall_distance, wrapped_rad
+from vibroswarm.motion.geometry import arc, wall_distance, wrapped_rad
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.scenario.scenario import Scenario
 
@@ -56,18 +54,6 @@ def test_steps_that_go_straight_are_told_from_an_arc() -> None:
     assert arc_error(euler, 0.3, 0.7, 0.4, 0.055, 2.4, 0.02) > 1e-5
 
 
-def test_an_arc_is_the_limit_of_small_steps() -> None:
-    """Midpoint integration, of second order: 20,000 steps over 2 s."""
-    x, y, h, v, w, t, steps = 0.1, 0.2, 0.3, 0.055, -1.7, 2.0, 20_000
-    heading = h + w * t / steps * (np.arange(steps) + 0.5)
-    expected = (
-        x + v * t / steps * np.cos(heading).sum(),
-        y + v * t / steps * np.sin(heading).sum(),
-        h + w * t,
-    )
-    np.testing.assert_allclose(arc(x, y, h, v, w, t), expected, atol=1e-9)
-
-
 @given(angles, speeds, st.floats(0, 10))
 @settings(deadline=None, max_examples=100)
 def test_without_turning_it_goes_straight(h: float, v: float, t: float) -> None:
@@ -84,11 +70,6 @@ def test_an_arc_is_smooth_where_the_series_takes_over(w: float) -> None:
     bend = 0.5 * w * t
     expected = (v * t * (math.cos(h) - bend * math.sin(h)), v * t * (math.sin(h) + bend * math.cos(h)))
     np.testing.assert_allclose(arc(0.0, 0.0, h, v, w, t)[:2], expected, atol=v * t * (w * t) ** 2 + 1e-18)
-
-
-def test_two_arcs_after_one_another_are_one() -> None:
-    one = arc(*arc(0.1, 0.2, 0.3, 0.05, 1.1, 0.7), 0.05, 1.1, 0.5)
-    np.testing.assert_allclose(one, arc(0.1, 0.2, 0.3, 0.05, 1.1, 1.2), atol=1e-15)
 
 
 @settings(deadline=None, max_examples=200)
@@ -136,23 +117,6 @@ def march(
     return t
 
 
-NO_DISCS = np.empty((0, 2))
-
-
-@settings(deadline=None, max_examples=200)
-@given(st.floats(0.001, 0.999), st.floats(0.001, 1.999), angles)
-def test_distance_to_the_walls(x: float, y: float, h: float) -> None:
-    dx, dy = math.cos(h), math.sin(h)
-    expected = march(x, y, dx, dy, 1.0, 2.0, NO_DISCS, 0.0, 10.0)
-    # Marching stops 1e-11 before the wall, along the ray further where it is oblique.
-    t = wall_distance(x, y, dx, dy, 1.0, 2.0)
-    end_x, end_y = x + t * dx, y + t * dy
-    assert min(end_x, end_y, 1.0 - end_x, 2.0 - end_y) == pytest.approx(0.0, abs=1e-12)
-    assert t >= expected - 1e-12
-    oblique = min(abs(side) for side in (dx, dy) if abs(side) > 1e-9)
-    assert t == pytest.approx(expected, abs=1e-10 / oblique + 1e-10)
-
-
 @pytest.mark.parametrize(
     ("direction", "expected"), [((1, 0), 0.75), ((-1, 0), 0.25), ((0, 1), 1.5), ((0, -1), 0.5)]
 )
@@ -163,33 +127,6 @@ def test_distance_along_the_axes(direction: tuple[int, int], expected: float) ->
 @pytest.mark.parametrize("place", [(-0.1, 0.5), (0.5, -0.1), (1.1, 0.5), (0.5, 2.1), (0.0, 0.5), (1.0, 0.5)])
 def test_from_outside_the_wall_is_at_zero(place: tuple[float, float]) -> None:
     assert wall_distance(*place, 1.0, 0.0, 1.0, 2.0) == 0.0
-
-
-@settings(deadline=None, max_examples=300)
-@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), angles, st.floats(0.001, 0.1))
-def test_distance_to_a_disc(cx: float, cy: float, h: float, radius: float) -> None:
-    dx, dy = math.cos(h), math.sin(h)
-    got = disc_distance(0.0, 0.0, dx, dy, cx, cy, radius)
-    assume(abs(math.hypot(cx, cy) - radius) > 1e-12)  # on the rim itself rounding decides
-    if math.hypot(cx, cy) <= radius:
-        assert got == 0.0
-        return
-    # Roots of |t d - c|^2 = r^2.
-    roots = np.roots([1.0, -2 * (cx * dx + cy * dy), cx * cx + cy * cy - radius**2])
-    aside = abs(cx * dy - cy * dx)
-    assume(abs(aside - radius) > 1e-6)  # at a graze the root is anyone's
-    ahead = [root.real for root in roots if abs(root.imag) < 1e-12 and root.real > 0]
-    if aside < radius and ahead:
-        assert got == pytest.approx(min(ahead), abs=1e-10)
-    else:
-        assert got == math.inf
-
-
-def test_disc_by_hand() -> None:
-    assert disc_distance(0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 0.1) == pytest.approx(0.4)
-    assert disc_distance(0.0, 0.0, -1.0, 0.0, 0.5, 0.0, 0.1) == math.inf  # behind
-    assert disc_distance(0.0, 0.0, 1.0, 0.0, 0.5, 0.2, 0.1) == math.inf  # beside
-    assert disc_distance(0.0, 0.0, 1.0, 0.0, 0.05, 0.0, 0.1) == 0.0  # inside
 
 
 def seen_wrongly(scenario: Scenario, brute: Scenario, count: int = 40, seed: int = 4) -> int:
@@ -258,51 +195,3 @@ def test_marching_sees_other_rays(changes: dict[str, Any]) -> None:
 
 
 # Speed and veer of a leg
-
-EVEN: dict[str, Any] = {
-    "arena.width_m": 1000.0,
-    "arena.height_m": 1000.0,
-    "swarm.start_margin_m": 499.0,
-    "swarm.robots": 1,
-    "robot.speed_factor_min": 1.0,
-    "robot.speed_factor_max": 1.0,
-    "robot.battery_life_s": 1e12,
-    "sample.sample_interval_ms": 1e9,
-    "walk.leg_min_ms": 1e9,
-    "walk.leg_max_ms": 1e9,
-    "run.t_end_s": 100.0,
-}
-
-
-def leg(misalignment: float) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The only segment that drives, and the end, of a robot with this misalignment."""
-    even = EVEN | {"robot.misalignment_min": misalignment, "robot.misalignment_max": misalignment}
-    motion = FIXED_STEP.batch(Scenario().with_values(even), 1, [0], True)
-    assert motion.segments is not None
-    drives = motion.segments.filter(pl.col("kind") == "drive")
-    assert drives.height == 1
-    return drives.row(0, named=True), motion.ends.row(0, named=True)
-
-
-def test_a_straight_leg_is_driven_at_full_speed() -> None:
-    start, end = leg(0.0)
-    assert start["speed_m_s"] == pytest.approx(0.0549, rel=1e-12)
-    assert start["turn_rate_rad_s"] == 0.0
-    driven_s = end["end_s"] - start["start_s"]
-    assert driven_s == pytest.approx(99.98)
-    away = (end["x_m"] - start["x_m"], end["y_m"] - start["y_m"])
-    heading = start["heading_rad"]
-    expected = (0.0549 * driven_s * math.cos(heading), 0.0549 * driven_s * math.sin(heading))
-    assert away == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize("misalignment", [0.07, -0.1, 0.001])
-def test_a_misaligned_robot_veers(misalignment: float) -> None:
-    """Left wheel (1 - m), right wheel (1 + m): turn rate 2 m v / track, speed unchanged."""
-    start, end = leg(misalignment)
-    rate = 2 * misalignment * 0.0549 / 0.0394
-    assert start["turn_rate_rad_s"] == pytest.approx(rate, rel=1e-12)
-    assert start["speed_m_s"] == pytest.approx(0.0549, rel=1e-12)
-    driven_s = end["end_s"] - start["start_s"]
-    expected = closed_arc(start["x_m"], start["y_m"], start["heading_rad"], 0.0549, rate, driven_s)
-    assert (end["x_m"], end["y_m"]) == pytest.approx(expected[:2], abs=1e-9)

@@ -20,7 +20,6 @@ from vibroswarm.inspection.damage import (
     drawn_values,
     interpolated,
     patch_of,
-    random_places,
     ratios_at,
     sensed,
     tables_of,
@@ -158,14 +157,6 @@ def test_shares_of_patches_are_their_areas() -> None:
     assert blurred.mean() == pytest.approx((0.3 + 2 * reach) ** 2, abs=0.006)
 
 
-def test_random_places_keep_patches_within_the_surface() -> None:
-    x, y = random_places(np.random.default_rng(4), np.full(1000, 0.3), (1.0, 0.5))
-    assert x.min() >= 0.15
-    assert x.max() <= 0.85
-    assert y.min() >= 0.15
-    assert y.max() <= 0.35
-
-
 def test_tables_are_the_laws() -> None:
     u = np.array([0.01, 0.3, 0.7, 0.99])
     for law in (LAW, CALIBRATED):
@@ -299,17 +290,6 @@ def test_false_calls_of_repeated_looks_are_those_of_their_own_threshold() -> Non
     assert 0 < reached.argmax() < 7
     assert reached[-1]
     assert (found.looks, found.called_s) == (8, times_s[reached.argmax()])
-
-
-def test_a_threshold_from_the_plates_that_are_judged_says_nothing_of_others() -> None:
-    """The control: on the same 20 plates false calls are 5 % whatever they are, on fresh ones more."""
-    samples = replace(drawn_samples(6, count=120, spread_m=0.0), law=LAW)
-    patches = declared(samples.size_m, SIDES_M)
-    plates = intact_statistics(samples, patches, shares_of(samples, patches), 4000, 3).reshape(100, 40)
-    own, fresh = plates[:, :20], plates[:, 20:]
-    critical = np.quantile(own, 0.95, axis=1)[:, None]
-    assert np.unique((own >= critical).mean(axis=1)) == pytest.approx([0.05])
-    assert (fresh >= critical).mean() > 0.06
 
 
 def test_a_place_without_samples_is_not_called() -> None:

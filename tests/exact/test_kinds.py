@@ -21,7 +21,7 @@ from vibroswarm.floors.source import named_tiles
 from vibroswarm.inference.agents import world_of
 from vibroswarm.observation.energy_model import energies_of, shares_below
 from vibroswarm.robot.belief import belief_below
-from vibroswarm.robot.most_common import gamma_below, most_common_belief
+from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import sensor as sensor_of
 from vibroswarm.strategies.drawn_kind import drawn_kind
@@ -87,14 +87,6 @@ def test_of_large_counts_it_is_what_random_shares_give() -> None:
     np.testing.assert_allclose(found, frequency, atol=4 * 0.5 / np.sqrt(len(shares)))
     # A control: the belief by the largest pair alone is not that.
     assert abs(1 - belief_below(620, 600, 0.5) - found[0]) > 0.02
-
-
-@pytest.mark.parametrize("a", [1, 2, 30, 4000])
-def test_distribution_function_of_gamma(a: int) -> None:
-    from scipy.special import gammainc
-
-    for x in np.r_[1e-9, a * np.array([0.2, 0.9, 1.0, 1.1, 2.5])]:
-        assert gamma_below(a, float(x)) == pytest.approx(float(gammainc(a, x)), abs=1e-12)
 
 
 @settings(deadline=None, max_examples=60, derandomize=True)
@@ -264,16 +256,6 @@ def test_what_does_not_fit_is_refused_in_words(values: dict[str, Any], field: st
         base.with_values(values)
     assert caught.value.field == field or "--floor" in str(caught.value.field)
     assert words in str(caught.value)
-
-
-def test_robots_may_decide_for_any_kind() -> None:
-    scenario = PAPER.with_values(
-        {**THREE, "floor.source": "random:0.2,0.2,0.6", "decision.min_observations": 20, "run.t_end_s": 300.0}
-    )
-    result = simulate(scenario, seed=1, runs=10)
-    assert 2 in result.robots["decision"].to_list()
-    assert set(result.runs["truth"]) == {2}
-    assert result.runs["right"].sum() > result.runs["wrong"].sum()
 
 
 def test_files_of_digits_keep_their_kinds(tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def test_a_correction_is_that_of_the_joint_state() -> None:
     assert f.past_covariances[0].reshape(-1, STATES) == pytest.approx(joint[STATES:, :STATES])
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(st.floats(-2.9, 4.9), st.floats(0.01, 2.0))
 def test_learning_that_a_number_is_beyond_matches_its_moments(cut: float, spread: float) -> None:
     f = begun(program())

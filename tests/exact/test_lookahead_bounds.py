@@ -19,23 +19,15 @@ import pytest
 from numpy.typing import NDArray
 
 from vibroswarm.motion.event.event_queue import (
-    KEY_BITS,
     NEVER,
-    NOBODY,
-    all_wake,
-    next_two_wakes,
-    next_wake,
-    set_wake,
 )
 from vibroswarm.motion.event.lookahead import (
-    avoidance_tick,
     blocked_ticks,
     distance2_m2,
     encounter_reach_m,
     maybe_within,
     set_chord,
     set_standing,
-    ticks_until_closed,
     wall_tick,
 )
 from vibroswarm.motion.event.neighbours import (
@@ -50,7 +42,6 @@ from vibroswarm.motion.event.pair_lookahead import (
     chord_clear_ticks,
     encounter_tick,
     may_encounter,
-    pair_clear_ticks,
     stops_before,
 )
 from vibroswarm.motion.event.trajectory import (
@@ -62,9 +53,8 @@ from vibroswarm.motion.event.trajectory import (
     ticks_to_sample,
     ticks_to_self_event,
 )
-from vibroswarm.motion.kernel_run import no_sample_before
 from vibroswarm.motion.robot_params import setup_of
-from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkState, turn_command_percent, walk_step
+from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN
 from vibroswarm.scenario.scenario import Scenario
 
 Row = Any
@@ -282,43 +272,13 @@ def walls(mode: int, settings: tuple[str, ...], straight: bool = False) -> Cases
         yield wall_tick(row, setup), first(sees | moves, ticks)
 
 
-def test_wall_seen_by_a_ray():
-    assert_bound(walls(DRIVE, ALL))
-
-
-def test_wall_that_stops_a_driver():
-    assert_bound(walls(DRIVE, ("bodies only",), straight=True))
-
-
-def test_wall_that_stops_a_turning_body():
-    assert_bound(walls(TURN, ("much bent",)))
-
-
-def test_first_tick_at_which_rays_are_heeded_after_a_turn():
-    def cases() -> Cases:
-        rng = np.random.default_rng(2)
-        setup = setup_named("blind after turns")
-        ticks = np.arange(1, HORIZON)
-        for _ in range(100):
-            row = robot(setup, rng, DRIVE)
-            row.sees_from_ms = row.driven_ms + float(rng.uniform(-200.0, 730.0))
-            yield avoidance_tick(row, setup), first(heeds(row, setup, ticks), ticks)
-
-    assert_bound(cases())
-
-
-def test_gap_that_closes_ever_faster():
-    """The first whole tick at which the gap may be used up is never before the bound's whole ticks are over."""
-
-    def cases() -> Cases:
-        rng = np.random.default_rng(3)
-        ticks = np.arange(1, 128)
-        for _ in range(300):
-            gap, approach, swerve = rng.uniform(0.0, 0.1), rng.uniform(-0.001, 0.002), rng.uniform(0.0, 1e-4)
-            left = gap - approach * ticks - 0.5 * swerve * ticks * ticks
-            yield math.ceil(ticks_until_closed(gap, approach, swerve)), first(left < 0.0, ticks)
-
-    assert_bound(cases())
+@pytest.mark.parametrize(
+    ("mode", "settings", "straight"),
+    [(DRIVE, ALL, False), (DRIVE, ("bodies only",), True), (TURN, ("much bent",), False)],
+    ids=["seen by a ray", "stops a driver", "stops a turning body"],
+)
+def test_wall(mode, settings, straight):
+    assert_bound(walls(mode, settings, straight))
 
 
 def pair(
@@ -359,8 +319,6 @@ def matters(a: Row, b: Row, setup: Row, last: int, a_first: bool) -> tuple[NDArr
 
 
 MODES = ((DRIVE, DRIVE), (DRIVE, TURN), (DRIVE, STOP), (TURN, TURN), (TURN, STOP), (AVOID, DRIVE))
-
-LOOKING = ((DRIVE, DRIVE), (DRIVE, TURN), (AVOID, DRIVE))
 
 
 def pairs(
@@ -412,28 +370,6 @@ def test_encounter_with_a_robot_that_has_stopped():
                 assert not to_a
                 assert to_b == (bound < NEVER)
             yield bound, found
-
-    assert_bound(cases())
-
-
-@pytest.mark.parametrize("kind", ["a sees", "b sees", "contact"])
-@pytest.mark.parametrize("roughly", [False, True])
-def test_clear_ticks_of_a_pair(kind, roughly):
-    """From one look at a pair: how many ticks surely pass before one sees the other, or a move ends in it."""
-    k = ["a sees", "b sees", "contact"].index(kind)
-
-    def cases() -> Cases:
-        for a, b, setup, a_first in pairs(
-            6, ALL, *((MODES, False, 900) if kind == "contact" else (LOOKING, False, 120))
-        ):
-            last = min(a.self_event_tick, b.self_event_tick)
-            found = matters(a, b, setup, last, a_first)[k]
-            looks = [bool(heeds(row, setup, np.array([1]))[0]) for row in (a, b)]
-            if kind != "contact" and not looks[k]:
-                continue
-            clear = pair_clear_ticks(a, b, setup, 1, a_first, roughly, looks[0], looks[1])[k]
-            # 0: now; below 1, for a contact: the move from this tick may end so.
-            yield 1 + int(clear), first(found, np.arange(1, last + 1))
 
     assert_bound(cases())
 
@@ -511,13 +447,15 @@ def test_cheap_rejects_of_a_pair():
 
 
 def test_approach_of_two_chords():
+    """Of ways without a bend, which are their own chords: the bound, rounded up, is the first tick within reach."""
+
     def cases() -> Cases:
-        for a, b, setup, _ in pairs(9, ("paper", "one ray straight on")):
+        for a, b, setup, _ in pairs(9, ("paper", "one ray straight on"), ((DRIVE, DRIVE),), straight=True):
             last = min(a.self_event_tick, b.self_event_tick)
             way_a, way_b = poses(a, setup, last), poses(b, setup, last)
             within = np.hypot(*(way_a - way_b)[1:, :2].T) < setup.sight_m - ROUNDING_M
             clear = chord_clear_ticks(a, b, setup.sight_m, 1)
-            yield 1 + int(clear), first(within, np.arange(1, last + 1))
+            yield 1 + math.ceil(clear), first(within, np.arange(1, last + 1))
 
     assert_bound(cases())
 
@@ -663,78 +601,3 @@ def moves_of(row: Row, setup: Row, ticks: int) -> tuple[list[float], list[tuple[
     ahead = steps[:, 0] * cos_h + steps[:, 1] * sin_h
     left = steps[:, 1] * cos_h - steps[:, 0] * sin_h
     return way[:-1, 2].tolist(), list(zip(ahead.tolist(), left.tolist(), strict=True))
-
-
-def walk_of(row: Row) -> WalkState:
-    return WalkState(
-        row.mode, row.resume, bool(row.sampled), row.leg_ms, row.driven_ms, row.timer_ms, row.stopped_ms,
-        row.error_deg, row.integral_deg_s, row.legs, row.avoidances, row.samples, row.next_leg_ms,
-    )  # fmt: skip
-
-
-def stepped(row: Row, setup: Row, ticks: int) -> list[WalkState]:
-    """The robot's program at each tick after its plan's, with nothing in sight."""
-    state, found = walk_of(row), []
-    for _ in range(ticks):
-        gyro = row.turn_gain * turn_command_percent(state, setup) if state.mode in (TURN, AVOID) else 0.0
-        state = walk_step(state, setup, gyro, math.inf, Dice(0.5, 0.7, 0.5))
-        found.append(state)
-    return found
-
-
-EVENTS = {"leg": DRIVE, "timer": DRIVE, "turn": TURN, "avoidance": AVOID, "stop": STOP}
-
-
-@pytest.mark.parametrize("event", EVENTS)
-def test_own_next_event(event):
-    """A leg, a turn or a stop ends, or a sample falls due: not before the plan says."""
-
-    def cases() -> Cases:
-        rng, mode = np.random.default_rng(14), EVENTS[event]
-        for number in range(90):
-            setup = setup_named(("paper", "timer always on", "much bent")[number % 3])
-            row = robot(setup, rng, mode)
-            if event == "leg":
-                row.timer_ms = 0
-            elif event == "timer":
-                row.leg_ms = 1e9
-            changed = np.array([one.mode != mode for one in stepped(row, setup, HORIZON)])
-            yield ticks_to_self_event(row, setup, HORIZON), first(changed, np.arange(1, HORIZON + 1))
-
-    assert_bound(cases())
-
-
-def test_no_sample_before():
-    """Closed loop skips to this tick: nobody samples before."""
-
-    def cases() -> Cases:
-        rng = np.random.default_rng(15)
-        for number in range(80):
-            setup = setup_named(("paper", "timer always on")[number % 2])
-            row = robot(setup, rng, (DRIVE, TURN, STOP)[number // 2 % 3])
-            row.turn_gain = row.turn_gain or 0.01
-            taken = np.array([one.sampled for one in stepped(row, setup, 4 * HORIZON)])
-            yield no_sample_before([row], 0, setup, 0, 1), first(taken, np.arange(1, 4 * HORIZON + 1))
-
-    assert_bound(cases())
-
-
-@pytest.mark.parametrize("robots", [3, 16, 40])
-def test_who_wakes_next(robots):
-    """The queue gives the least key, whatever the bounds of its blocks have become."""
-
-    def wrong(late: int) -> int:
-        rng, found = np.random.default_rng(16), 0
-        wakes, ticks = all_wake(robots, 1), np.ones(robots, dtype=np.int64)
-        for _ in range(200):
-            i = int(rng.integers(robots))
-            ticks[i] = rng.integers(2, 10**6)
-            set_wake(wakes, i, int(ticks[i]) + late)
-            key = next_wake(wakes, robots, NOBODY)
-            least = min((int(tick) << KEY_BITS) + k for k, tick in enumerate(ticks))
-            found += key > least
-            assert late or key == least == next_two_wakes(wakes, robots)[0]
-        return found
-
-    assert wrong(0) == 0
-    assert wrong(1) > 0

@@ -11,7 +11,7 @@ import pytest
 from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
 PLAIN = {
@@ -21,14 +21,6 @@ PLAIN = {
     "robot.battery_life_s": 1e9,
 }
 """Even robots that keep their speeds."""
-
-
-def test_all_of_it_is_off_in_the_paper() -> None:
-    paper = preset("paper")
-    assert paper.robot.speed_factors is None
-    assert paper.robot.misalignments is None
-    assert paper.rays.forward_each_m is None
-    assert paper.walk.blind_after_turn_ms is None
 
 
 @pytest.mark.parametrize("engine", [FixedStepRun, EventRun])

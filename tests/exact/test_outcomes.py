@@ -32,6 +32,7 @@ from vibroswarm.league.standings import League
 from vibroswarm.league.tables import league_tables
 from vibroswarm.optimize.objective import NAMES, Objective
 from vibroswarm.optimize.outcomes import from_tables
+from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.data import document_data
 from vibroswarm.show.page import page_html
@@ -240,18 +241,6 @@ def test_a_robot_that_is_changed_is_seen(column: str, changed: float, told: set[
     assert told <= differing({**finals, column: other}, figures, runs)
 
 
-def test_undecided_robots_are_never_averaged_away() -> None:
-    finals = made_up()
-    none = {**finals, "decision": np.full_like(finals["decision"], -1)}
-    none["decision_time_s"] = np.full((CELLS, RUNS, SWARM), np.nan)
-    robots, runs = tables_of(none)
-    figures = run_figures(robots, runs, T_END)
-    assert (figures["decision_time_s"] == T_END).all()
-    assert (figures["swarm_time_s"] == T_END).all()
-    assert (figures["undecided_share"] == 1.0).all()
-    assert (runs["consensus"] == CONSENSUS.index("incomplete")).all()
-
-
 def test_truth_is_none_on_the_boundary_only() -> None:
     floor = preset("paper").floor_for(1, 0)
     for fill, boundary, truth in ((0.5, 0.5, None), (0.5 + 1e-13, 0.5, None), (0.1 + 0.2, 0.3, None),
@@ -287,10 +276,14 @@ def test_no_posterior_comes_through_a_batch_as_null() -> None:
     assert np.isnan(run_figures(again, of_runs, T_END)["estimate"][1]).all()
 
 
+@pytest.fixture(scope="module")
+def paper() -> Result:
+    return simulate(preset("paper"), 1, 4, energies=False)
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_a_cost_that_needs_an_estimate_says_so(name: str) -> None:
-    result = simulate(preset("paper"), 1, 4, energies=False)
-    found = from_result(result)
+def test_a_cost_that_needs_an_estimate_says_so(name: str, paper: Result) -> None:
+    found = from_result(paper)
     without = replace(found, estimate=np.full_like(found.estimate, np.nan), strategy="voter")
     objective = Objective(name)
     assert np.isfinite(objective.figures(found)).all()
@@ -304,12 +297,11 @@ def test_a_cost_that_needs_an_estimate_says_so(name: str) -> None:
         np.testing.assert_array_equal(objective.figures(without), objective.figures(found))
 
 
-def test_tables_without_a_posterior_give_no_estimate() -> None:
-    result = simulate(preset("paper"), 1, 4, energies=False)
+def test_tables_without_a_posterior_give_no_estimate(paper: Result) -> None:
     nulls = [as_series(name, np.full(20, np.nan), ROBOTS[name]) for name in ("alpha", "beta", "estimate")]
-    found = from_tables(result.scenario, result.robots.with_columns(nulls), result.runs, 25)
+    found = from_tables(paper.scenario, paper.robots.with_columns(nulls), paper.runs, 25)
     assert np.isnan(found.estimate).all()
-    assert not np.isnan(from_tables(result.scenario, result.robots, result.runs, 25).estimate).any()
+    assert not np.isnan(from_tables(paper.scenario, paper.robots, paper.runs, 25).estimate).any()
 
 
 def test_on_the_boundary_no_robot_is_right_or_wrong() -> None:

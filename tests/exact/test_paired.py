@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, norm, t
 
-from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import (
     Interval,
     generator,
@@ -35,8 +34,6 @@ from vibroswarm.analysis.paired import (
     holm,
 )
 from vibroswarm.errors import InputError
-from vibroswarm.scenario.scenario import preset
-from vibroswarm.simulation import replay, simulate
 
 
 def figures(times: list[float], right: list[float | None], first_run: int = 0) -> pl.DataFrame:
@@ -86,12 +83,10 @@ def test_student_by_hand() -> None:
     assert compare(first, second, ["decision_time_s"])[0].p_value != p_value  # control: by sign flips
 
 
-@pytest.mark.parametrize("runs", [40, 200])
-@pytest.mark.parametrize(("differing", "upwards"), [(0.01, 1.0), (0.01, 0.8)])
-def test_limits_hold_rare_differences_as_often_as_they_say(
-    runs: int, differing: float, upwards: float
-) -> None:
+@pytest.mark.parametrize(("runs", "upwards"), [(40, 0.8), (200, 1.0)])
+def test_limits_hold_rare_differences_as_often_as_they_say(runs: int, upwards: float) -> None:
     """In few runs one to five of five robots decide otherwise."""
+    differing = 0.01
     random, truth = generator(5, "test"), differing * (2 * upwards - 1) * 0.6
     held = held_by_flips = 0
     for _ in range(300):
@@ -256,14 +251,3 @@ def test_wrong_wishes() -> None:
         compare(one, one, ["decision_time"])
     with pytest.raises(InputError, match="no run in common"):
         compare(one, figures([1.0], [1.0], first_run=5))
-
-
-def test_soft_feedback_against_none_on_the_same_motion() -> None:
-    paper = preset("paper")
-    none = simulate(paper, 5, 30, energies=False)
-    soft = replay(none, paper.with_values({"strategy.name": "soft"}))
-    tables = [run_figures(r.robots, r.runs, 1200.0) for r in (soft, none)]
-    time_s = compare(*tables)[0]
-    assert time_s.pairs == 30
-    assert time_s.difference.high < 0  # soft feedback decides sooner
-    assert (time_s.wins > 5, time_s.losses) == (True, 0)

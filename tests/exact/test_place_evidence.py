@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import expit
-from scipy.stats import gamma, norm
+from scipy.stats import gamma
 
 from vibroswarm.strategies import place_samples, place_summaries, places
 from vibroswarm.strategies.base import arrays_of
@@ -184,16 +184,3 @@ def test_a_robot_that_reads_one_everywhere_gives_itself_no_weight() -> None:
         weights.append(out.weight)
     assert weights[0] < 0.05
     assert weights[1] > 0.9
-
-
-def test_the_normal_share_of_a_place_is_used() -> None:
-    """A place on an edge says as much of both tiles: half of what one in the middle says, and a little more."""
-    p, w = params(), world()
-    a = memory(place_samples.Arrays)
-    spans = share_place(a, TILE_M, 0.3, 0.02, 0.02, p, w)
-    add_evidence(a, 0, 2, 2.0, *spans, w)
-    left, right = a.odds.reshape(ROBOTS, TILES)[2][3:5]
-    half = np.log((0.5 * np.e**2 + 0.5 * (0.5 * np.e**2 + 0.5)) / (0.5 + 0.5 * (0.5 * np.e**2 + 0.5)))
-    assert norm.cdf(0.0) == 0.5
-    assert left == pytest.approx(right)
-    assert left == pytest.approx(half, rel=1e-6)

@@ -17,7 +17,6 @@ from scipy.stats import betabinom, norm
 
 from vibroswarm import preset
 from vibroswarm.errors import InputError
-from vibroswarm.strategies import place_share
 from vibroswarm.strategies.place_share import (
     count_posterior,
     learn_share,
@@ -106,7 +105,7 @@ def test_single_tiles_are_nearly_what_all_floors_give(odds: list[float], median:
     assert abs(found.sum() - exact.sum()) < 0.5
 
 
-@pytest.mark.parametrize("side", [10, 30])
+@pytest.mark.parametrize("side", [10, 20])
 def test_many_tiles_equal_exact_fractions(side: int) -> None:
     """Likelihood ratios from 2^-400 to 2^400 among those of nothing: neither overflow nor cancellation."""
     rng, tiles, most = np.random.default_rng(side), side * side, 200
@@ -188,10 +187,3 @@ def test_field_is_asked_about_half_only() -> None:
     scenario = preset("paper").with_values({"strategy.name": "field"})
     with pytest.raises(InputError, match=r"strategy\.name: field answers 'more than half\?' only"):
         scenario.with_values({"decision.decision_boundary": 0.03})
-
-
-def test_no_function_that_takes_arrays_is_cached_alone() -> None:
-    """As of ``place_map``."""
-    for name, value in vars(place_share).items():
-        if "a" in getattr(getattr(value, "py_func", None), "__annotations__", {}):
-            assert type(value._cache).__name__ == "NullCache", name

@@ -92,6 +92,7 @@ def account(result: Result, tick_ms: int = 20) -> Iterator[Heard]:
     """Yield the samples of one run, with what was heard before the stop began; every message is heard."""
     rows = (
         result.motion.join(result.observations, on=["run", "robot", "sample"])
+        .join(result.inference, on=["run", "robot", "sample"])
         .sort("time_s", "robot")
         .to_dicts()
     )
@@ -141,21 +142,6 @@ def test_the_boundary_of_totals_is_the_share_of_ones_expected_there() -> None:
 def test_the_score_of_totals_by_hand() -> None:
     assert totals.score(9, 13, 0.5) == pytest.approx(2.5 / 2.0, abs=1e-15)
     assert totals.score(3, 13, 0.4) == pytest.approx(-2.2 / 2.0, abs=1e-15)
-
-
-def test_the_threshold_of_totals_falls_to_0_at_the_end() -> None:
-    early = One("totals")
-    for _ in range(11):  # z = 5.5 / sqrt(14 / 4) = 2.94
-        early.reads(1, 0.0)
-    assert early.decision == -1
-    early.reads(1, 0.0)  # z = 6 / sqrt(15 / 4) = 3.10
-    assert early.decision == 1
-    late = One("totals")
-    late.reads(0, 999.0)  # z = -1/2; 3 (1 - 999 / 1200) = 0.50
-    assert late.decision == -1
-    late = One("totals")
-    late.reads(0, 1001.0)
-    assert late.decision == 0
 
 
 def test_totals_bear_lost_and_late_messages() -> None:
@@ -225,49 +211,6 @@ def test_mcp_of_a_sensor_that_tells_next_to_nothing() -> None:
     assert mcp.local_estimate(1, 10, b, w) == 1.0
 
 
-def test_mcp_by_hand() -> None:
-    assert mcp.local_estimate(3, 10, 0.9, 0.8) == pytest.approx(1 / 7)
-    assert mcp.local_confidence(3, 10, 0.9, 0.8) == pytest.approx(0.49 * 1000 / 21)
-    assert mcp.local_estimate(1, 10, 0.9, 0.8) == 0.0
-    assert mcp.local_confidence(1, 10, 0.9, 0.8) == pytest.approx(0.49 * 1.0 / 0.0256)  # 6.4 - 14.4 + 9 = 1
-    estimates, confidences = np.array([0.0, 0.5, 0.2]), np.array([0.0, 10.0, 30.0])
-    assert mcp.informed(0.4, 60.0, estimates, confidences) == pytest.approx((0.35, 100.0))
-    assert mcp.probability_below(0.6, 100.0, 0.5) == pytest.approx(ndtr(-1.0))
-
-
-@settings(deadline=None, max_examples=100)
-@given(st.lists(st.integers(1, 40), min_size=2, max_size=6), st.integers(1, 9), accuracies, accuracies)
-def test_mcp_of_equal_shares_is_that_of_pooled_counts(
-    sizes: list[int], tenth: int, b: float, w: float
-) -> None:
-    """All-to-all, robots of equal shares of ones know what one robot with all readings would."""
-    ones, samples = [tenth * n for n in sizes], [10 * n for n in sizes]
-    x = np.array([mcp.local_estimate(h, t, b, w) for h, t in zip(ones, samples, strict=True)])
-    a = np.array([mcp.local_confidence(h, t, b, w) for h, t in zip(ones, samples, strict=True)])
-    estimate, confidence = mcp.informed(x[0], a[0], x[1:], a[1:])
-    assert estimate == pytest.approx(mcp.local_estimate(sum(ones), sum(samples), b, w), abs=1e-9)
-    inside = 0 < estimate < 1
-    if inside:
-        pooled = mcp.local_confidence(sum(ones), sum(samples), b, w)
-        assert confidence == pytest.approx(pooled, rel=1e-9)
-
-
-def test_mcp_comes_near_to_pooled_counts_as_readings_grow() -> None:
-    """Of unequal shares, the difference in standard errors falls with the number of readings."""
-    rng, found = np.random.default_rng(3), []
-    for t in (50, 800):
-        ones = rng.binomial(t, 0.4, (400, 5))
-        of = []
-        for h in ones:
-            x = np.array([mcp.local_estimate(k, t, 0.9, 0.85) for k in h])
-            a = np.array([mcp.local_confidence(k, t, 0.9, 0.85) for k in h])
-            estimate, confidence = mcp.informed(x[0], a[0], x[1:], a[1:])
-            of.append((estimate - mcp.local_estimate(h.sum(), 5 * t, 0.9, 0.85)) * math.sqrt(confidence))
-        found.append(float(np.std(of)))
-    assert found[0] < 0.2
-    assert found[1] < found[0] / 2
-
-
 def test_mcp_decides_as_a_loop_over_the_tables_does() -> None:
     told = {
         "decision__boundary_of": "tiles",
@@ -287,6 +230,7 @@ def test_mcp_decides_as_a_loop_over_the_tables_does() -> None:
                 x.append(min(max((h / t - 0.12) / 0.68, 0.0), 1.0))
                 a.append(information(h, t, x[-1], 0.8, 0.88))
         belief = ndtr((0.5 - np.dot(a, x) / sum(a)) * math.sqrt(sum(a)))
+        assert heard.row["belief_below"] == pytest.approx(belief, abs=1e-9)
         counted = len(heard.own) - 1 + sum(map(len, heard.others))
         found.append((heard, -1 if counted <= 60 else 0 if belief > 0.95 else 1 if belief < 0.05 else -1))
     assert decided_in(result) == decided_by(found)
@@ -297,12 +241,9 @@ def test_mcp_decides_as_a_loop_over_the_tables_does() -> None:
 
 
 @pytest.mark.parametrize(("parent", "feedback"), [("none", False), ("positive", True)])
-@pytest.mark.parametrize("loss", [0.0, 0.3])
-def test_bayes_bots_tested_at_own_readings_equal_their_parents(
-    parent: str, feedback: bool, loss: float
-) -> None:
-    """Bit by bit: the prior in place of the gate."""
-    common = {"run__t_end_s": 300.0, "network__name": "loss", "network__loss__share": loss}
+def test_bayes_bots_tested_at_own_readings_equal_their_parents(parent: str, feedback: bool) -> None:
+    """Bit by bit, with losses: the prior in place of the gate."""
+    common = {"run__t_end_s": 300.0, "network__name": "loss", "network__loss__share": 0.3}
     mine = simulate(
         scenario_of(
             "bayes_bots",
@@ -582,7 +523,7 @@ def test_exponents_of_dbbs_stay_finite() -> None:
 # ASDF and BayesCPF
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 10, 31])
+@pytest.mark.parametrize("n", [1, 2, 5, 31])
 def test_students_distribution(n: int) -> None:
     for t in (0.05, 0.7, 3.0):
         expected = 1 - 2 * stats.t.sf(t, n)
@@ -624,8 +565,8 @@ def swarm_of(
 def test_a_robot_of_asdf_finds_its_accuracy_but_at_half(fill: float, works: bool) -> None:
     """All sensors are right in 85 % of readings; one robot of five assumes 60 %."""
     flawed = {"accuracy": 0.85, "flawed_accuracy": 0.6, "flawed_robots": 1}
-    errors = [abs(swarm_of("asdf", fill, 5 * [0.85], 400, seed, **flawed)[0] - 0.85) for seed in (1, 2)]
-    assert (max(errors) < 0.1) == works
+    error = abs(swarm_of("asdf", fill, 5 * [0.85], 400, 1, **flawed)[0] - 0.85)
+    assert (error < 0.1) == works
 
 
 @pytest.mark.parametrize(("fill", "works"), [(0.95, True), (0.1, True), (0.5, False)])
@@ -633,8 +574,8 @@ def test_a_robot_of_bayes_cpf_finds_its_accuracy_but_at_half(fill: float, works:
     """One sensor of five is right in 70 % of readings, the others in 95 %; all robots assume 95 %."""
     assumed = {"accuracy": 0.95, "variance": 1e-3, "drift": 0.0, "drift_variance": 1e-5, "window": 400}
     true = [0.7, 0.95, 0.95, 0.95, 0.95]
-    errors = [abs(swarm_of("bayes_cpf", fill, true, 800, seed, **assumed)[0] - 0.7) for seed in (1, 2)]
-    assert (max(errors) < 0.05) == works
+    error = abs(swarm_of("bayes_cpf", fill, true, 800, 1, **assumed)[0] - 0.7)
+    assert (error < 0.05) == works
 
 
 def alike(one: Result, other: Result) -> bool:
@@ -711,13 +652,6 @@ def test_the_window_of_bayes_cpf_forgets() -> None:
 
 
 # Soft feedback without weight
-
-
-def test_soft_feedback_without_weight_equals_none() -> None:
-    common = {"run__t_end_s": 300.0, "decision__min_observations": 60}
-    soft = simulate(scenario_of("soft", strategy__soft__eta=1e12, **common), 4, 2)
-    none = simulate(scenario_of("none", **common), 4, 2)
-    assert alike(soft, none)
 
 
 # All of them

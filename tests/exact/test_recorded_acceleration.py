@@ -66,12 +66,20 @@ def arguments(path: Path, out: Path) -> list[str]:
     return ["lab", "import", *logs, *floor, "--acceleration", str(path), "--out", str(out)]
 
 
+@pytest.fixture(scope="module")
+def acceleration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[float]]:
+    """A file of acceleration for the samples of the shipped log, and their energies."""
+    path = tmp_path_factory.mktemp("recorded") / "acceleration.csv"
+    return path, recorded(SHIPPED / "camera.csv", path)
+
+
 def test_import_computes_the_energies_that_scipy_computes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    acceleration: tuple[Path, list[float]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
-    assert main(arguments(tmp_path / "acceleration.csv", tmp_path / "lab")) == 0
-    assert f"{len(expected)} energies computed from" in capsys.readouterr().out
+    path, expected = acceleration
+    assert main([*arguments(path, tmp_path / "lab"), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["tables"]["acceleration"]
+    assert f"{len(expected)} energies computed from" in row["words"]
     assert f"{len(expected)} energies computed from" in (tmp_path / "lab" / "printed.json").read_text()
     found = Recording.read(tmp_path / "lab").rows["energy"].to_numpy()
     logged = pl.read_csv(SHIPPED / "camera.csv")["rms"].to_numpy()
@@ -80,17 +88,17 @@ def test_import_computes_the_energies_that_scipy_computes(
 
 
 def test_samples_of_a_log_of_places_are_found_as_the_robot_finds_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    acceleration: tuple[Path, list[float]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
+    path, expected = acceleration
     pl.read_csv(SHIPPED / "camera.csv").drop("rms").write_csv(tmp_path / "places.csv")
     text = (SHIPPED / "columns.toml").read_text()
     (tmp_path / "columns.toml").write_text(text.replace('energy = "rms"\n', ""))
-    given = arguments(tmp_path / "acceleration.csv", tmp_path / "lab")
+    given = arguments(path, tmp_path / "lab")
     given[2:5] = [str(tmp_path / "places.csv"), "--columns", str(tmp_path / "columns.toml")]
     assert main(given) == 0
     assert f"{len(expected)} samples found in" in capsys.readouterr().out
-    assert main(arguments(tmp_path / "acceleration.csv", tmp_path / "with-energies")) == 0
+    assert main(arguments(path, tmp_path / "with-energies")) == 0
     alone, beside = (Recording.read(tmp_path / name) for name in ("lab", "with-energies"))
     np.testing.assert_allclose(alone.rows["energy"], beside.rows["energy"], rtol=1e-9)
     for name in ("robot", "x_m", "y_m", "time_s"):
@@ -100,13 +108,6 @@ def test_samples_of_a_log_of_places_are_found_as_the_robot_finds_them(
     capsys.readouterr()
     assert main(given) == 2
     assert "only with --acceleration it may be missing" in capsys.readouterr().err
-
-
-def test_with_json_nothing_else_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
-    assert main([*arguments(tmp_path / "acceleration.csv", tmp_path / "lab"), "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["tables"]["acceleration"]
-    assert f"{len(expected)} energies computed from" in row["words"]
 
 
 @pytest.mark.parametrize(

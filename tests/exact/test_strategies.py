@@ -106,23 +106,6 @@ def test_probability_of_a_one_is_equation_11(o: int, alpha: int, beta: int, eta:
     )
 
 
-@settings(deadline=None, max_examples=200)
-@given(counts, counts, st.floats(0, 1), st.floats(0, 1e12), st.floats(0, 50))
-def test_weight_lies_in_its_bounds(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> None:
-    delta = soft.weight(alpha, beta, belief, eta, kappa)
-    assert 0.0 <= delta <= 0.5**kappa
-
-
-def test_probability_by_hand() -> None:
-    # Variance of Beta(1, 1) is 1/12; at p = 0.9: delta = e^-1 0.4^2.
-    delta = math.exp(-1) * 0.16
-    assert soft.weight(1, 1, 0.9, 12.0, 2.0) == pytest.approx(delta, rel=1e-14)
-    assert soft.probability(0, 1, 1, 0.9, 12.0, 2.0) == pytest.approx(0.1 * delta, rel=1e-14)
-    assert soft.probability(1, 1, 1, 0.9, 12.0, 2.0) == pytest.approx(1 - 0.9 * delta, rel=1e-14)
-    # A robot sure that few tiles vibrate (p near 1) says 0 more often than it reads it.
-    assert soft.probability(1, 1, 1, 0.99, 12.0, 2.0) < 1
-
-
 @pytest.mark.parametrize("o", [0, 1])
 def test_without_weight_a_robot_says_what_it_reads(o: int) -> None:
     for u in (2.0**-53, 0.5, 1 - 2.0**-53):
@@ -286,31 +269,6 @@ def test_soft_feedback_without_weight_is_no_feedback_bit_for_bit() -> None:
     assert replayed(strategy__name="soft", strategy__soft__eta=1e12).equals(without)
     # Negative control: with a weight the tables differ.
     assert not replayed(strategy__name="soft", strategy__soft__eta=10.0).equals(without)
-
-
-def test_positive_feedback_in_a_run() -> None:
-    table = replayed(strategy__name="positive", decision__credible_threshold=0.8)
-    without = replayed(strategy__name="none", decision__credible_threshold=0.8)
-    decided = table.filter(pl.col("decision") != -1)
-    assert decided.height > 50
-    assert (decided["message"] == decided["decision"]).all()
-    undecided = (table["decision"] == -1) & (without["decision"] == -1)
-    assert table.filter(undecided)["message"].equals(without.filter(undecided)["message"])
-
-
-def test_a_decision_stands() -> None:
-    table = replayed(decision__credible_threshold=0.6)
-    before = table.select(pl.col("decision").shift(1, fill_value=-1).over("run", "robot"))["decision"]
-    changed = table.filter((before != -1) & (table["decision"] != before))
-    assert changed.height == 0
-    revising = replayed(
-        strategy__name="soft",
-        strategy__soft__eta=1e12,
-        decision__revise=True,
-        decision__credible_threshold=0.6,
-    )
-    before = revising.select(pl.col("decision").shift(1, fill_value=-1).over("run", "robot"))["decision"]
-    assert revising.filter((before != -1) & (revising["decision"] != before)).height > 0
 
 
 @pytest.mark.parametrize("name", ["mean", "size", "sum", "T"])

@@ -7,7 +7,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy import stats
 
@@ -259,11 +258,3 @@ def test_detection_tolerates_cheap_false_alarms_more_often() -> None:
 def test_what_does_not_fit_is_refused_before_any_run(values: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         PAPER.with_values(values)
-
-
-def test_costs_are_written_and_read() -> None:
-    given = PAPER.with_values({"task.costs": [[0, 1], [4, 0]]})
-    assert type(given).from_toml(given.to_toml()) == given
-    assert given.hash != PAPER.hash
-    assert PAPER.with_values({"task.costs": None}).hash == PAPER.hash
-    assert pl.Series([given.task.asks_number, SHARE.task.asks_number]).to_list() == [False, True]

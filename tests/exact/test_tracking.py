@@ -32,6 +32,8 @@ from vibroswarm.tracking.track import PLACES_M, too_fast
 
 cv2 = pytest.importorskip("cv2")
 SIZE = (1280, 960)
+MARKERS = usual_markers(5, 1.0, 1.0)
+FLOOR_M = np.concatenate([MARKERS.floor_corners(marker) for marker in MARKERS.floor])
 LENS = Lens(matrix_of(1100.0, np.array([651.0, 470.0])), np.array([-0.28, 0.09, 0.001, -0.001, 0.0]), 0.0)
 TURN, SHIFT = np.array([np.pi - 0.08, 0.03, 0.02]), np.array([-0.5, 0.48, 1.4])
 
@@ -75,11 +77,11 @@ def test_squares_are_found_again(x_m: float, y_m: float, up_rad: float, size_m: 
     assert np.abs(square_corners(along, 2 * size_m)).max() > 0.9 * size_m
 
 
-def robots_anywhere(count: int, size_m: float, chance: np.random.Generator) -> np.ndarray:
+def robots_anywhere(count: int, chance: np.random.Generator) -> np.ndarray:
     """Corners of robots' markers 30 mm above the floor, (count, 4, 3), m."""
     return np.stack(
         [
-            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), size_m, 0.03)
+            corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), MARKERS.size_m, 0.03)
             for _ in range(count)
         ]
     )
@@ -87,43 +89,30 @@ def robots_anywhere(count: int, size_m: float, chance: np.random.Generator) -> n
 
 def test_a_camera_is_found_from_markers_with_its_lens_and_without() -> None:
     """Noise-free corners of four floor markers, and 60 robots' markers anywhere."""
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
     chance = np.random.default_rng(4)
-    robots = robots_anywhere(60, markers.size_m, chance)
+    robots = robots_anywhere(60, chance)
     test = np.column_stack([chance.uniform(0, 1, (50, 2)), np.full(50, 0.03)])
     for lens, most_m in ((LENS, 1e-6), (None, 3e-3)):
-        found = fit_camera(SIZE, floor_m, seen(floor_m), seen(robots), markers.size_m, 0.03, lens)
+        found = fit_camera(SIZE, FLOOR_M, seen(FLOOR_M), seen(robots), MARKERS.size_m, 0.03, lens)
         error = np.hypot(*(found.at_height(seen(test), 0.03) - test[:, :2]).T)
         assert error.max() < most_m
         assert found.calibrated == (lens is not None)
     flat = Lens(LENS.matrix, np.zeros(5), 0.0)  # a lens without distortion must fail that bar
-    wrong = fit_camera(SIZE, floor_m, seen(floor_m), seen(robots), markers.size_m, 0.03, flat)
+    wrong = fit_camera(SIZE, FLOOR_M, seen(FLOOR_M), seen(robots), MARKERS.size_m, 0.03, flat)
     assert np.hypot(*(wrong.at_height(seen(test), 0.03) - test[:, :2]).T).max() > 6e-3
 
 
-@pytest.mark.parametrize("wider_px", [0.0, 0.4, -0.3])
-@pytest.mark.parametrize("lens", [LENS, None])
+@pytest.mark.parametrize(("wider_px", "lens"), [(0.4, LENS), (0.0, None), (-0.3, None)])
 def test_how_far_outwards_edges_are_seen_is_found(wider_px: float, lens: Lens | None) -> None:
     """Corners that blur and thresholds move along their diagonals; the control is 0."""
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
-    chance = np.random.default_rng(4)
-    robots_px = seen(
-        np.stack(
-            [
-                corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), markers.size_m, 0.03)
-                for _ in range(60)
-            ]
-        )
-    )
-    floor_px = seen(floor_m).reshape(-1, 4, 2)
+    robots_px = seen(robots_anywhere(60, np.random.default_rng(4)))
+    floor_px = seen(FLOOR_M).reshape(-1, 4, 2)
     found = fit_camera(
         SIZE,
-        floor_m,
+        FLOOR_M,
         (floor_px + wider_px * outwards(floor_px)).reshape(-1, 2),
         robots_px + wider_px * outwards(robots_px),
-        markers.size_m,
+        MARKERS.size_m,
         0.03,
         lens,
     )
@@ -132,9 +121,7 @@ def test_how_far_outwards_edges_are_seen_is_found(wider_px: float, lens: Lens | 
 
 def test_how_far_places_may_be_off_is_known() -> None:
     """From straight above only the sizes of markers determine the height; a tilt, the height or a lens do it better."""
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
-    robots = robots_anywhere(40, markers.size_m, np.random.default_rng(4))
+    robots = robots_anywhere(40, np.random.default_rng(4))
     lens = Lens(LENS.matrix, np.zeros(5), 0.0)
     straight = Camera(lens, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.5, 1.5]), 0.0, True)
     tilted = replace(straight, rotation=cv2.Rodrigues(np.array([0.18, 0.0, 0.0]))[0] @ straight.rotation)
@@ -143,7 +130,7 @@ def test_how_far_places_may_be_off_is_known() -> None:
         """How far places may be off, and are at most, if robots' markers alone are seen wider."""
         robots_px = true.project(robots.reshape(-1, 3)).reshape(-1, 4, 2)
         seen_px = robots_px + wider_px * outwards(robots_px)
-        fit = fit_camera(SIZE, floor_m, true.project(floor_m), seen_px, markers.size_m, 0.03, **options)
+        fit = fit_camera(SIZE, FLOOR_M, true.project(FLOOR_M), seen_px, MARKERS.size_m, 0.03, **options)
         away_m = fit.at_height(robots_px.mean(axis=1), 0.03) - robots[:, :, :2].mean(axis=1)
         return fit.place_error_m, float(np.linalg.norm(away_m, axis=1).max())
 
@@ -156,15 +143,14 @@ def test_how_far_places_may_be_off_is_known() -> None:
 @pytest.mark.parametrize(("corners_seen", "lens"), [(4, LENS), (8, LENS), (16, LENS), (4, None)])
 def test_places_are_as_good_as_the_floor_markers_let_them_be(corners_seen: int, lens: Lens | None) -> None:
     """With one marker of the floor a chessboard does not help: errors of corners turn and shift the camera."""
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])[:corners_seen]
+    floor_m = FLOOR_M[:corners_seen]
     chance = np.random.default_rng(8)
-    robots = robots_anywhere(40, markers.size_m, chance)
+    robots = robots_anywhere(40, chance)
     robots_px = seen(robots.reshape(-1, 3)).reshape(-1, 4, 2)
     stated_m, off_m = [], []
     for _ in range(3 if lens else 1):
         floor_px, own_px = (px + chance.normal(0.0, 0.2, px.shape) for px in (seen(floor_m), robots_px))
-        fit = fit_camera(SIZE, floor_m, floor_px, own_px, markers.size_m, 0.03, lens)
+        fit = fit_camera(SIZE, floor_m, floor_px, own_px, MARKERS.size_m, 0.03, lens)
         away_m = fit.at_height(robots_px.mean(axis=1), 0.03) - robots[:, :, :2].mean(axis=1)
         stated_m.append(fit.place_error_m)
         off_m.append(np.linalg.norm(away_m, axis=1).max())
@@ -173,7 +159,7 @@ def test_places_are_as_good_as_the_floor_markers_let_them_be(corners_seen: int, 
 
 
 def test_a_measured_height_counts_beside_a_lens_too() -> None:
-    floor_m = usual_markers(5, 1.0, 1.0).floor_corners(46)  # one marker, which determines the height roughly
+    floor_m = MARKERS.floor_corners(46)  # one marker, which determines the height roughly
     off_m = [
         fit_camera(
             SIZE, floor_m, seen(floor_m) + 0.3, np.empty((0, 4, 2)), 0.022, 0.03, LENS, height_m
@@ -185,32 +171,26 @@ def test_a_measured_height_counts_beside_a_lens_too() -> None:
 
 def test_a_start_without_a_pose_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """From exactly above OpenCV's first pose may be nan."""
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
     nan = np.full((3, 1), np.nan)
     monkeypatch.setattr(cv2, "solvePnP", lambda *arguments, **named: (True, nan, nan))
     with pytest.raises(InputError, match="do not fit the picture"):
-        fit_camera(SIZE, floor_m, seen(floor_m), seen(floor_m).reshape(-1, 4, 2), 0.022, 0.0)
+        fit_camera(SIZE, FLOOR_M, seen(FLOOR_M), seen(FLOOR_M).reshape(-1, 4, 2), 0.022, 0.0)
 
 
 def test_a_camera_exactly_above_is_found() -> None:
     """OpenCV's pose from points in a plane (IPPE) is wrong there: the markers' places were said not to fit."""
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
     lens = Lens(matrix_of(1100.0, (np.array(SIZE) - 1) / 2), np.zeros(5), 0.0)
     for height_m in (1.3, 1.5, 2.0):
         at_m = np.array([0.5, 0.45, height_m])
         above = Camera(lens, np.diag([-1.0, 1.0, -1.0]), at_m, 0.0, True)
-        found = fit_camera(SIZE, floor_m, above.project(floor_m), np.empty((0, 4, 2)), 0.022, 0.03, lens)
+        found = fit_camera(SIZE, FLOOR_M, above.project(FLOOR_M), np.empty((0, 4, 2)), 0.022, 0.03, lens)
         assert found.position_m == pytest.approx(at_m, abs=1e-6)
 
 
 def test_places_that_do_not_fit_are_refused() -> None:
-    markers = usual_markers(5, 1.0, 1.0)
-    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
-    mirrored = floor_m * np.array([1.0, -1.0, 1.0])
+    mirrored = FLOOR_M * np.array([1.0, -1.0, 1.0])
     with pytest.raises(InputError, match="do not fit the picture"):
-        fit_camera(SIZE, mirrored, seen(floor_m), np.empty((0, 4, 2)), 0.022, 0.03, LENS)
+        fit_camera(SIZE, mirrored, seen(FLOOR_M), np.empty((0, 4, 2)), 0.022, 0.03, LENS)
 
 
 def path_with_stops() -> tuple[np.ndarray, ...]:
@@ -309,7 +289,7 @@ def test_a_marker_whose_edges_cannot_be_fitted_is_no_error() -> None:
     with pytest.raises(cv2.error):
         detector._by_lines.detectMarkers(picture)
     assert detector.markers_in(picture).keys() <= set(range(50))
-    finder = _Finder(cv2, usual_markers(5, 1.0, 1.0))
+    finder = _Finder(cv2, MARKERS)
     height, width = picture.shape
     for marker in range(5):
         finder.in_window(picture, ((0, 0), (width, height)), marker)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.core.rng import Purpose, uniform, uniforms
+from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.robot_params import walk_program
 from vibroswarm.motion.source import Motion
@@ -75,7 +75,6 @@ OPEN: dict[str, Any] = {
     "robot.battery_life_s": 1e12,
 }
 """One even robot with no wall within 400 m."""
-NO_SAMPLES: dict[str, Any] = {"sample.sample_interval_ms": 1e9}
 
 
 def moved(runs: int = 1, segments: bool = True, seed: int = 2, **changes: Any) -> Motion:
@@ -299,12 +298,6 @@ def test_a_step_that_does_not_look_does_not_see(
 # Times and angles against scipy
 
 
-def test_leg_times_are_quantiles_of_a_clipped_cauchy() -> None:
-    for u in np.r_[2.0**-53, np.linspace(0.0005, 0.9995, 400), 1 - 2.0**-53]:
-        expected = float(np.clip(stats.cauchy.ppf(u, 7860.0, 10725.0), 1000.0, 30_000.0))
-        assert leg_duration_ms(PROGRAM, float(u)) == pytest.approx(expected, rel=1e-11)
-
-
 def test_exponential_leg_times_are_quantiles_of_a_clipped_exponential() -> None:
     program = PROGRAM._replace(is_exponential=True)
     for u in np.r_[2.0**-53, np.linspace(0.0005, 0.9995, 400), 1 - 2.0**-53]:
@@ -388,27 +381,6 @@ def test_each_leg_lasts_its_number(undisturbed: Motion) -> None:
     assert total > 1000
 
 
-def leg_times_p(driven_s: NDArray[np.float64], location_s: float, scale_s: float) -> float:
-    """p-value of a chi-square test of leg times over the clipped Cauchy, its two ends as cells of their own."""
-    edges = np.array([1.02, 3.0, 5.0, 7.0, 9.0, 12.0, 16.0, 22.0, 29.98])
-    cdf = stats.cauchy.cdf(edges, location_s, scale_s)
-    expected = np.diff(np.r_[0.0, cdf, 1.0]) * driven_s.size
-    counts = np.bincount(np.searchsorted(edges, driven_s - 0.01), minlength=edges.size + 1)
-    return float(stats.chisquare(counts, expected).pvalue)
-
-
-def test_leg_times_follow_the_clipped_cauchy(undisturbed: Motion) -> None:
-    """Only the first legs of a run: later ones are cut off by its end, the long ones more often."""
-    legs = [
-        [d for kind, d, _, _ in legs_and_turns(undisturbed, run) if kind == "drive"][:14] for run in range(40)
-    ]
-    driven = np.concatenate(legs)
-    assert driven.size == 560
-    assert leg_times_p(driven, 7.86, 10.725) > 1e-3
-    # Negative control: location and scale exchanged, as the text of the paper has them in one place.
-    assert leg_times_p(driven, 10.725, 7.86) < 1e-3
-
-
 def test_turns_end_within_the_tolerance(undisturbed: Motion) -> None:
     residues = []
     for run in range(40):
@@ -418,16 +390,6 @@ def test_turns_end_within_the_tolerance(undisturbed: Motion) -> None:
     # One period of a full turn is 2.7 degrees: an angle may be within the tolerance only after it.
     assert max(abs(r) for r in residues) <= 2.5 + 1e-9
     assert max(abs(r) for r in residues) > 2.0  # and not nearer than it must be
-
-
-def test_turning_saturates_at_twice_the_speed_over_the_track(undisturbed: Motion) -> None:
-    assert undisturbed.segments is not None
-    turns = undisturbed.segments.filter(pl.col("kind") == "turn")
-    fastest = 2 * 0.0549 / 0.046
-    rate = turns["turn_rate_rad_s"].abs()
-    assert rate.max() == pytest.approx(fastest, rel=1e-12)
-    assert (rate > fastest * (1 - 1e-9)).mean() > 0.01
-    assert turns["speed_m_s"].abs().max() == 0.0  # in place
 
 
 def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
@@ -453,97 +415,7 @@ def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
     )
 
 
-def test_an_interrupted_avoidance_turns_its_whole_angle() -> None:
-    """In a small arena: angle turned from the beginning of an avoidance to its end, stops in between."""
-    small = {
-        "arena.width_m": 0.4, "arena.height_m": 0.4, "swarm.start_margin_m": 0.1, "run.t_end_s": 600.0,
-        "sample.sample_interval_ms": 1500.0, "walk.leg_min_ms": 1e9, "walk.leg_max_ms": 1e9,
-    }  # fmt: skip
-    motion = FIXED_STEP.batch(Scenario().with_values(OPEN | small), 2, [0], True)
-    assert motion.segments is not None
-    kinds = motion.segments["kind"].to_list()
-    headings = np.unwrap(motion.segments["heading_rad"].to_numpy())
-    kept, interrupted, index, k = [], 0, 0, 0
-    while k < len(kinds):
-        if kinds[k] != "avoid":
-            k += 1
-            continue
-        # An avoidance lasts to the next drive; another may follow at once, which the numbers tell.
-        end = k
-        while end < len(kinds) and kinds[end] != "drive":
-            end += 1
-        if end == len(kinds):
-            break
-        kept.append((float(np.degrees(headings[end] - headings[k])), "stop" in kinds[k:end]))
-        interrupted += "stop" in kinds[k:end]
-        k = end
-    assert interrupted >= 10
-    for turned, _ in kept:
-        # The angles of one or more avoidances in a row add up.
-        for together in range(1, 12):
-            numbers = [uniform(2, 0, 0, int(Purpose.AVOIDANCE), index + j, 0) for j in range(together)]
-            wanted = sum(360.0 * u - 180.0 for u in numbers)
-            if abs(wanted - turned) <= 2.5 * together + 1e-6:
-                index += together
-                break
-        else:
-            pytest.fail(f"an avoidance turned {turned:.2f} degrees; number {index} says {wanted:.2f}")
-
-
 # Diffusion
-
-
-def squares(turn_max_deg: float, legs: int = 10, runs: int = 700) -> NDArray[np.float64]:
-    """Squared displacement after so many legs, one a run, m^2."""
-    motion = moved(
-        runs=runs,
-        seed=9,
-        sample__sample_interval_ms=1e9,
-        walk__turn_max_deg=turn_max_deg,
-        # So that headings after a turn are even round the circle; the integral would make it creep there.
-        walk__turn_tolerance_deg=0.05,
-        walk__turn_integral_gain_percent_per_deg_s=0.0,
-        run__t_end_s=legs * 34.0,
-    )
-    assert motion.segments is not None
-    ends = (
-        motion.segments.with_columns(leg=(pl.col("kind") == "turn").rle_id().over("run"))
-        .filter((pl.col("kind") == "turn") & (pl.col("leg") == 2 * legs - 1))
-        .group_by("run", maintain_order=True)
-        .first()
-    )
-    first = motion.segments.group_by("run", maintain_order=True).first()
-    assert ends.height == first.height == runs
-    return ((ends["x_m"] - first["x_m"]) ** 2 + (ends["y_m"] - first["y_m"]) ** 2).to_numpy()
-
-
-def theory_m2(legs: int, turn_max_deg: float) -> float:
-    """n E[L^2] + 2 E[L]^2 sum (n - k) c^k, c the mean cosine of a turn; with even turns c = 0."""
-    u = (np.arange(400_000) + 0.5) / 400_000
-    leg_ms = np.clip(stats.cauchy.ppf(u, 7860.0, 10725.0), 1000.0, 30_000.0)
-    length_m = 0.0549 * 0.02 * np.ceil(leg_ms / 20 - 1e-9)
-    cosine = math.sin(math.radians(turn_max_deg)) / math.radians(turn_max_deg)
-    k = np.arange(1, legs)
-    return float(legs * (length_m**2).mean() + 2 * length_m.mean() ** 2 * ((legs - k) * cosine**k).sum())
-
-
-def mean_p(values: NDArray[np.float64], expected: float) -> float:
-    """p-value of a t-test that the mean is as expected."""
-    return float(stats.ttest_1samp(values, expected).pvalue)
-
-
-def test_without_walls_the_walk_diffuses_as_theory_says() -> None:
-    measured, expected = squares(180.0), theory_m2(10, 180.0)
-    se = measured.std(ddof=1) / math.sqrt(measured.size)
-    assert mean_p(measured, expected) > 1e-3, f"{measured.mean():.4f} +- {se:.4f} m^2, theory {expected:.4f}"
-    assert mean_p(measured, 1.2 * expected) < 1e-3  # the test can see 20 %
-
-
-def test_a_walk_that_keeps_its_direction_does_not() -> None:
-    """Negative control, and the theory of persistent walks as a second check."""
-    measured = squares(90.0, runs=800)
-    assert mean_p(measured, theory_m2(10, 180.0)) < 1e-6
-    assert mean_p(measured, theory_m2(10, 90.0)) > 1e-3
 
 
 def test_a_program_takes_its_parameters_from_the_scenario() -> None:

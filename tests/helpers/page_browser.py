@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,12 @@ import polars as pl
 import pytest
 
 from helpers.browser import Tabs
+from vibroswarm.result import Result
 from vibroswarm.run_page.payload import RunRecord
-from vibroswarm.run_page.write import write_page
+from vibroswarm.run_page.write import record_of, write_page
 
+ACTORS = "document.getElementById('actors').toDataURL()"
+"""What is drawn of the robots."""
 BLANK = """(id) => {
   const canvas = document.getElementById(id);
   const copy = document.createElement("canvas");
@@ -34,10 +38,16 @@ def page_path(record: RunRecord, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 @pytest.fixture
-def open_page(tabs: Tabs, page_path: Path) -> Iterator[Open]:
-    """Opens a page; at the end, whatever it logged or asked for fails the test."""
+def open_page(tabs: Tabs, page_path: Path, tmp_path: Path) -> Iterator[Open]:
+    """Opens the page of a record or result, or a file; at the end, whatever it logged or asked for fails the test."""
+    number = count()
 
-    def opened(hash_: str = "#t=0", file: Path = page_path, **options: Any) -> Any:
+    def opened(
+        hash_: str = "#t=0", file: Path = page_path, of: RunRecord | Result | None = None, **options: Any
+    ) -> Any:
+        if of is not None:
+            file = tmp_path / f"page {next(number)}.html"
+            write_page(record_of(of) if isinstance(of, Result) else of, file)
         return tabs.open(file.as_uri() + hash_, **{"viewport": {"width": 1280, "height": 800}} | options)
 
     yield opened

@@ -45,3 +45,10 @@ def _estimates(
         numbers(inference[name])[at] for name in ("alpha", "beta")
     )  # a robot's last stays
     return estimate_of(alpha, beta).reshape(-1, robots)
+
+
+def assert_same_outcomes(one: Outcomes, other: Outcomes) -> None:
+    """Bit by bit."""
+    for name in ("run", "decision", "decision_time_s", "estimate", "end_s", "fill_ratio", "truth"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert (one.tiles, one.t_end_s) == (other.tiles, other.t_end_s)

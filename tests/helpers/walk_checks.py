@@ -9,12 +9,16 @@ segment table alone, with formulas of their own, so that no engine is its own ju
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.motion.event.event_run import EventRun
+from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.pose import place_from_moves
+from vibroswarm.motion.recorder import Rows
 from vibroswarm.motion.source import Source
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import widest_veer_shift
@@ -242,6 +246,34 @@ def check_in(cases: tuple[Case, ...], check: Check, source: Source) -> None:
         check(source)
 
 
+def assert_same_rows(one: Rows, other: Rows) -> None:
+    """The same events at the same ticks; places, angles, speeds and rays to a micrometre and the like."""
+    for part in ("samples", "segments", "moves", "ends"):
+        mine, theirs = getattr(one, part), getattr(other, part)
+        assert (mine is None) == (theirs is None)
+        if mine is None:
+            continue
+        assert mine.size == theirs.size, part
+        for name in mine.dtype.names:
+            a, b = (
+                np.exp(1j * rows[name]) if name == "heading_rad" else rows[name] for rows in (mine, theirs)
+            )
+            micro = 0.0 if a.dtype.kind in "iu" else 1e-6
+            np.testing.assert_allclose(a, b, rtol=0, atol=micro, err_msg=f"{part}: {name}")
+
+
+def assert_engines_agree(
+    scenario: Scenario, seed: int, runs: Iterable[int] = (0,), *, segments: bool = False
+) -> None:
+    """The event engine's runs are those of the fixed-step engine, to the end."""
+    for run in runs:
+        stepped, jumped = (
+            engine(scenario, seed, run, segments=segments, moves=True).rows(scenario.run.t_end_s)
+            for engine in (FixedStepRun, EventRun)
+        )
+        assert_same_rows(stepped, jumped)
+
+
 __all__ = [
     "CASES",
     "CHECKS",
@@ -253,6 +285,8 @@ __all__ = [
     "WALK_CHECKS",
     "Case",
     "Check",
+    "assert_engines_agree",
+    "assert_same_rows",
     "check_beginnings",
     "check_bodies",
     "check_copies",

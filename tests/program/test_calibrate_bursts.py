@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.commands import json_of, refusal_of
 from vibroswarm.calibrate.message_loss import STEPS, Bursts, LossFits, Windows, _logit, _Table
 from vibroswarm.cli import main
 from vibroswarm.documents.message_loss import message_loss_document
@@ -23,8 +23,7 @@ def test_a_fit_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     simulate(SHORT.with_values({"network.name": "loss", "network.loss.share": 0.3}), 2, 2).write(
         tmp_path / "lossy"
     )
-    assert main(["calibrate", "bursts", str(tmp_path / "lossy"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["tables"]
+    found = json_of(capsys, "calibrate", "bursts", tmp_path / "lossy", "--json")["tables"]
     fits = {one["model"]: one for one in found["fits"]}
     assert set(fits) == {"independent", "bursts"}
     assert 0.1 < fits["independent"]["lost_in_good"] < 0.5
@@ -35,8 +34,9 @@ def test_a_fit_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 def test_without_losses_there_is_nothing_to_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate(SHORT, 2, 1).write(tmp_path / "ideal")
-    assert main(["calibrate", "bursts", str(tmp_path / "ideal")]) == 2
-    assert "no message is lost; there is nothing to fit" in capsys.readouterr().err
+    assert "no message is lost; there is nothing to fit" in refusal_of(
+        capsys, "calibrate", "bursts", tmp_path / "ideal"
+    )
     assert main(["calibrate", "bursts", str(tmp_path / "none")]) == 2
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,8 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from helpers.browser import Tabs
+from helpers.commands import json_of, refusal_of, words_of
 from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
@@ -92,8 +92,7 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
     ]
     given += ["--lens", str(session / "v.chessboard.avi"), "--log", str(session / "v.log.csv"), "--any-floor"]
     given += ["--floor", str(session / "floor.txt"), "--tiles", "5x5"]
-    assert main([*given, "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)["tables"]["tracking"]
+    (told,) = json_of(capsys, *given, "--json")["tables"]["tracking"]
     assert told["clock_offset_s"] == pytest.approx(OFFSET_S, abs=0.04)
     assert told["lens"] == "chessboard"
     positions = pl.read_parquet(out / "positions.parquet")
@@ -124,22 +123,17 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
             assert own[column].to_numpy() == pytest.approx(
                 recording.motion[column].to_numpy(), abs=1e-6, nan_ok=True
             )
-    capsys.readouterr()
     again = [*given, "--force"]
-    assert main(again) == 0
-    assert "The robots' clock is +12." in " ".join(capsys.readouterr().out.split())
+    assert "The robots' clock is +12." in words_of(capsys, *again)
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(400, "light"), (1400, "dark")])
 def test_the_review_page_answers_and_fits(
-    browser: Any, tracked: Tracking, tmp_path: Path, width: int, scheme: str
+    tabs: Tabs, tracked: Tracking, tmp_path: Path, width: int, scheme: str
 ) -> None:
     write_page(tmp_path / "review.html", tracking_document(tracked))
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    page = context.new_page()
-    noise: list[str] = []
-    page.on("console", lambda message: noise.append(message.text))
-    page.goto((tmp_path / "review.html").as_uri())
+    address = (tmp_path / "review.html").as_uri()
+    page = tabs.open(address, viewport={"width": width, "height": 900}, color_scheme=scheme)
     lead = page.locator(".lead").first
     assert "of positions found: 5 robots" in lead.inner_text().replace("\u00a0", " ")
     assert lead.bounding_box()["y"] < 400
@@ -147,8 +141,7 @@ def test_the_review_page_answers_and_fits(
     broken = "[...document.images].filter((image) => image.complete && !image.naturalWidth).length"
     assert page.evaluate(broken) == 0
     assert page.locator("svg.drawing").count() == 3
-    assert noise == []
-    context.close()
+    assert tabs.emptied() == []
 
 
 def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path, tracked: Tracking) -> None:
@@ -162,65 +155,21 @@ def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path, tracked
     assert own.gaps().columns == ["robot", "start_s", "end_s"]
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda whole: b"", "is empty: 0 bytes"),
-        (lambda whole: whole[: len(whole) // 2], "truncated|cannot be read|damaged"),
-        (lambda whole: b"not a video at all" * 100, "cannot be read as a video"),
-    ],
-)
-def test_damaged_videos_are_refused_in_a_sentence(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], make: Any, words: str
-) -> None:
-    broken = tmp_path / "broken one.avi"
-    broken.write_bytes(make((session / "v.avi").read_bytes()))
-    out = tmp_path / "out"
-    with pytest.raises(SystemExit) as left:
-        raise SystemExit(
-            main(
-                ["lab", "track", str(broken), "--markers", str(session / "v.markers.toml"), "--out", str(out)]
-            )
-        )
-    assert left.value.code == 2
-    assert re.search(words, " ".join(capsys.readouterr().err.split()))
-    assert not out.exists()
-
-
-def test_markers_that_are_not_there_are_named(session: Path, tmp_path: Path, capsys: Any) -> None:
-    text = (session / "v.markers.toml").read_text(encoding="utf-8")
-    other = tmp_path / "markers.toml"
-    other.write_text(text.replace("4X4_50", "6X6_50"), encoding="utf-8")
-    given = ["lab", "track", str(session / "v.avi"), "--out", str(tmp_path / "out")]
-    assert main([*given, "--markers", str(other)]) == 2
-    assert "shows none of the robots' markers" in " ".join(capsys.readouterr().err.split())
-    assert main([*given, "--markers", str(tmp_path / "missing.toml")]) == 2
-
-
-def test_the_same_video_is_drawn_again(session: Path, tmp_path: Path) -> None:
-    result = Result.read(session / "run")
-    for name in ("w.avi", "x.avi"):
-        write_rehearsal(result, tmp_path / name, ROBOTS, LOOK, duration_s=0.3, clock_offset_s=OFFSET_S)
-    assert (tmp_path / "w.avi").read_bytes() == (tmp_path / "x.avi").read_bytes()
-
-
 def test_markers_may_be_given_by_their_numbers(session: Path, tmp_path: Path, capsys: Any) -> None:
     given = ["lab", "track", str(session / "v.avi"), "--lens", str(session / "v.chessboard.avi")]
     ids = [*given, "--markers", "0,1,2,3,4"]
-    assert main([*ids, "--out", str(tmp_path / "no")]) == 2
-    assert "--marker-size: is required with ids" in " ".join(capsys.readouterr().err.split())
+    assert "--marker-size: is required with ids" in refusal_of(capsys, *ids, "--out", tmp_path / "no")
     ids += ["--marker-size", "50", "--marker-height", "30"]
     assert main([*ids, "--out", str(tmp_path / "ids")]) == 0
     by_file = [*given, "--markers", str(session / "v.markers.toml"), "--out", str(tmp_path / "file")]
     assert main(by_file) == 0
     found = [pl.read_parquet(tmp_path / name / "positions.parquet") for name in ("ids", "file")]
     assert_frame_equal(*found, abs_tol=1e-9)  # the file has rounded lengths
-    capsys.readouterr()
-    assert main([*by_file, "--marker-height", "30"]) == 2
-    assert "is for ids" in capsys.readouterr().err
+    assert "is for ids" in refusal_of(capsys, *by_file, "--marker-height", "30")
     no_lens = ["lab", "track", str(session / "v.avi"), *by_file[5:7], "--out", str(tmp_path / "no")]
-    assert main([*no_lens, "--board", "8x6"]) == 2
-    assert "--board: is for the video of a chessboard; give it with --lens" in capsys.readouterr().err
+    assert "--board: is for the video of a chessboard; give it with --lens" in refusal_of(
+        capsys, *no_lens, "--board", "8x6"
+    )
     for other in (["--partial"], ["--any-floor"], ["--board", "8x6"]):
         assert main([*by_file, *other]) == 2, other  # other settings, so other work than that in the folder
         assert "add --force to replace it" in " ".join(capsys.readouterr().err.split())

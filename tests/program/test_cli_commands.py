@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import pytest
 
+from helpers.commands import output_of, refusal_of
 from vibroswarm import InputError, preset
 from vibroswarm.cli import main
 from vibroswarm.cli.command_line import Option, bound, help_of, parser_of
@@ -50,20 +51,10 @@ def test_older_words_name_the_new_ones_in_one_line(line, capsys):
     ],
 )
 def test_names_are_listed_with_a_line_each(command, names, capsys):
-    assert main([command]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = output_of(capsys, command).splitlines()
     for name in names:
         (line,) = (line for line in lines if line.split()[:1] == [name])
         assert len(line.split()) > 2, line
-
-
-def test_a_study_file_says_what_is_simulated(tmp_path, capsys):
-    file = tmp_path / "study.toml"
-    file.write_text('runs = 2\n[scenario]\nrun = { t_end_s = 30 }\n[grid]\n"swarm.robots" = [2, 3]\n')
-    for options in (["--strategy", "soft"], ["--set", "swarm.robots=2"], ["--vary", "swarm.robots=2,3"]):
-        assert main(["evaluate", str(file), *options]) == 2
-        assert f"{options[0]}: is not for a study file" in capsys.readouterr().err
-    assert main(["evaluate", str(file), "--no-confirm", "--no-pictures"]) == 0
 
 
 def inspect(
@@ -160,27 +151,19 @@ SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--r
 
 def test_detection_asks_for_a_share_and_names_its_strategy(capsys):
     line = ["detect", *SHORT, "--more-than", "30%", "--robots", "2", "--strategy", "totals"]
-    assert main(line) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, *line)
     assert "Does more than 30 % vibrate?" in said
     assert said.startswith("Too few runs to say: 3 runs cannot show at most 5 % misses")
     assert "Strategy totals" in said
-    assert main([*line, "--set", "decision.decision_boundary=0.2"]) == 2
-    assert "--more-than: is also set by --set decision.decision_boundary" in capsys.readouterr().err
+    assert "--more-than: is also set by --set decision.decision_boundary" in refusal_of(
+        capsys, *line, "--set", "decision.decision_boundary=0.2"
+    )
 
 
-def test_a_detection_searches_robots_and_time(monkeypatch):
-    """Later ends are tried only where there are enough runs to show something, and nothing is found."""
+def test_a_detection_of_few_runs_has_no_later_ends():
+    """They are tried only where there are enough runs to show something."""
     scenario = preset("paper").with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
     assert detection.sizes_of(scenario) == (2, 4, 8)
     few = detection.detect(scenario, robots=[2], fills=[0.4, 0.6], runs=4)
     assert few.scenario.run.t_end_s == 20.0
     assert not few.finds_nothing, "4 runs cannot show 5 %"
-    ends = []
-    monkeypatch.setattr(
-        detection, "run", lambda study, *_: [ends.append(study.cells[0].scenario.run.t_end_s)]
-    )
-    nothing = type("Nothing", (), {"finds_nothing": True})()
-    monkeypatch.setattr(detection, "detection_of", lambda *_: nothing)
-    detection.detect(scenario, robots=[2], fills=[0.4, 0.6], runs=4)
-    assert ends == [20.0, 40.0, 80.0]

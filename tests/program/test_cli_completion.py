@@ -99,13 +99,6 @@ def test_the_help_lists_each_command_once_in_a_group():
     assert titles[:2] == ["simulate:", "compare and search:"]
 
 
-def test_several_strategies_for_one_run_suggest_evaluate(capsys):
-    assert main(["run", "--strategy", "none,soft"]) == 2
-    assert "vibroswarm evaluate --strategy none,soft" in capsys.readouterr().err
-    assert main(["run", "--strategy", "none,sofd"]) == 2
-    assert "unknown strategy" in capsys.readouterr().err
-
-
 REGISTERED = """
 import json
 import vibroswarm.simulation

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.commands import output_of, refusal_of
 from vibroswarm.cli import main
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.optimize.steps import SearchFolder
@@ -73,8 +74,7 @@ def results(text: str) -> list[str]:
 @pytest.mark.parametrize("name", RESUMED)
 def test_it_resumes_by_the_command_that_is_printed(name, here, monkeypatch, capsys):
     file = "settings.toml" if name == "league tune" else None
-    assert main([*name.split(), *RESUMED[name], "--out", file or "whole"]) == 0
-    whole = capsys.readouterr().out
+    whole = output_of(capsys, *name.split(), *RESUMED[name], "--out", file or "whole")
     text = Path(file).read_text() if file else ""
     command = [*name.split(), *RESUMED[name], "--out", f"my {file or 'out'}"]
     with monkeypatch.context() as patched:
@@ -86,19 +86,19 @@ def test_it_resumes_by_the_command_that_is_printed(name, here, monkeypatch, caps
     assert any(kept.iterdir())
     resume = shlex.split(said.partition("To resume: ")[2])
     assert resume == ["vibroswarm", *command]
-    assert main(resume[1:]) == 0
-    assert results(capsys.readouterr().out) == results(whole)
+    assert results(output_of(capsys, *(resume[1:]))) == results(whole)
     if file:
         assert Path(f"my {file}").read_text() == text
         assert not kept.exists(), "the runs of a search that is done are removed"
 
 
-def test_work_that_is_saved_is_not_done_again(here, monkeypatch, capsys):
+def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_seed(here, monkeypatch, capsys):
     added = []
     command = ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"]
     with monkeypatch.context() as patched:
         stop_after(2, patched)
         assert main(command) == 130
+    assert "holds another study: seed" in refusal_of(capsys, *command, "--seed", "5")
     real = Store.add
     monkeypatch.setattr(
         Store, "add", lambda self, done: (added.append(self.folder.name), real(self, done))[1]
@@ -117,25 +117,6 @@ def test_what_is_said_without_a_folder(here, monkeypatch, capsys):
     assert "nothing is saved: with --out, finished work is saved" in capsys.readouterr().err
 
 
-def test_what_is_said_of_a_command_that_starts_again(here, monkeypatch, capsys):
-    def stopped(*given, **named):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("vibroswarm.simulation.simulate", stopped)
-    assert main(["run", "--out", "out"]) == 130
-    assert capsys.readouterr().err.splitlines()[-1] == "vibroswarm: interrupted; nothing is saved"
-    assert not Path("out").exists()
-
-
-def test_the_runs_of_another_tuning_are_not_mixed_in(here, monkeypatch, capsys):
-    command = ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"]
-    with monkeypatch.context() as patched:
-        stop_after(2, patched)
-        assert main(command) == 130
-    assert main([*command, "--seed", "5"]) == 2
-    assert "holds another study: seed" in capsys.readouterr().err
-
-
 def interrupted_after(module: str, *start: str) -> tuple[int, str, str]:
     """Exit code, output and messages of a command that gets Ctrl-C once it has imported a module."""
     line = [sys.executable, "-X", "importtime", *start, "check", "paper"]
@@ -149,17 +130,13 @@ def interrupted_after(module: str, *start: str) -> tuple[int, str, str]:
     return process.returncode, out, "".join(x for x in err.splitlines(True) if "import time:" not in x)
 
 
-FIRST = ["lazy_loader", "vibroswarm", "vibroswarm.cli", "vibroswarm.cli.commands"]
-LATER = ["polars", "pydantic", "numpy", "scipy", "numba"]
-
-
-@pytest.mark.parametrize("module", [*FIRST, *LATER])
+@pytest.mark.parametrize("module", ["lazy_loader", "vibroswarm.cli", "polars", "pydantic", "numpy", "numba"])
 def test_ctrl_c_while_modules_are_imported_ends_with_one_line(module):
     # A signal reaches a process a moment after it was sent: the modules that follow are then being imported.
     assert interrupted_after(module, "-m", "vibroswarm") == (130, "", "vibroswarm: interrupted\n")
 
 
-@pytest.mark.parametrize("module", FIRST)
+@pytest.mark.parametrize("module", ["lazy_loader", "vibroswarm.cli.commands"])
 def test_so_it_does_in_the_installed_program(module, tmp_path):
     program = tmp_path / "vibroswarm"
     program.write_text("import sys\nfrom vibroswarm.cli import main\nsys.exit(main())\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -14,11 +13,11 @@ import polars as pl
 import pytest
 
 import vibroswarm
+from helpers.commands import json_of, output_of, refusal_of, words_of
 from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.cli.command_line import bound
 from vibroswarm.cli.commands import parsed
-from vibroswarm.optimize.steps import SearchFolder
 from vibroswarm.optimize.words import search_of
 
 SMALL = (
@@ -62,8 +61,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
     search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    assert main(["optimize", search, "--out", str(out)]) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, "optimize", search, "--out", out)
     assert said.startswith("Best: ")
     assert "during the search (believed)" in said
     assert "on fresh runs (true)" in said
@@ -74,11 +72,9 @@ def test_a_search_is_made_kept_and_gone_on_with(
         assert (out / name).is_file()
     assert page.count(b"<figure") == 2
     assert not (out / "pictures").exists()
-    assert main(["show", str(out)]) == 0
-    assert "Done: 150 of 150 runs (100 %)" in capsys.readouterr().out
+    assert "Done: 150 of 150 runs (100 %)" in output_of(capsys, "show", out)
     steps = steps_of(out)
-    assert main(["optimize", search, "--out", str(out), "--json"]) == 0
-    about = json.loads(capsys.readouterr().out)
+    about = json_of(capsys, "optimize", search, "--out", out, "--json")
     assert steps_of(out) == steps
     assert not (out / "pictures").exists()
     assert (out / "report.html").read_bytes() == page  # written anew, with nothing of its time in it
@@ -86,7 +82,6 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert (out / "pictures" / "scores.png").is_file()
     assert (out / "pictures" / "parameters.svg").is_file()
     assert (out / "report.html").read_bytes() == page
-    capsys.readouterr()
     assert about["answer"][0][:20].encode() in page
     assert sum(row["runs"] for row in about["tables"]["runs"] if row["stage"] in ("search", "race")) == 150
     true = about["tables"]["truth"][1]
@@ -97,41 +92,11 @@ def test_a_search_is_made_kept_and_gone_on_with(
             assert command in page.decode()
             assert main([*command.split()[1:], *(["--runs", "4"] if "compare" in command else [])]) == 0
         assert (out / "report.html").read_bytes() == page
-    capsys.readouterr()
-    assert main(["optimize", search, "--out", str(out), "--seed", "4"]) == 2
-    assert "seed is 3 there and 4 here" in capsys.readouterr().err
+    assert "seed is 3 there and 4 here" in refusal_of(capsys, "optimize", search, "--out", out, "--seed", "4")
     # More fresh runs are advised where too few were made; the search is not repeated.
-    assert main(["optimize", search, "--out", str(out), "--fresh", "130", "--json"]) == 0
-    about = json.loads(capsys.readouterr().out)
+    about = json_of(capsys, "optimize", search, "--out", out, "--fresh", "130", "--json")
     assert about["tables"]["truth"][1]["runs"] == 130
     assert steps_of(out) == steps
-
-
-def test_ctrl_c_leaves_a_search_to_go_on_with(
-    search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    right, count = SearchFolder.add, 0
-
-    def interrupted(self: object, *arguments: object) -> None:
-        nonlocal count
-        count += 1
-        right(self, *arguments)  # type: ignore[arg-type]
-        if count == 3:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(SearchFolder, "add", interrupted)
-    out = str(tmp_path / "out")
-    assert main(["optimize", search, "--out", out]) == 130
-    capsys.readouterr()
-    assert main(["show", out]) == 0
-    said = capsys.readouterr().out
-    assert "in 3 steps; 0 failed" in said
-    assert "to resume" in said
-    monkeypatch.setattr(SearchFolder, "add", right)
-    assert main(["optimize", search, "--out", out, "--json", "--no-pictures"]) == 0
-    stopped = json.loads(capsys.readouterr().out)
-    assert main(["optimize", search, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == stopped
 
 
 @pytest.mark.slow
@@ -145,6 +110,9 @@ def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
     for executor in ("threads", "processes"):
         assert killed([*command, "--executor", executor, "--workers", "2"], out) == -signal.SIGKILL
     assert 0 < len(steps_of(out)) < len(steps_of(whole))
+    said = output_of(capsys, "show", out)
+    assert f"in {len(steps_of(out))} steps; 0 failed" in said
+    assert "to resume" in said
     assert main(command) == 0
     capsys.readouterr()
     for name in (
@@ -177,10 +145,8 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     long = tmp_path / "q.toml"
     long.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 100\n')
     options = ["optimize", "compare", str(short), str(long), "--runs"]
-    assert main([*options, "20"]) == 0
-    assert "on other seeds" in " ".join(capsys.readouterr().out.split())
-    assert main([*options, "150", "--cost", "decision_time", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    assert "on other seeds" in words_of(capsys, *options, "20")
+    found = json_of(capsys, *options, "150", "--cost", "decision_time", "--json")
     first, second = found["tables"]["differences"]
     assert first["confirmed"]
     assert first["difference_high"] < 0
@@ -190,14 +156,12 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert figures["decision_time_s"]["difference_high"] < 0
     floors = tmp_path / "floors.toml"
     floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n')
-    assert main([*options, "20", "--search", str(floors), "--json"]) == 0
-    tables = json.loads(capsys.readouterr().out)["tables"]
+    tables = json_of(capsys, *options, "20", "--search", floors, "--json")["tables"]
     cases = [row["score"] for row in tables["cases"] if row["name"] == str(short)]
     assert len(cases) == 2
     assert tables["scores"][0]["score"] == max(cases)
     same = ["optimize", "compare", str(short), str(short), "--runs", "20", "--json"]
-    assert main(same) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(capsys, *same)
     assert found["tables"]["differences"][0]["difference"] == 0
     assert "does not mean that they are equal" in found["answer"][0]
 
@@ -211,8 +175,8 @@ def test_scenarios_on_different_floors_are_not_compared_without_a_word(
     floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48"]\n')
     told = "The two differ in floor.source too; --search FILE sets its cases in both."
     for options, warnings in (([], [told]), (["--search", str(floors)], [])):
-        assert main(["optimize", "compare", str(one), str(other), "--runs", "4", "--json", *options]) == 0
-        assert json.loads(capsys.readouterr().out)["warnings"] == warnings
+        found = json_of(capsys, "optimize", "compare", one, other, "--runs", "4", "--json", *options)
+        assert found["warnings"] == warnings
 
 
 @pytest.mark.slow
@@ -221,15 +185,12 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     path = tmp_path / "grid.toml"
     path.write_text(GRID)
     out = tmp_path / "out"
-    assert (
-        main(["optimize", str(path), "--method", "grid", "--out", str(out), "--fresh", "50", "--pictures"])
-        == 0
+    said = output_of(
+        capsys, "optimize", path, "--method", "grid", "--out", out, "--fresh", "50", "--pictures"
     )
-    said = capsys.readouterr().out
     assert "luck" in said
     assert "during the search (believed)" in said
-    assert main(["show", str(out), "--json"]) == 0
-    tables = json.loads(capsys.readouterr().out)["tables"]
+    tables = json_of(capsys, "show", out, "--json")["tables"]
     believed, true, _ = tables["truth"]
     assert true["runs"] == 50
     assert believed["score"] == min(cell["score"] for cell in tables["grid"])
@@ -268,8 +229,7 @@ def test_force_removes_nothing_before_all_is_checked(
     old = tmp_path / "old"
     assert main(["run", "--set", "run.t_end_s=10", "--out", str(old)]) == 0
     before = sorted(path.name for path in old.iterdir())
-    assert main(["optimize", *options, "--out", str(old), "--force"]) == 2
-    assert words in capsys.readouterr().err
+    assert words in refusal_of(capsys, "optimize", *options, "--out", old, "--force")
     assert sorted(path.name for path in old.iterdir()) == before
 
 
@@ -294,8 +254,7 @@ def test_scenarios_are_compared_on_the_motion_of_the_search(
 def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("SALib")
     options = ["optimize", "sensitivity", search, "--budget", "2600", "--cost", "decision_time"]
-    assert main([*options, "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, *options, "--out", tmp_path / "out")
     assert said.index("min_observations") < said.index("sample_interval")  # the gate decides when to decide
     assert pl.read_csv(tmp_path / "out" / "sensitivity.csv").height == 2
 
@@ -334,8 +293,7 @@ def test_bad_input_is_told_and_ends_with_2(
 ) -> None:
     if "sensitivity" in options:
         pytest.importorskip("SALib")
-    assert main(["optimize", *options]) == 2
-    assert told in capsys.readouterr().err
+    assert told in refusal_of(capsys, "optimize", *options)
 
 
 def searched(line: list[str]) -> vibroswarm.optimize.Search:
@@ -365,5 +323,4 @@ def test_a_search_refuses_a_number_of_runs_of_each_cell(
 ) -> None:
     """It has a budget: the number was ignored."""
     (tmp_path / "search.toml").write_text("runs = 300\n", encoding="utf-8")
-    assert main(["optimize", str(tmp_path / "search.toml")]) == 2
-    assert "runs: is for grids" in capsys.readouterr().err
+    assert "runs: is for grids" in refusal_of(capsys, "optimize", tmp_path / "search.toml")

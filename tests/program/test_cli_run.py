@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.commands import json_of, output_of, refusal_of, words_of
 from vibroswarm import sensors
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS
@@ -30,8 +31,7 @@ def run(*arguments: str) -> int:
 
 def test_a_folder_with_scenario_tables_and_page(tmp_path, capsys):
     out = tmp_path / "a folder" / "first"
-    assert run(*SHORT, "--strategy", "soft", "--seed", "7", "--out", str(out)) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, "run", *SHORT, "--strategy", "soft", "--seed", "7", "--out", out)
     files = {path.name for path in out.iterdir()}
     assert files == {"scenario.toml", "vibroswarm.json", "run.html"} | {
         f"{name}.parquet"
@@ -69,14 +69,12 @@ def test_one_thing_is_written_in_the_singular(tmp_path, capsys):
     assert not re.findall(r"\b1 (?:robots|runs|cells|samples|tiles|items)\b", said)
 
 
-def test_pictures_need_a_folder(capsys):
-    assert run(*SHORT, "--pictures") == 2
-    assert "--pictures: needs --out DIR" in capsys.readouterr().err
-
-
 def test_the_same_seed_gives_equal_tables_and_another_does_not(tmp_path):
-    for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
-        assert run(*SHORT, "--seed", seed, "--out", str(tmp_path / name)) == 0
+    """Also from the scenario that is saved with the first."""
+    kept = ["--scenario", str(tmp_path / "a" / "scenario.toml")]
+    asked = [*SHORT, "--floor", "diagonal:0.46"]
+    for name, words, seed in (("a", asked, "7"), ("b", kept, "7"), ("c", kept, "8")):
+        assert run(*words, "--seed", seed, "--out", str(tmp_path / name)) == 0
     first, second, other = (Result.read(tmp_path / name) for name in "abc")
     assert first == second
     assert not first.same_tables(other)
@@ -90,13 +88,6 @@ def test_the_same_seed_gives_equal_tables_and_another_does_not(tmp_path):
     }:  # the files too, byte by byte
         mine, theirs = (tmp_path / folder / f"{name}.parquet" for folder in "ab")
         assert mine.read_bytes() == theirs.read_bytes()
-
-
-def test_a_kept_scenario_runs_again(tmp_path):
-    assert run(*SHORT, "--floor", "diagonal:0.46", "--seed", "3", "--out", str(tmp_path / "a")) == 0
-    again = ["--scenario", str(tmp_path / "a" / "scenario.toml"), "--seed", "3", "--out", str(tmp_path / "b")]
-    assert run(*again) == 0
-    assert Result.read(tmp_path / "a") == Result.read(tmp_path / "b")
 
 
 def test_a_floor_file_is_taken_into_the_scenario(tmp_path):
@@ -116,20 +107,18 @@ def test_a_scenario_file_names_a_floor_beside_it(tmp_path, monkeypatch, capsys):
         'preset = "paper-empirical"\n[floor]\nsource = "world.txt"\nrows = 2\ncolumns = 2\n[run]\nt_end_s = 5\n'
     )
     monkeypatch.chdir("/")
-    assert run("--scenario", str(tmp_path / "s.toml"), "--json") == 0
-    assert json.loads(capsys.readouterr().out)["tables"]["verdict"][0]["fill_ratio"] == 0.5
+    (verdict,) = json_of(capsys, "run", "--scenario", tmp_path / "s.toml", "--json")["tables"]["verdict"]
+    assert verdict["fill_ratio"] == 0.5
 
 
 def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
-    assert main(["scenario", "--preset", "text", "--robots", "8"]) == 0
-    text = capsys.readouterr().out
+    text = output_of(capsys, "scenario", "--preset", "text", "--robots", "8")
     wanted = preset("text").with_values({"swarm.robots": 8})
     assert Scenario.from_toml(text) == wanted
     file = tmp_path / "my scenario.toml"
     assert main(["scenario", "--preset", "text", "--robots", "8", "--out", str(file)]) == 0
     assert Scenario.read(file) == wanted
-    assert main(["scenario", "--out", str(file)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in refusal_of(capsys, "scenario", "--out", file)
     assert Scenario.read(file) == wanted
     assert main(["scenario", "--out", str(file), "--force"]) == 0
     assert Scenario.read(file) == preset("paper")
@@ -138,8 +127,7 @@ def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
 
 
 def test_json_is_one_document_with_the_verdict(capsys):
-    assert run(*SHORT, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = json_of(capsys, "run", *SHORT, "--json")
     (verdict,) = told["tables"]["verdict"]
     assert verdict["consensus"] in ("right", "wrong", "split", "incomplete")
     assert len(told["tables"]["robots"]) == 5
@@ -156,13 +144,11 @@ def test_robots_that_fail_are_named(capsys):
         "--set",
         "faults.stuck_at_1=0.2",
     ]
-    assert run(*SHORT, *faults) == 0
-    said = " ".join(capsys.readouterr().out.splitlines())
+    said = " ".join(output_of(capsys, "run", *SHORT, *faults).splitlines())
     assert "of 5 robots failed" in said
     assert "robot 3 stopped from 30 s" in said
     assert "stuck at 1" in said
-    assert run(*SHORT, *faults[:4], "--json") == 0
-    assert json.loads(capsys.readouterr().out)["tables"]["faults"] == [
+    assert json_of(capsys, "run", *SHORT, *faults[:4], "--json")["tables"]["faults"] == [
         {"run": 0, "robot": 3, "fault": "stopped", "from_s": 30.0}
     ]
     assert run(*SHORT, "--set", "faults.stuck_at_1=0.05") == 0
@@ -171,13 +157,11 @@ def test_robots_that_fail_are_named(capsys):
     assert "0.05 of 5 robots is 0.25; none of them have the fault" in said.err
     assert run(*SHORT, "--set", "faults.biased=0.2") == 0
     assert "faults.biased has no effect" in capsys.readouterr().err
-    assert run(*SHORT, "--set", "faults.stuck_at_1=3") == 2
-    assert "more than the whole swarm" in capsys.readouterr().err
+    assert "more than the whole swarm" in refusal_of(capsys, "run", *SHORT, "--set", "faults.stuck_at_1=3")
 
 
 def test_nothing_is_sampled_before_the_first_stop(capsys):
-    assert run("--set", "run.t_end_s=2", "--robots", "1") == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, "run", "--set", "run.t_end_s=2", "--robots", "1")
     assert "INCOMPLETE: the robot is undecided" in said
     assert "No robot took a sample." in said
 
@@ -193,19 +177,23 @@ def test_nothing_is_sampled_before_the_first_stop(capsys):
     ],
 )  # fmt: skip
 def test_a_gate_that_no_robot_reached_is_said(capsys, settings, words):
-    assert run("--set", "run.t_end_s=20", *(word for one in settings for word in ("--set", one))) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = words_of(
+        capsys, "run", "--set", "run.t_end_s=20", *(word for one in settings for word in ("--set", one))
+    )
     assert (f"No robot was allowed to decide: that takes {words}" in said) if words else "allowed" not in said
 
 
 def test_the_swarm_words_of_each_outcome(capsys):
     easy = ["--floor", "stripe:0.48", "--set", "run.t_end_s=300", "--set", "decision.min_observations=5"]
-    assert run(*easy, "--set", "decision.decision_boundary=0.03", "--robots", "3") == 0
-    assert "CONSENSUS, RIGHT: all 3 robots decided 'more than 3 % vibrates' by" in capsys.readouterr().out
-    assert run(*easy, "--set", "decision.decision_boundary=0.03", "--set", "sensor.rms_threshold=50") == 0
-    assert "CONSENSUS, WRONG: all 5 robots decided 'less than 3 % vibrates'" in capsys.readouterr().out
-    assert run(*easy, "--set", "decision.decision_boundary=0.48", "--set", "sensor.rms_threshold=50") == 0
-    assert "neither is right" in capsys.readouterr().out
+    assert "CONSENSUS, RIGHT: all 3 robots decided 'more than 3 % vibrates' by" in output_of(
+        capsys, "run", *easy, "--set", "decision.decision_boundary=0.03", "--robots", "3"
+    )
+    assert "CONSENSUS, WRONG: all 5 robots decided 'less than 3 % vibrates'" in output_of(
+        capsys, "run", *easy, "--set", "decision.decision_boundary=0.03", "--set", "sensor.rms_threshold=50"
+    )
+    assert "neither is right" in output_of(
+        capsys, "run", *easy, "--set", "decision.decision_boundary=0.48", "--set", "sensor.rms_threshold=50"
+    )
 
 
 BAD = {
@@ -219,6 +207,8 @@ BAD = {
     "--tiles 5x5 --floor .": (".", "folder"),
     "--preset papr": ("preset", "did you mean 'paper'?"),
     "--strategy sof": ("--strategy", "did you mean 'soft'?"),
+    "--strategy none,soft": ("vibroswarm evaluate --strategy none,soft",),
+    "--strategy none,sofd": ("unknown strategy",),
     "--robots many": ("--robots", "'many' is not a whole number"),
     f"--seed {'9' * 400}": ("--seed", "is not a whole number"),
     "--robots 0": ("swarm.robots", "0 is wrong"),
@@ -238,6 +228,7 @@ BAD = {
     "--set run.t_end_s=inf": ("run.t_end_s", "inf"),
     "--set run.t_end_s=-5": ("run.t_end_s", "-5"),
     "--set run.t_end_s=0": ("run.t_end_s", "0"),
+    "--set run.t_end_s=1e-9": ("run.t_end_s: 1e-09 s has no control period (20 ms)",),
     "--set run.t_end_s=8400": ("robot.battery_life_s", "empty"),
     "--set walk.leg_min_ms=40000": ("walk.leg_min_ms", "40000"),
     "--set strategy.name=7": ("strategy.name", "7"),
@@ -245,6 +236,10 @@ BAD = {
     "--set arena.width_m=0.02": ("arena.width_m", "does not fit"),
     "--set floor.left_m=3": ("floor.left_m", "outside the arena"),
     "--force": ("--force", "has no effect without --out"),
+    "--pictures": ("--pictures: needs --out DIR",),
+    "--stratgy soft": ("did you mean '--strategy'?",),
+    "--preset paper --scenario x": ("--preset", "--scenario"),
+    "--out": ("--out",),
 }
 
 
@@ -261,46 +256,25 @@ def test_bad_input_is_named_and_ends_with_2(line, capsys, tmp_path, monkeypatch)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("line", ["--stratgy soft", "--preset paper --scenario x", "--out"])
-def test_bad_options_end_with_2(line, capsys):
-    assert run(*line.split()) == 2
-    assert "error" in capsys.readouterr().err
-
-
-def test_an_unknown_option_or_command_suggests_the_nearest(capsys):
-    assert run("--stratgy", "soft") == 2
-    assert "did you mean '--strategy'?" in capsys.readouterr().err
-    assert main(["rnu"]) == 2
-    assert "did you mean 'run'?" in capsys.readouterr().err
-
-
 def test_an_output_folder_that_exists_is_refused_unless_told(tmp_path, capsys):
     out = tmp_path / "out"
     assert run(*SHORT, "--seed", "1", "--out", str(out)) == 0
     before = (out / "vibroswarm.json").read_bytes()
-    assert run(*SHORT, "--seed", "2", "--out", str(out)) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in refusal_of(capsys, "run", *SHORT, "--seed", "2", "--out", out)
     assert (out / "vibroswarm.json").read_bytes() == before
     link = tmp_path / "link"
     link.symlink_to(out)
-    assert run(*SHORT, "--seed", "2", "--out", str(link), "--force") == 2
-    assert "give another --out (--force replaces no symbolic link)" in capsys.readouterr().err
+    assert "give another --out (--force replaces no symbolic link)" in refusal_of(
+        capsys, "run", *SHORT, "--seed", "2", "--out", link, "--force"
+    )
     assert (out / "vibroswarm.json").read_bytes() == before
     assert run(*SHORT, "--seed", "2", "--out", str(out), "--force") == 0
     assert Result.read(out).seed == 2
 
 
-def test_force_never_removes_a_folder_of_something_else(tmp_path, capsys):
-    (tmp_path / "thesis.tex").write_text("ten years")
-    assert run(*SHORT, "--out", str(tmp_path), "--force") == 2
-    assert "not a vibroswarm result" in capsys.readouterr().err
-    assert (tmp_path / "thesis.tex").read_text() == "ten years"
-
-
 def test_a_file_in_the_way_is_refused(tmp_path, capsys):
     (tmp_path / "out").write_text("mine")
-    assert run(*SHORT, "--out", str(tmp_path / "out"), "--force") == 2
-    assert "is a file" in capsys.readouterr().err
+    assert "is a file" in refusal_of(capsys, "run", *SHORT, "--out", tmp_path / "out", "--force")
     assert run(*SHORT, "--out", str(tmp_path / "out" / "deeper")) == 2
     assert (tmp_path / "out").read_text() == "mine"
 
@@ -423,10 +397,10 @@ sys.exit(main({[*options[:-1], "run.t_end_s=1"]}))
 
 
 def test_help_and_version(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("vibroswarm 0.")
-    assert main([]) == 0
-    assert "run one inspection" in capsys.readouterr().out
+    for option in ("--version", "-V"):
+        assert output_of(capsys, option).startswith("vibroswarm 0.")
+    assert "did you mean 'run'?" in refusal_of(capsys, "rnu")
+    assert "run one inspection" in output_of(capsys)
 
 
 HEAVY = {"numba", "llvmlite", "numpy", "scipy", "polars", "pydantic", "matplotlib", "PIL", "rich"}

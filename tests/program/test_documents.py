@@ -286,7 +286,7 @@ def test_a_dead_link_is_seen(tmp_path):
     assert list(dead_links(tmp_path / "a.md")) == ["b.md", "#d"]
 
 
-def test_what_examples_of_the_readme_say(here, capsys):
+def test_what_examples_of_the_readme_say():
     for block in blocks(ROOT / "README.md", "python"):
         assert len([line for line in block.text.splitlines() if line.strip()]) <= 11
         assert ast.parse(block.text).body

@@ -100,10 +100,3 @@ def test_the_files_are_what_they_say():
     assert len(plan_of(study).groups) == 1
     assert Search.read(EXAMPLES / "search.toml").objectives[0].name == "expected_time_to_right"
     assert len(Search.read(EXAMPLES / "own_cost.toml").space.names) == 3
-
-
-def test_the_search_runs(run_example, capsys):
-    command = ["optimize", "examples/search.toml", "--budget", "200", "--fresh", "20", "--no-pictures"]
-    assert main([*command, "--out", "search"]) == 0
-    assert "believed score" in capsys.readouterr().out
-    assert main(["run", "--scenario", "search/best.toml", "--json"]) == 0

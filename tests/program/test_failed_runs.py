@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+from helpers.commands import json_of, output_of, words_of
 from vibroswarm import Study
-from vibroswarm.cli import main
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.recorder import Failure
-from vibroswarm.motion.source import Source, forget, register
+from vibroswarm.motion.source import Source, register
 from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
@@ -36,11 +34,9 @@ class FailingRun(FixedStepRun):
 
 
 @pytest.fixture
-def failing() -> Iterator[str]:
-    name = "gives-up"
-    register(Source(name, FailingRun, partial(batch_of, FailingRun), is_ours=True))
-    yield name
-    forget(name)
+def failing() -> str:
+    register(Source("gives-up", FailingRun, partial(batch_of, FailingRun), is_ours=True))
+    return "gives-up"
 
 
 BRIEF = ["--set", "run.t_end_s=30", "--robots", "2", "--runs", "6", "--strategy", "none,soft", "--quiet"]
@@ -51,8 +47,7 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     failing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "study"
-    assert main(["evaluate", *BRIEF, "--motion", failing, "--out", str(out)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
+    printed = words_of(capsys, "evaluate", *BRIEF, "--motion", failing, "--out", out)
     words = (
         "2 of 6 runs of soft failed in the source of motion; the robots have stood still since and count as "
         "undecided (run 1 at 10 s: the test wants it)."
@@ -70,16 +65,14 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert result.failed_runs(1)["strategy.name"].unique().to_list() == ["soft"]
     assert result.summary()["failed_runs"].to_list() == [2, 2]
     assert result.runs(0)["undecided"].to_list()[1] == 2
-    assert main(["evaluate", *BRIEF, "--motion", failing, "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)["tables"]["summary"]
+    summary = json_of(capsys, "evaluate", *BRIEF, "--motion", failing, "--json")["tables"]["summary"]
     assert [cell["failed_runs"] for cell in summary] == [2, 2]
 
 
 @pytest.mark.usefixtures("one_picture")
 def test_a_study_whose_runs_all_end_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "study"
-    assert main(["evaluate", *BRIEF, "--motion", "fixed-step", "--out", str(out)]) == 0
-    assert "failed" not in capsys.readouterr().out
+    assert "failed" not in output_of(capsys, "evaluate", *BRIEF, "--motion", "fixed-step", "--out", out)
     assert "failed" not in (out / "report.html").read_text()
     result = StudyResult.open(out)
     assert "failed_runs" not in result.summary().columns

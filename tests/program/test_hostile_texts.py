@@ -95,15 +95,15 @@ def test_a_study(tmp_path: Path) -> None:
         check(hostile, plain, text)
 
 
-@pytest.mark.parametrize("text", TEXTS)
-def test_a_run_on_a_floor_from_a_file(tmp_path: Path, text: str) -> None:
-    for root, name in (("hostile", in_a_file_name(text)), ("plain", "name")):
+def test_a_run_on_a_floor_from_a_file(tmp_path: Path) -> None:
+    texts = in_a_file_name(" ".join(TEXTS))
+    for root, name in (("hostile", texts), ("plain", "name")):
         folder = tmp_path / root / name
         folder.mkdir(parents=True)
         floor = folder / f"{name}.txt"
         floor.write_text("\n".join(ROWS), encoding="utf-8")
         assert main(["run", *SHORT, "--floor", str(floor), "-q", "--out", str(tmp_path / root / "out")]) == 0
-    check(tmp_path / "hostile" / "out", tmp_path / "plain" / "out", in_a_file_name(text))
+    check(tmp_path / "hostile" / "out", tmp_path / "plain" / "out", texts)
 
 
 def printed_plainly(capsys: pytest.CaptureFixture[str]) -> str:

@@ -12,7 +12,6 @@ import pytest
 
 import vibroswarm
 from vibroswarm.cli import main
-from vibroswarm.core.atomic_io import temporary_stem
 from vibroswarm.core.tables import read_frame, write_frame
 
 NOT_UNICODE = os.fsdecode(b"y\xff")
@@ -29,13 +28,6 @@ def test_a_table_is_written_and_read_whatever_its_folder_is_called(tmp_path):
     write_frame(table, folder / "t.parquet", {"b": "c"})
     assert read_frame(folder / "t.parquet", "t").equals(table)
     assert pl.read_parquet_metadata((folder / "t.parquet").read_bytes())["b"] == "c"
-
-
-@pytest.mark.parametrize("name", ["mäße☃", NOT_UNICODE, "%", "a" * 300, "☃" * 85])
-def test_temporary_names_are_ascii_and_short(name):
-    stem = temporary_stem(name)
-    assert stem.isascii()
-    assert len(stem) <= 102
 
 
 def test_names_that_are_not_unicode(tmp_path, capsys):

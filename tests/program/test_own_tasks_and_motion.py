@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.commands import output_of, refusal_of
 from vibroswarm import preset, tasks
 from vibroswarm.cli import main
 from vibroswarm.core.user_code import errors_in
@@ -106,8 +107,7 @@ def right_by_hand(result: Result, run: int) -> int | None:
 def test_a_task_says_which_decision_is_right(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, task = files / "out", f"{files / 'halves.py'}:halves"
     command = ["run", "--task", task, *SHORT, "--set", "task.halves.columns=2", "--out", str(out)]
-    assert main(command) == 0
-    assert "it is the " in capsys.readouterr().out
+    assert "it is the " in output_of(capsys, *command)
     result = Result.read(out)
     assert "it is the left" in (out / "run.html").read_text(encoding="utf-8")
     assert (out / "halves.py").read_text(encoding="utf-8") == HALVES
@@ -122,6 +122,8 @@ def test_a_task_says_which_decision_is_right(files: Path, capsys: pytest.Capture
     assert set(other.runs["truth"].to_list()) == {None, 0, 1}
     assert set(usual.runs["truth"].to_list()) == {0}
     assert result.runs["truth"].to_list() == other.runs["truth"].to_list()[:1]
+    as_in_another_process()
+    assert "is not loaded; add --trust to run the file" in refusal_of(capsys, "show", out)
 
 
 @pytest.mark.slow
@@ -141,10 +143,8 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
     table = pl.read_csv(out / "summary.csv")
     assert table["swarm_right"].n_unique() == 2
     as_in_another_process()
-    capsys.readouterr()
     assert main(["show", str(out)]) == 0
-    assert main(["evaluate", str(out / "study.toml"), "--runs", "24", "--out", str(out)]) == 2
-    assert "--trust" in capsys.readouterr().err
+    assert "--trust" in refusal_of(capsys, "evaluate", out / "study.toml", "--runs", "24", "--out", out)
     again = [
         "evaluate",
         str(out / "study.toml"),
@@ -189,8 +189,7 @@ fresh = 8
         "--out",
         str(files / "found"),
     ]
-    assert main(command) == 0
-    assert "Best: " in capsys.readouterr().out
+    assert "Best: " in output_of(capsys, *command)
 
 
 @pytest.mark.parametrize(
@@ -236,20 +235,15 @@ def test_a_task_that_draws_is_refused(draw: str, files: Path, capsys: pytest.Cap
     text = "import random as chance\nfrom random import random\n" + HALVES
     text = text.replace("None if left == right else int(left > right)", f"int({draw} > 0.5)")
     (files / "halves.py").write_text(text, encoding="utf-8")
-    assert main(["run", "--task", f"{files / 'halves.py'}:halves", *SHORT]) == 2
-    assert "in truth: draws random numbers of its own" in capsys.readouterr().err
-
-
-def test_commands_about_shares_refuse_another_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["detect", "--task", f"{files / 'halves.py'}:halves", "--runs", "4"]) == 2
-    assert "task.name: must be fill_ratio to detect" in capsys.readouterr().err
+    assert "in truth: draws random numbers of its own" in refusal_of(
+        capsys, "run", "--task", f"{files / 'halves.py'}:halves", *SHORT
+    )
 
 
 @pytest.mark.slow
 def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion, out = f"{files / 'standing.py'}:standing", files / "out"
-    assert main(["run", "--motion", motion, *SHORT, "--out", str(out)]) == 0
-    assert "No page" in capsys.readouterr().out
+    assert "No page" in output_of(capsys, "run", "--motion", motion, *SHORT, "--out", out)
     result = Result.read(out)
     assert result.source.startswith("standing.py:standing sha256:")
     assert result.motion["time_s"].unique().to_list() == [10.0 * k for k in range(1, 20)]
@@ -268,12 +262,10 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     ]
     assert main([*command, "--runs", "8"]) == 0
     as_in_another_process()
-    capsys.readouterr()
     assert main(["show", str(study)]) == 0
     again = ["evaluate", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
     again += ["--no-confirm"]
-    assert main(again) == 2
-    assert "is not loaded" in capsys.readouterr().err
+    assert "is not loaded" in refusal_of(capsys, *again)
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
     manifest = json.loads((study / "vibroswarm.json").read_text(encoding="utf-8"))
     assert manifest["kind"] == "study"
@@ -308,8 +300,7 @@ def test_motion_that_is_wrong_is_refused(
 def test_motion_cannot_be_steered_if_it_says_so(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     avoider = Path(__file__).parents[2] / "examples" / "strategies" / "avoider.py"
     command = ["run", "--motion", f"{files / 'standing.py'}:standing", "--strategy", f"{avoider}:avoider"]
-    assert main(command) == 2
-    assert "cannot be steered" in capsys.readouterr().err
+    assert "cannot be steered" in refusal_of(capsys, *command)
 
 
 @pytest.mark.parametrize("given", ["[0.5, 2]", "[]"])
@@ -326,20 +317,6 @@ def test_a_parameter_that_is_a_list_is_set(tmp_path: Path, given: str) -> None:
     )
     network = ["--network", f"{path}:slow_list", "--set", f"network.slow_list.waits={given}"]
     assert main(["run", *network, "--set", "run.t_end_s=20", "--json"]) == 0
-
-
-def test_what_needs_a_task_that_is_not_loaded_says_how_to_load_it(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = str(files / "unloaded")
-    text = (files / "halves.py").read_text(encoding="utf-8").replace("halves", "unloaded_halves")
-    (files / "unloaded_halves.py").write_text(text, encoding="utf-8")
-    task = f"{files / 'unloaded_halves.py'}:unloaded_halves"
-    assert main(["run", "--task", task, "--set", "run.t_end_s=20", "--out", out]) == 0
-    tasks.base.forget("unloaded_halves")  # as in another process
-    capsys.readouterr()
-    assert main(["show", out]) == 2
-    assert "is not loaded; add --trust to run the file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("folder", ["elsewhere", "day 2: noon"])

@@ -11,11 +11,12 @@ import polars as pl
 import pytest
 
 from helpers.browser import Tabs
-from helpers.page_browser import BLANK, Open, latest, settled, wait_until
+from helpers.page_browser import ACTORS, BLANK, Open, latest, settled, wait_until
 from helpers.page_records import make_record
 from vibroswarm import preset, simulate
+from vibroswarm.observation.observe import kinds_at
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord
-from vibroswarm.run_page.write import record_of, write_page, write_run_page
+from vibroswarm.run_page.write import record_of
 
 
 def test_it_opens_in_hidden_frames_and_draws_once_shown(tabs: Tabs, page_path: Path, tmp_path: Path) -> None:
@@ -43,9 +44,7 @@ def test_it_opens_in_hidden_frames_and_draws_once_shown(tabs: Tabs, page_path: P
 
 
 @pytest.mark.parametrize("gate", ["total", "received", "own"])
-def test_the_gate_opens_when_the_tables_say(
-    open_page: Open, record: RunRecord, tmp_path: Path, gate: str
-) -> None:
+def test_the_gate_opens_when_the_tables_say(open_page: Open, record: RunRecord, gate: str) -> None:
     """Observations counted here from the order of samples and the column of received messages."""
     least = 15
     tables = record.inference.join(record.motion, on=["run", "robot", "sample"])
@@ -56,28 +55,23 @@ def test_the_gate_opens_when_the_tables_say(
     }
     first = tables.filter(counted[gate] > least)["time_s"].min()
     assert isinstance(first, float)
-    file = tmp_path / "gate.html"
     undecided = record.robots.with_columns(decision=pl.lit(-1, dtype=pl.Int8))
-    write_page(replace(record, gate=gate, min_observations=least, robots=undecided), file)
-    page = open_page(file=file)
+    page = open_page(of=replace(record, gate=gate, min_observations=least, robots=undecided))
     assert page.evaluate("vibroswarm.gate().first_s") == pytest.approx(first, abs=1e-9)
     words = {"total": "observations, its own and received", "received": "received bits", "own": "own samples"}
     lead = page.inner_text("#belief-lead")
     assert f"only with more than {least} {words[gate]}: before {first:.1f} s it is too early" in lead
 
 
-def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunRecord) -> None:
     """Of a strategy without a gate, and where robots decided before it."""
-    for name, fields in {"none": {"gated": False}, "broken": {"min_observations": 100}}.items():
-        write_page(replace(record, **fields), tmp_path / f"{name}.html")
-        page = open_page(file=tmp_path / f"{name}.html")
+    for fields in ({"gated": False}, {"min_observations": 100}):
+        page = open_page(of=replace(record, **fields))
         assert page.evaluate("vibroswarm.gate().first_s") == 0
         assert "too early" not in page.inner_text("#belief-lead")
 
 
-def test_only_robots_that_decide_by_their_belief_are_said_to(
-    open_page: Open, record: RunRecord, tmp_path: Path
-) -> None:
+def test_only_robots_that_decide_by_their_belief_are_said_to(open_page: Open, record: RunRecord) -> None:
     """Others decide by rules that the page does not know, and some report no belief."""
     silent = record.inference.with_columns(belief_below=pl.lit(None, dtype=pl.Float64))
     by_rule = {"decides_by_belief": False, "gated": False}
@@ -87,8 +81,7 @@ def test_only_robots_that_decide_by_their_belief_are_said_to(
         "silent": (by_rule | {"inference": silent}, "These robots report no belief", "by a rule of its own"),
     }
     for name, (fields, lead, decides) in pages.items():
-        write_page(replace(record, **fields), tmp_path / f"{name}.html")
-        page = open_page(file=tmp_path / f"{name}.html")
+        page = open_page(of=replace(record, **fields))
         assert lead in page.inner_text("#belief-lead")
         assert page.locator("#details div", has_text="Decides").locator("dd").inner_text() == decides
         heads = page.locator("#roster thead tr").last.locator("th").all_text_contents()
@@ -114,6 +107,9 @@ def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record
     assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: not vibrating\n2 of 5 undecided"
     assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
     assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"
+    page.evaluate("vibroswarm.seek(100)")
+    assert page.inner_text("#clock-minutes") == "1:40 / 4:00 min"
+    assert page.inner_text("#now-time") == "100.0 s (1 min 40 s)"
 
 
 def test_a_note_under_a_resting_pointer_follows_time(open_page: Open) -> None:
@@ -130,7 +126,7 @@ def test_a_note_under_a_resting_pointer_follows_time(open_page: Open) -> None:
     assert not page.locator("#tooltip").is_visible()
 
 
-def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord) -> None:
     """Each decided robot has one flag, alone or with others; none lies on another."""
     chance = np.random.default_rng(5)
     row = record.robots.row(0, named=True)
@@ -144,9 +140,9 @@ def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord, t
         + [row | {"robot": 59, "decision": -1, "decision_time_s": None, "belief_at_decision": None}],
         schema=record.robots.schema,
     )
-    file = tmp_path / "sixty.html"
-    write_page(replace(record, robots=table, gated=False), file)
-    flags = open_page(file=file, viewport={"width": 900, "height": 700}).evaluate("vibroswarm.flags()")
+    flags = open_page(
+        of=replace(record, robots=table, gated=False), viewport={"width": 900, "height": 700}
+    ).evaluate("vibroswarm.flags()")
     assert sorted(robot for flag in flags for robot in flag["robots"]) == list(range(59))
     places = [flag["place"] for flag in flags]
     assert min(np.diff(places)) >= 2 * flags[0]["radius"]
@@ -155,23 +151,13 @@ def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord, t
     assert [len(flag["robots"]) for flag in few] == [1, 1, 1]
 
 
-def test_minutes_stand_beside_seconds(open_page: Open) -> None:
-    page = open_page("#t=100")
-    assert page.inner_text("#clock-minutes") == "1:40 / 4:00 min"
-    assert page.inner_text("#now-time") == "100.0 s (1 min 40 s)"
-
-
-def test_the_scale_bar_is_as_long_as_it_says(open_page: Open) -> None:
+def test_the_scale_bar_is_as_long_as_it_says_and_covers_nothing(open_page: Open) -> None:
+    """It is drawn below the floor, above the legend, and says something there."""
     page = open_page()
     bar = page.evaluate("vibroswarm.scaleBar()")
     width = page.locator("#arena-frame").evaluate("(frame) => frame.clientWidth")
     assert bar["words"] == "20 cm"
     assert bar["width"] == pytest.approx(0.2 * width, rel=0.01)
-
-
-def test_the_scale_bar_covers_nothing(open_page: Open) -> None:
-    """It is drawn below the floor, above the legend, and says something there."""
-    page = open_page()
     frame, scale, legend = (
         page.locator(f"#{name}").bounding_box() for name in ("arena-frame", "scale", "legend")
     )
@@ -187,7 +173,7 @@ NARROW = {"width": 800, "height": 800}
 
 
 def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
-    open_page: Open, record: RunRecord, tmp_path: Path
+    open_page: Open, record: RunRecord
 ) -> None:
     chance = np.random.default_rng(8)
     off = chance.normal(0, 0.04, (2, len(record.motion)))
@@ -204,9 +190,7 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
         lagged_spread_x_m=pl.lit(0.02),
         lagged_spread_y_m=pl.lit(0.03),
     )
-    file = tmp_path / "places.html"
-    write_page(replace(record, places=places.reverse()), file)
-    page = open_page(file=file, viewport=NARROW)
+    page = open_page(of=replace(record, places=places.reverse()), viewport=NARROW)
     for robot in (0, 3):
         row = latest(record, robot, 101.37)
         told = places.filter((pl.col("robot") == robot) & (pl.col("sample") == row["sample"])).to_dicts()[0]
@@ -223,17 +207,16 @@ def test_believed_places_lie_where_the_table_says_and_can_be_switched_off(
         )
     assert page.evaluate("vibroswarm.smoothed(0, 5)") is None
     page.evaluate("vibroswarm.seek(101.37)")
-    shown = "document.getElementById('actors').toDataURL()"
     plain = open_page("#t=101.37", viewport=NARROW)
-    assert page.evaluate(shown) != plain.evaluate(shown)
+    assert page.evaluate(ACTORS) != plain.evaluate(ACTORS)
     page.uncheck("#layer-places")
     assert settled(page)["time_s"] == 101.37
-    assert page.evaluate(shown) == plain.evaluate(shown)
+    assert page.evaluate(ACTORS) == plain.evaluate(ACTORS)
     assert plain.locator("#layer-places").count() == 0
 
 
 def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
-    open_page: Open, record: RunRecord, tmp_path: Path
+    open_page: Open, record: RunRecord
 ) -> None:
     """Maps as given, by robot and pooled, at the latest time before; the tile's note says the number."""
     rows, columns = record.floor.tiles.shape
@@ -241,9 +224,9 @@ def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
     beliefs = np.random.default_rng(5).random((41, robots + 1, rows * columns))
     time_s = np.linspace(0.0, record.t_end_s, 41)
     uncounted = record.inference.with_columns(alpha=pl.lit(None, pl.UInt32), beta=pl.lit(None, pl.UInt32))
-    file = tmp_path / "map.html"
-    write_page(replace(record, maps=MapsOverTime(time_s, beliefs), inference=uncounted), file)
-    page = open_page(file=file, viewport=NARROW)
+    page = open_page(
+        of=replace(record, maps=MapsOverTime(time_s, beliefs), inference=uncounted), viewport=NARROW
+    )
     for t in (0.0, 101.37, record.t_end_s):
         at = np.searchsorted(time_s, t, side="right") - 1
         for tile in (0, rows * columns - 1):
@@ -252,12 +235,11 @@ def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
                 of = robots if robot is None else robot
                 assert drawn == pytest.approx(beliefs[at, of, tile], abs=0.5 / 255 + 1e-9)
     page.evaluate("vibroswarm.seek(101.37)")
-    shown = "document.getElementById('actors').toDataURL()"
-    with_map = page.evaluate(shown)
+    with_map = page.evaluate(ACTORS)
     page.uncheck("#layer-map")
     assert settled(page)["time_s"] == 101.37
     plain = open_page("#t=101.37", viewport=NARROW)
-    assert with_map != page.evaluate(shown) == plain.evaluate(shown)
+    assert with_map != page.evaluate(ACTORS) == plain.evaluate(ACTORS)
     assert plain.locator("#layer-map").count() == 0
     assert page.locator("#cards").is_hidden()
     assert plain.locator("#cards").is_visible()
@@ -266,25 +248,21 @@ def test_the_map_grows_and_strategies_without_counts_have_no_posteriors(
 
 
 def test_robots_that_exchange_opinions_have_decided_when_they_agree(
-    open_page: Open, record: RunRecord, tmp_path: Path
+    open_page: Open, record: RunRecord
 ) -> None:
     """Their opinions, which may change, were counted as decisions from the first sample on."""
     opinions = record.inference.with_columns(decision=pl.lit(0, dtype=pl.Int8))
     agreed = record.robots.with_columns(decision=pl.lit(0, dtype=pl.Int8), decision_time_s=pl.lit(101.0))
-    file = tmp_path / "opinions.html"
-    write_page(replace(record, decides="opinion", inference=opinions, robots=agreed), file)
-    page = open_page(file=file)
+    page = open_page(of=replace(record, decides="opinion", inference=opinions, robots=agreed))
     for time_s, decided in ((100.0, "0"), (101.0, "5")):
         page.evaluate("(t) => vibroswarm.seek(t)", time_s)
         assert page.text_content("#now-decided") == decided
 
 
-def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open, tmp_path: Path) -> None:
+def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open) -> None:
     """The band's numbers against those of the tables, at three times."""
     crowd = make_record(robots=20, t_end_s=60.0, seed=4, min_observations=60)
-    file = tmp_path / "crowd.html"
-    write_page(crowd, file)
-    page = open_page(file=file)
+    page = open_page(of=crowd)
     band = page.evaluate("vibroswarm.band()")
     assert band[0]["low"] == band[0]["mean"] == band[0]["high"] == pytest.approx(0.5)
     for point in (band[len(band) // 3], band[len(band) // 2], band[-1]):
@@ -306,10 +284,8 @@ def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open,
     assert "Band" not in open_page().inner_text("#belief-lead")
 
 
-def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) -> None:
+def test_kinds_of_tile_and_patches_are_shown(open_page: Open) -> None:
     """Decisions, legend and marks of three kinds; a patch is painted over still tiles."""
-    from vibroswarm import preset, simulate
-    from vibroswarm.run_page.write import write_run_page
 
     short = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
     three = short.with_values(
@@ -322,8 +298,7 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) ->
     )
     result = simulate(three, 2, 1, segments=True)
     assert set(result.robots["decision"]) == {2}
-    write_run_page(result, tmp_path / "three.html")
-    page = open_page("#t=150", tmp_path / "three.html")
+    page = open_page("#t=150", of=result)
     assert "it says \u201ckind 2 is most common\u201d" in page.inner_text("#verdict-line")
     assert "kind 0 is most common" in page.inner_text("#task")
     assert "read kind 2" in page.inner_text("body")
@@ -336,23 +311,18 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) ->
     kind = result.floor(0).tiles.ravel()[result.observations["tile"].to_numpy()]
     assert f"{round(100 * (read != kind).mean(), 1):g} % misread" in page.inner_text("#facts")
     patched = simulate(short.with_values({"floor.source": "patch:0.4"}), 1, 1, segments=True)
-    write_run_page(patched, tmp_path / "patch.html")
-    page = open_page("#t=150", tmp_path / "patch.html")
+    page = open_page("#t=150", of=patched)
     on = patched.floor(0).contrast_at(patched.motion["x_m"], patched.motion["y_m"]) > 0
     bits = patched.observations["observation"].to_numpy()
     assert f"{round(100 * (bits != on).mean(), 1):g} % misread" in page.inner_text("#facts")
     assert not page.evaluate(BLANK, "floor")
 
 
-def test_a_floor_that_changes_is_shown_as_it_is_at_the_time(open_page: Open, tmp_path: Path) -> None:
-    from vibroswarm import preset, simulate
-    from vibroswarm.observation.observe import kinds_at
-    from vibroswarm.run_page.write import write_run_page
+def test_a_floor_that_changes_is_shown_as_it_is_at_the_time(open_page: Open) -> None:
 
     values = {"floor.source": "stripe:0.48", "run.t_end_s": 120.0, "change.at_s": 60, "change.to": "invert"}
     result = simulate(preset("paper").with_values(values), 2, 1, segments=True)
-    write_run_page(result, tmp_path / "changing.html")
-    page = open_page("#t=0", tmp_path / "changing.html")
+    page = open_page("#t=0", of=result)
     drawn = []
     for time_s in (59.0, 60.0, 59.0):
         page.evaluate("t => vibroswarm.seek(t)", time_s)
@@ -375,15 +345,13 @@ CORNER = """id => {
 }"""
 
 
-def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecord) -> None:
     """The first tile has the colours of its probability and standard deviation, of all samples or of one robot."""
     rows, columns = record.floor.tiles.shape
     robots = record.robots.height
     beliefs = np.random.default_rng(6).random((41, robots + 1, rows * columns))
     time_s = np.linspace(0.0, record.t_end_s, 41)
-    file = tmp_path / "map.html"
-    write_page(replace(record, maps=MapsOverTime(time_s, beliefs)), file)
-    page = open_page("#t=100", file=file)
+    page = open_page("#t=100", of=replace(record, maps=MapsOverTime(time_s, beliefs)))
     assert page.is_visible("#map-section")
     for t, robot in ((100.0, None), (record.t_end_s, None), (100.0, 0)):
         page.evaluate("t => vibroswarm.seek(t)", t)
@@ -400,15 +368,14 @@ def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecor
 
 
 def test_it_shows_what_robots_report_as_time_goes_on(
-    open_page: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    open_page: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("vibroswarm.run_page.write.MOST_REPORTS", 1)
     scenario = preset("paper").with_values(
         {"strategy.name": "mcp", "run.t_end_s": 200.0, "task.name": "share"}
     )
     result = simulate(scenario, 3, 1, segments=True)
-    write_run_page(result, tmp_path / "run.html")
-    page = open_page("", tmp_path / "run.html", reduced_motion="reduce")
+    page = open_page("", of=result, reduced_motion="reduce")
     assert page.inner_text("#reports-title") == "What robots report"
     assert page.inner_text("#reports-lead").endswith("Dashed: the true number. The first 1 of 2 values.")
     assert result.reports is not None
@@ -433,12 +400,11 @@ def test_it_shows_what_robots_report_as_time_goes_on(
     assert open_page().locator("#reports-section").is_hidden()  # robots that report nothing
 
 
-def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open, tmp_path: Path) -> None:
+def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open) -> None:
     """The share of still tiles, which is not the fill ratio that the page shows too."""
     values = {"strategy.name": "dirichlet", "task.name": "share", "task.share.kind": 0, "run.t_end_s": 60.0}
     result = simulate(preset("paper").with_values(values), seed=1, segments=True)
-    write_run_page(result, tmp_path / "share.html")
-    page = open_page(file=tmp_path / "share.html")
+    page = open_page(of=result)
     assert page.inner_text("#task") == "What is the share of tiles of kind 0? Truth: 0.52."
     assert page.inner_text("#verdict-badge") == "Estimates"
     estimates = result.robots["estimate"]
@@ -449,48 +415,43 @@ def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open,
     assert page.locator("#details div", has_text="Fill ratio").locator("dd").inner_text() == "0.48"
 
 
-def test_tiles_that_are_no_squares_and_a_run_without_samples(open_page: Open, tmp_path: Path) -> None:
+def test_tiles_that_are_no_squares_and_a_run_without_samples(open_page: Open) -> None:
     long = {"arena.width_m": 10.0, "arena.height_m": 0.3, "swarm.robots": 2, "run.t_end_s": 1.0}
-    write_run_page(simulate(preset("paper").with_values(long), seed=1, segments=True), tmp_path / "run.html")
-    page = open_page(file=tmp_path / "run.html")
+    page = open_page(of=simulate(preset("paper").with_values(long), seed=1, segments=True))
     floor = page.locator("#details div", has_text="Floor").locator("dd").inner_text()
     assert floor == "5 \u00d7 5 tiles of 200 cm \u00d7 6 cm, random:0.48"
     assert page.inner_text("[data-fact=samples] dd") == "0"
+    assert page.inner_text("#verdict-line") == "No robot has decided."
 
 
-def test_readings_of_values_are_not_misread(open_page: Open, tmp_path: Path) -> None:
+def test_readings_of_values_are_not_misread(open_page: Open) -> None:
     hill = {"floor.source": "gradient:0..1", "decision.boundary_of": "tiles", "task.name": "mean"}
     result = simulate(preset("paper").with_values({**hill, "run.t_end_s": 30.0}), seed=1, segments=True)
-    write_run_page(result, tmp_path / "run.html")
-    page = open_page(file=tmp_path / "run.html")
+    page = open_page(of=result)
     assert page.inner_text("[data-fact=samples] dd") == str(result.motion.height)
     assert "misread" not in page.inner_text("body")
 
 
-def test_robots_that_tell_a_change_do_not_decide_by_a_belief(open_page: Open, tmp_path: Path) -> None:
+def test_robots_that_tell_a_change_do_not_decide_by_a_belief(open_page: Open) -> None:
     tells = {"strategy.name": "reset", "task.name": "changed", "strategy.reset.tells_change": True}
     inverted = {"floor.source": "random:0.4", "change.at_s": 20.0, "change.to": "invert", "run.t_end_s": 30.0}
     result = simulate(preset("paper").with_values(tells | inverted), seed=1, segments=True)
-    write_run_page(result, tmp_path / "run.html")
-    page = open_page(file=tmp_path / "run.html")
+    page = open_page(of=result)
     decides = page.locator("#details div", has_text="Decides").locator("dd").inner_text()
     assert decides == "after more than 381 readings, own and received"
     assert "hatched right of 0.5" in page.inner_text("#posterior-lead")
     assert page.locator(".card-belief").count() == 0
 
 
-def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(
-    open_page: Open, record: RunRecord, tmp_path: Path
-) -> None:
+def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(open_page: Open, record: RunRecord) -> None:
     fields = {"answers": ("as it was", "changed"), "asked_anew": True, "consensus": "truth_undefined"}
-    write_page(replace(record, **fields), tmp_path / "anew.html")
-    page = open_page(file=tmp_path / "anew.html")
+    page = open_page(of=replace(record, **fields))
     assert "Truth: depends on the last answer of each robot" in page.inner_text("#task")
     assert "so some answers may be right" in page.inner_text("#verdict-more")
 
 
 def test_a_threshold_near_one_is_told_as_it_is_and_no_belief_is_one(
-    open_page: Open, record: RunRecord, tmp_path: Path
+    open_page: Open, record: RunRecord
 ) -> None:
     """A belief of 1 is one that was rounded to it."""
     certain = {
@@ -499,8 +460,7 @@ def test_a_threshold_near_one_is_told_as_it_is_and_no_belief_is_one(
             belief_at_decision=pl.lit(1.0), decision=pl.lit(0, dtype=pl.Int8)
         ),
     }
-    write_page(replace(record, credible_threshold=1 - 1e-9, **certain), tmp_path / "sure.html")
-    page = open_page("#t=200", file=tmp_path / "sure.html")
+    page = open_page("#t=200", of=replace(record, credible_threshold=1 - 1e-9, **certain))
     assert "below 1e-9 mostly vibrating" in page.inner_text("#belief-lead")
     assert set(page.locator("#roster [data-column=belief]").all_text_contents()) == {"> 0.999"}
     assert page.inner_text("[data-fact=certainty] dd") == "> 0.999\nlowest > 0.999"

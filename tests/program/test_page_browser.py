@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 
 from helpers.browser import Tabs
-from helpers.page_browser import BLANK, Open, latest, settled, state, wait_until
+from helpers.page_browser import ACTORS, BLANK, Open, latest, settled, state, wait_until
 from helpers.page_records import make_record
 from vibroswarm.analysis.message_log import MessageLog
+from vibroswarm.cli import main
 from vibroswarm.run_page.payload import RunRecord
-from vibroswarm.run_page.write import write_page
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -27,6 +26,11 @@ def test_it_draws(open_page: Open, scheme: str) -> None:
         assert not page.evaluate(BLANK, canvas), canvas
     assert page.locator(".card canvas").count() == 5
     assert page.evaluate("document.querySelector('h1, h2').tagName") == "H1"
+    colour = "getComputedStyle(document.body).backgroundColor"
+    before = page.evaluate(colour)
+    page.click("#theme")
+    assert settled(page)["theme"] == {"light": "dark", "dark": "light"}[scheme]
+    assert page.evaluate(colour) != before
 
 
 def test_it_plays_when_opened_and_can_be_paused(open_page: Open) -> None:
@@ -136,7 +140,7 @@ def check_numbers(page: Any, record: RunRecord, time_s: float) -> None:
     assert page.text_content("#now-decided") == str(decided)
 
 
-def test_lost_messages_are_drawn_and_counted(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_lost_messages_are_drawn_and_counted(open_page: Open, record: RunRecord) -> None:
     """A record whose even messages are lost at robot 0; without that nothing is said of losses."""
     rows = record.motion.sort("time_s", "robot")
     sender, tick = (
@@ -147,9 +151,7 @@ def test_lost_messages_are_drawn_and_counted(open_page: Open, record: RunRecord,
     arrival[::2, 0] = -1
     arrival[np.arange(sender.size), sender] = -1
     log = MessageLog(0.02, sender, tick, arrival, np.full(5, 10**9))
-    file = tmp_path / "radio.html"
-    write_page(replace(record, radio=log), file)
-    page = open_page(file=file)
+    page = open_page(of=replace(record, radio=log))
     for time_s in (60.0, 101.37):
         page.evaluate("(t) => vibroswarm.seek(t)", time_s)
         counts = log.counts(time_s)["lost"].to_list()
@@ -188,10 +190,8 @@ def test_in_print_it_has_no_controls(open_page: Open) -> None:
     assert page.locator(".actions, .layers, .player").locator("visible=true").count() == 0
 
 
-def test_the_table_of_ten_robots_fits_a_screen_of_1200_px(open_page: Open, tmp_path: Path) -> None:
-    file = tmp_path / "ten.html"
-    write_page(make_record(robots=10), file)
-    page = open_page("#t=100", file=file, viewport={"width": 1200, "height": 900})
+def test_the_table_of_ten_robots_fits_a_screen_of_1200_px(open_page: Open) -> None:
+    page = open_page("#t=100", of=make_record(robots=10), viewport={"width": 1200, "height": 900})
     fill = "([name, words]) => document.querySelectorAll(`[data-column=${name}]`).forEach((e) => e.textContent = words)"
     widest = {"state": "sampling", "decision_time_s": "1082.34 s", "alpha": "1078", "beta": "1084"}
     for column in (widest | {"sent": "216", "messages_received": "1909"}).items():
@@ -236,11 +236,11 @@ def test_robots_are_where_the_segments_say(open_page: Open, record: RunRecord) -
     ],
 )
 def test_the_first_screen_of_a_telephone_has_the_outcome_and_the_floor(
-    open_page: Open, record: RunRecord, tmp_path: Path, outcome: str, words: str
+    open_page: Open, record: RunRecord, outcome: str, words: str
 ) -> None:
-    fill, file = 0.5 if outcome == "truth_undefined" else record.fill_ratio, tmp_path / "run.html"
-    write_page(replace(record, consensus=outcome, fill_ratio=fill, consensus_time_s=None), file)
-    page = open_page("#t=10", file=file, viewport={"width": 400, "height": 800})
+    fill = 0.5 if outcome == "truth_undefined" else record.fill_ratio
+    shown = replace(record, consensus=outcome, fill_ratio=fill, consensus_time_s=None)
+    page = open_page("#t=10", of=shown, viewport={"width": 400, "height": 800})
     assert words in page.inner_text("#verdict-line")
     bottom = page.locator(".player").bounding_box()["y"]
     above = 0.0
@@ -251,32 +251,18 @@ def test_the_first_screen_of_a_telephone_has_the_outcome_and_the_floor(
         above = box["y"]
 
 
-def test_decisions_are_said_by_their_boundary(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_decisions_are_said_by_their_boundary(open_page: Open, record: RunRecord) -> None:
     """An inspector asks whether more than 3 % vibrates; "mostly" would be wrong there."""
-    file = tmp_path / "inspector.html"
-    write_page(replace(record, decision_boundary=0.03, fill_ratio=0.4777777777777778), file)
-    text = open_page("#t=100", file=file).inner_text("body")
+    inspector = replace(record, decision_boundary=0.03, fill_ratio=0.4777777777777778)
+    text = open_page("#t=100", of=inspector).inner_text("body")
     assert "mostly" not in text
     assert "Above 0.95 it decides less than 3 % vibrating, below 0.05 more than 3 % vibrating." in text
     assert "0.477778" in text
 
 
-def test_a_run_without_samples_opens(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
-    empty = {name: getattr(record, name).clear() for name in ("motion", "observations", "inference")}
-    nothing = pl.lit(None, dtype=pl.Float64)
-    robots = record.robots.with_columns(
-        decision=pl.lit(-1, dtype=pl.Int8), decision_time_s=nothing, belief_at_decision=nothing
-    )
-    bare = replace(record, robots=robots, consensus="incomplete", consensus_time_s=None, **empty)
-    write_page(bare, tmp_path / "run.html")
-    page = open_page("#t=10", file=tmp_path / "run.html")
-    assert page.inner_text("#verdict-line") == "No robot has decided."
-
-
-def test_names_stay_text(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_names_stay_text(open_page: Open, record: RunRecord) -> None:
     name = "</script><img src=x onerror=alert(1)><b>"
-    write_page(replace(record, title=name, details={name: name}), tmp_path / "run.html")
-    page = open_page("#t=10", file=tmp_path / "run.html")
+    page = open_page("#t=10", of=replace(record, title=name, details={name: name}))
     assert page.title() == name
     assert page.inner_text("#run-name") == name
     assert page.locator("img").count() == 0
@@ -343,15 +329,6 @@ def test_words_are_in_the_font_that_the_page_holds(
         assert page.evaluate(widths, weight) != control.evaluate(widths, weight)
 
 
-def test_the_theme_can_be_switched(open_page: Open) -> None:
-    page = open_page("#t=100")
-    colour = "getComputedStyle(document.body).backgroundColor"
-    light = page.evaluate(colour)
-    page.click("#theme")
-    assert settled(page)["theme"] == "dark"
-    assert page.evaluate(colour) != light
-
-
 def _said(belief: float) -> str:
     if belief > 0.9995:
         return "> 0.999"
@@ -360,7 +337,6 @@ def _said(belief: float) -> str:
 
 def test_a_recorded_session_can_be_watched(open_page: Open, tmp_path: Path) -> None:
     """Messages that the log does not tell are neither drawn nor said to be a bit."""
-    from vibroswarm.cli import main
 
     shipped = Path(__file__).parents[2] / "examples" / "lab"
     out = tmp_path / "kept"
@@ -396,12 +372,9 @@ def test_a_script_that_was_put_into_the_page_does_not_run(
     assert any("Content Security Policy" in one for one in tabs.emptied()) is (policy != "none")
 
 
-def test_robots_with_faults_are_marked_from_then_on(
-    open_page: Open, record: RunRecord, tmp_path: Path
-) -> None:
+def test_robots_with_faults_are_marked_from_then_on(open_page: Open, record: RunRecord) -> None:
     faults = ((1, "stuck at 1", 0.0, False), (3, "battery empty", 90.0, True))
-    write_page(replace(record, faults=faults), tmp_path / "faults.html")
-    page, usual = open_page("#t=100", tmp_path / "faults.html"), open_page("#t=100")
+    page, usual = open_page("#t=100", of=replace(record, faults=faults)), open_page("#t=100")
     for one in (page, usual):
         settled(one)
     assert page.evaluate("[1, 3, 0].map((id) => vibroswarm.faults(id, 100))") == [
@@ -415,5 +388,4 @@ def test_robots_with_faults_are_marked_from_then_on(
     assert "stuck" not in words[0]
     assert "has a fault" in page.inner_text("#legend")
     assert "has a fault" not in usual.inner_text("#legend")
-    shown = "document.getElementById('actors').toDataURL()"
-    assert page.evaluate(shown) != usual.evaluate(shown)
+    assert page.evaluate(ACTORS) != usual.evaluate(ACTORS)

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import polars as pl
 import pytest
 
-from helpers.page_browser import Open, settled, state, wait_until
+from helpers.page_browser import ACTORS, Open, settled, state, wait_until
 from vibroswarm.run_page.payload import RunRecord
-from vibroswarm.run_page.write import write_page
 
 
 def test_layers_can_be_switched_off_and_on(open_page: Open) -> None:
     page = open_page("#t=100.5", viewport={"width": 400, "height": 800})  # pictures as small as can be
-    shown = "document.getElementById('actors').toDataURL()"
     times = (100.5, 101.5, 103.0, 105.0)
 
     def pictures() -> list[str]:
-        return [page.evaluate(f"(t) => {{ vibroswarm.seek(t); return {shown}; }}", t) for t in times]
+        return [page.evaluate(f"(t) => {{ vibroswarm.seek(t); return {ACTORS}; }}", t) for t in times]
 
     before = pictures()
     for layer in ("paths", "samples", "rays", "messages"):
@@ -30,10 +27,8 @@ def test_layers_can_be_switched_off_and_on(open_page: Open) -> None:
         assert pictures() == before, layer
 
 
-def test_events_are_reached_in_order(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
-    file = tmp_path / "events.html"
-    write_page(replace(record, faults=((3, "battery empty", 90.0, True),)), file)
-    page = open_page(file=file)
+def test_events_are_reached_in_order(open_page: Open, record: RunRecord) -> None:
+    page = open_page(of=replace(record, faults=((3, "battery empty", 90.0, True),)))
     gate = page.evaluate("vibroswarm.gate().first_s")
     decided = record.robots["decision_time_s"].drop_nulls().to_list()
     events = sorted({gate, 90.0, *decided})
@@ -67,7 +62,7 @@ def test_a_range_is_looped_until_it_is_cleared(open_page: Open) -> None:
     wait_until(page, "vibroswarm.state().time_s > 106")
 
 
-def test_data_and_picture_are_saved(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+def test_data_and_picture_are_saved(open_page: Open, record: RunRecord) -> None:
     page = open_page("#t=100")
     with page.expect_download() as saved:
         page.click("#data")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from helpers.commands import json_of, refusal_of, words_of
 from vibroswarm.cli import main
 from vibroswarm.core.atomic_io import folder_lock
 from vibroswarm.documents.reproduction import reproduction_document
@@ -100,9 +100,7 @@ def test_one_cell_alone_gives_the_same_numbers(folder: Path, capsys: pytest.Capt
     cells = pl.read_csv(folder / "tables" / "fill-ratios-cells.csv")
     row = cells.filter((pl.col("column") == "text") & (pl.col("strategy") == "soft")).row(1, named=True)
     words = row["command"].split()[1:]
-    capsys.readouterr()
-    assert main([*words, "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)["tables"]["summary"]
+    (told,) = json_of(capsys, *words, "--json")["tables"]["summary"]
     assert told["decision_time_s"] == row["decision_time_s"]
     assert told["belief_in_truth_low"] == row["belief_in_truth_low"]
 
@@ -116,7 +114,7 @@ def test_a_second_run_takes_what_is_there(folder: Path) -> None:
     assert {one.claim.item for one in made.decided} == {"difficulty", "fill-ratios"}
 
 
-def test_what_was_changed_or_damaged_is_made_again(folder: Path, tmp_path: Path) -> None:
+def test_what_was_changed_or_damaged_is_made_again(tmp_path: Path) -> None:
     settings = Settings(runs=6, columns=("paper",))
     items = items_named(["fill-ratios"])
     first = reproduce(settings, tmp_path, items)
@@ -130,7 +128,7 @@ def test_what_was_changed_or_damaged_is_made_again(folder: Path, tmp_path: Path)
     assert other.made[0].tables["cells"]["runs"][0] == 7
 
 
-def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
     """The item before the one that is broken off is kept, and so are the runs."""
     settings = Settings(runs=4, columns=("paper",))
     items = items_named(["fill-ratios", "swarm-sizes"])
@@ -148,14 +146,6 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "fill-ratios" not in told
     assert "swarm-sizes" in told
     assert all(one.tables for one in made.made)
-
-
-def test_ctrl_c_ends_the_command_with_130(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(*args: object, **more: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("vibroswarm.paper.reproduce.run_cells", stopped)
-    assert main(["reproduce", "--only", "fill-ratios", "--runs", "4", "--out", str(tmp_path)]) == 130
 
 
 def test_checks_are_not_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -238,8 +228,7 @@ def test_recordings_that_lack_files_cost_their_item_alone(
     (tmp_path / "recordings").mkdir()
     asked = ["--only", "calibration", "difficulty", "--runs", "4", "--no-pictures"]
     out = tmp_path / "out"
-    assert main(["reproduce", *asked, "--recordings", str(tmp_path / "recordings"), "--out", str(out)]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    told = words_of(capsys, "reproduce", *asked, "--recordings", tmp_path / "recordings", "--out", out)
     assert "calibration: skipped. The folder of recordings lacks CAL_1.csv" in told
     assert [path.name for path in (out / ITEMS).iterdir()] == ["difficulty"]
 
@@ -249,8 +238,7 @@ def test_items_that_need_other_presets_are_skipped_in_words(
 ) -> None:
     names = ["experiments", "experiments-beside", "hidden-threshold"]
     asked = ["--columns", "text", "--runs", "4", "--no-pictures", "--out", str(tmp_path)]
-    assert main(["reproduce", "--only", *names, *asked]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    told = words_of(capsys, "reproduce", "--only", *names, *asked)
     for name in names[:2]:
         assert f"{name}: skipped. It needs preset `paper` or `calibrated`: add it to `--columns`." in told
     assert "hidden-threshold: skipped. It needs preset `paper`: add it to `--columns`." in told
@@ -268,8 +256,7 @@ def test_items_that_need_other_presets_are_skipped_in_words(
 def test_wrong_options(
     options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["reproduce", *options, "--out", str(tmp_path)]) == 2
-    assert says in capsys.readouterr().err
+    assert says in refusal_of(capsys, "reproduce", *options, "--out", tmp_path)
 
 
 def test_a_second_one_in_the_same_folder_is_refused_in_words(

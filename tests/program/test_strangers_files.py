@@ -7,14 +7,14 @@ reports an estimate of that share: checked, run, varied in a study, in a league,
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 import pytest
 
 from helpers.exported_robots import Swarm, built, measured_at_each_tick, needs_gcc, rows, run_program
-from vibroswarm import Result, Scenario, load_code, preset, sensors, simulate, strategies, tasks
+from vibroswarm import Result, Scenario, load_code, preset, simulate, strategies
 from vibroswarm.cli import main
 from vibroswarm.study.study_result import StudyResult
 
@@ -142,15 +142,12 @@ FLOOR: Final = ["--tiles", "10x10", "--floor", "random:0.4,0.3,0.2,0.1", "--set"
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_with_the_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def _in_a_folder_with_the_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "files of a stranger"
     folder.mkdir()
     for name, text in FILES.items():
         (folder / f"{name}.py").write_text(text, encoding="utf-8")
     monkeypatch.chdir(folder)
-    yield
-    for name, kind in zip(FILES, (sensors, tasks, strategies), strict=True):
-        kind.base.forget(name)
 
 
 @pytest.mark.parametrize("name", FILES)

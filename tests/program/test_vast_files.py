@@ -7,6 +7,7 @@ import time
 import polars as pl
 import pytest
 
+from helpers.commands import output_of, refusal_of
 from vibroswarm.cli import main
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.documents import shown_file
@@ -65,16 +66,14 @@ def test_a_table_with_more_rows_than_its_file_can_hold(tmp_path, capsys):
     path = tmp_path / "rows.parquet"
     pl.select(pl.repeat(0, 60_000_000, dtype=pl.Int64).alias("a")).write_parquet(path)
     assert path.stat().st_size < 600_000
-    assert main(["show", str(path)]) == 2
-    assert "states 60,000,000 rows, too many for a file of" in capsys.readouterr().err
+    assert "states 60,000,000 rows, too many for a file of" in refusal_of(capsys, "show", path)
 
 
 def test_a_long_table_is_shown_in_part(tmp_path, capsys):
     for name in ("rows.parquet", "rows.csv"):
         table = pl.DataFrame({"a": range(100_000)})
         table.write_parquet(tmp_path / name) if "parquet" in name else table.write_csv(tmp_path / name)
-        assert main(["show", str(tmp_path / name)]) == 0
-        out = capsys.readouterr().out
+        out = output_of(capsys, "show", tmp_path / name)
         assert "... and 99,940 more rows; --wide prints all." in out
         assert (
             len(out.splitlines()) == 64
@@ -84,15 +83,13 @@ def test_a_long_table_is_shown_in_part(tmp_path, capsys):
 def test_a_table_of_very_many_columns(tmp_path, capsys):
     path = tmp_path / "columns.csv"
     path.write_text(",".join(f"c{k}" for k in range(300_000)) + "\n" + "1," * 299_999 + "1\n")
-    assert main(["show", str(path)]) == 2
-    assert "has more than 10,000 columns" in capsys.readouterr().err
+    assert "has more than 10,000 columns" in refusal_of(capsys, "show", path)
 
 
 def test_a_table_in_utf_16_is_not_shown_as_zeros(tmp_path, capsys):
     path = tmp_path / "spreadsheet.csv"
     path.write_text("robot,time_s\n1,2\n", encoding="utf-16")
-    assert main(["show", str(path)]) == 2
-    assert "is binary or UTF-16; give a CSV in UTF-8" in capsys.readouterr().err
+    assert "is binary or UTF-16; give a CSV in UTF-8" in refusal_of(capsys, "show", path)
 
 
 def test_a_binary_file_is_refused_before_all_of_it_is_read(tmp_path, capsys, monkeypatch):
@@ -100,15 +97,14 @@ def test_a_binary_file_is_refused_before_all_of_it_is_read(tmp_path, capsys, mon
     with path.open("wb") as file:
         file.truncate(2**30)
     monkeypatch.setattr(shown_file, "read_bytes", None)
-    assert main(["show", str(path)]) == 2
-    assert "is binary or UTF-16; give a CSV in UTF-8" in capsys.readouterr().err
+    assert "is binary or UTF-16; give a CSV in UTF-8" in refusal_of(capsys, "show", path)
 
 
 def test_a_row_of_very_many_tiles(tmp_path, capsys):
     row = "01" * 5_000_000
     (tmp_path / "row.toml").write_text(f'[floor]\ntiles = ["{row}"]\n')
     (tmp_path / "row.txt").write_text(row)
-    assert main(["show", str(tmp_path / "row.toml")]) == 2
-    assert "floor.tiles: is too large; at most 4,000,000 tiles" in capsys.readouterr().err
-    assert main(["run", "--floor", str(tmp_path / "row.txt")]) == 2
-    assert "line 1 is too long" in capsys.readouterr().err
+    assert "floor.tiles: is too large; at most 4,000,000 tiles" in refusal_of(
+        capsys, "show", tmp_path / "row.toml"
+    )
+    assert "line 1 is too long" in refusal_of(capsys, "run", "--floor", tmp_path / "row.txt")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import math
 import socket
-import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import polars as pl
 import pytest
 from PIL import Image
 
-from helpers.browser import BROWSERS
+from helpers.browser import launched
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
@@ -265,14 +265,6 @@ def test_bad_input(
     assert words in capsys.readouterr().err
 
 
-def test_missing_viser_is_named_with_its_extra(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "viser", None)
-    assert main(["view", str(folder)]) == 2
-    assert "needs viser, which is not installed: pip install 'vibroswarm[view]'" in capsys.readouterr().err
-
-
 def test_the_file_is_whole_or_not_there(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -287,20 +279,12 @@ def test_the_file_is_whole_or_not_there(
 
 
 @pytest.fixture(scope="module")
-def webgl() -> Any:
+def webgl() -> Iterator[Any]:
     """Chromium with WebGL in software."""
-    import shutil
-
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
-    options = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist"
-    quiet = "--no-first-run --disable-background-networking --disable-component-update --disable-sync --disable-quic"
-    with sync_api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=found, args=[*options.split(), *quiet.split()])
-        yield chromium
-        chromium.close()
+    with launched(
+        "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist"
+    ) as found:
+        yield found
 
 
 def coloured(page: Any) -> int:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import binom
 
 from helpers.inspections import drawn_samples
@@ -23,6 +25,7 @@ from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.fields import Sensor
 
 pytestmark = pytest.mark.slow
+Floats = NDArray[np.float64]
 SESSIONS = range(6)
 
 
@@ -80,32 +83,35 @@ def test_intact_surfaces_are_seldom_called_by_a_law_of_few_values() -> None:
     assert false_calls(False, 25) > 0.3  # the control: as if the law were exact
 
 
-def test_values_that_do_not_differ_are_refused_and_others_are_not() -> None:
-    refused = [0, 0]
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        for which, apart in enumerate((0.0, 0.5)):
-            vibrating, still = random.normal(5.0 + apart, 0.5, 60), random.normal(5.0, 0.5, 60)
-            try:
-                law_of_measured(vibrating, still, "60 values of each kind")
-            except InputError as error:
-                refused[which] += "cannot be told apart" in str(error)
-    assert refused[0] >= 19  # of 20, at p = 1 %
-    assert refused[1] <= 5
+def refusals(seeds: int, drawn: Callable[[np.random.Generator], tuple[Floats, Floats]]) -> int:
+    """How often values of vibrating and still tiles are refused because they cannot be told apart."""
+    count = 0
+    for seed in range(seeds):
+        try:
+            law_of_measured(*drawn(np.random.default_rng(seed)), "values of each kind")
+        except InputError as error:
+            count += "cannot be told apart" in str(error)
+    return count
 
 
-def test_values_that_are_often_equal_are_judged_as_others_are() -> None:
+@pytest.mark.parametrize(("apart", "least", "most"), [(0.0, 19, 20), (0.5, 0, 5)])
+def test_values_that_do_not_differ_are_refused_and_others_are_not(
+    apart: float, least: int, most: int
+) -> None:
+    """Of 20, at p = 1 %."""
+    refused = refusals(20, lambda random: (random.normal(5.0 + apart, 0.5, 60), random.normal(5.0, 0.5, 60)))
+    assert least <= refused <= most
+
+
+@pytest.mark.parametrize(("ones", "expected"), [(0.2, 4), (0.7, 0)])
+def test_values_that_are_often_equal_are_judged_as_others_are(ones: float, expected: int) -> None:
     """Of equal values those that vibrate ranked below the others: 20 and 70 % of readings of 1 were refused."""
-    refused = [0, 0]
-    for seed in range(4):
-        random = np.random.default_rng(seed)
-        for which, ones in enumerate((0.2, 0.7)):
-            vibrating, still = ((random.random(200) < share).astype(np.float64) for share in (ones, 0.2))
-            try:
-                law_of_measured(vibrating, still, "200 readings of each kind")
-            except InputError as error:
-                refused[which] += "cannot be told apart" in str(error)
-    assert refused == [4, 0]
+
+    def drawn(random: np.random.Generator) -> tuple[Floats, Floats]:
+        vibrating, still = ((random.random(200) < share).astype(np.float64) for share in (ones, 0.2))
+        return vibrating, still
+
+    assert refusals(4, drawn) == expected
 
 
 def held(with_error: bool, laws: int) -> int:

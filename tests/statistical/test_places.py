@@ -172,17 +172,6 @@ def test_a_map_of_true_places_is_the_sum_of_its_readings() -> None:
     assert np.abs(logit(pooled) - odds).max() < 4.0  # a few samples lie on edges
 
 
-def test_a_result_holds_its_places_and_motion_stays_as_it_was() -> None:
-    with_places, without = simulate(GOOD, SEED, 1), simulate(PAPER, SEED, 1)
-    assert with_places.places is not None
-    assert without.places is None
-    assert with_places.motion.equals(without.motion)
-    assert with_places.observations.equals(without.observations)
-    assert not with_places.inference["belief_below"].equals(without.inference["belief_below"])
-    timeline = timeline_of(GOOD, Motion(with_places.motion, with_places.ends, None, with_places.moves))
-    assert infer(GOOD, SEED, timeline, with_places.observations)[0].equals(with_places.inference)
-
-
 def test_maps_show_the_floor_and_scores_come_from_them() -> None:
     """After 20 minutes of five robots nearly all of 25 tiles are as they are; beliefs follow from the robots' maps."""
     result = simulate(GOOD, SEED, 2)

@@ -9,13 +9,10 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
 from vibroswarm.motion.source import Motion, source
-from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import floors_of, simulate
+from vibroswarm.simulation import simulate
 
 pytest.importorskip("mujoco")
 
@@ -72,12 +69,3 @@ def test_places_judges_the_floor_by_them() -> None:
     result = simulate(FAR, SEED, range(3), motion="mujoco-planar")
     assert result.places is not None
     assert (result.robots["decision"] == 0).mean() > 0.8
-
-
-@pytest.mark.slow
-def test_places_judges_the_floor_by_those_of_wheels() -> None:
-    """Of the motion that the test above looks at, which does not depend on the floor."""
-    floors = floors_of(FAR, SEED, list(range(RUNS["mujoco"])))
-    bits = observe(FAR, SEED, moved("mujoco").samples, floors, energies=False)["observation"].to_numpy()
-    found = replay_to_end(FAR, SEED, timeline_of(FAR, moved("mujoco")), bits)
-    assert (found.agents["decision"] == 0).mean() > 0.8

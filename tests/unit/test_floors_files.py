@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 import struct
 import zlib
@@ -15,7 +14,7 @@ from PIL import Image
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.grid_text import MAX_LINES, parse_tiles
-from vibroswarm.floors.io import FILE_LIMIT, check_new, read_tiles, write_tiles
+from vibroswarm.floors.io import check_new, read_tiles, write_tiles
 
 grids = hnp.arrays(
     np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9), elements=st.integers(0, 1)
@@ -136,19 +135,12 @@ def test_a_wrong_file_is_refused_with_its_place(file, content, size, message):
     assert caught.value.field == str(path)
 
 
-def test_what_is_no_plain_file_is_refused(tmp_path):
+def test_a_name_that_is_none_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_tiles(tmp_path / "none.txt")
-    with pytest.raises(InputError, match="is a folder"):
-        read_tiles(tmp_path)
-    with pytest.raises(InputError, match="cannot be read"):
-        read_tiles("a\0b")
-    with pytest.raises(InputError, match="cannot be read"):
-        read_tiles("x" * 5000)
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    with pytest.raises(InputError, match="not a regular file"):
-        read_tiles(pipe)
+    for name in ("a\0b", "x" * 5000):
+        with pytest.raises(InputError, match="cannot be read"):
+            read_tiles(name)
 
 
 def test_a_file_that_may_not_be_read_is_refused(file, monkeypatch):
@@ -159,14 +151,6 @@ def test_a_file_that_may_not_be_read_is_refused(file, monkeypatch):
 
     monkeypatch.setattr("os.open", forbidden)  # who runs the tests may read everything
     with pytest.raises(InputError, match="cannot be read: Permission denied"):
-        read_tiles(path)
-
-
-def test_too_large_a_file_is_refused_unread(tmp_path):
-    path = tmp_path / "large.txt"
-    with path.open("wb") as stream:
-        stream.truncate(FILE_LIMIT + 1)
-    with pytest.raises(InputError, match="is larger than 64 MiB; that is not a floor"):
         read_tiles(path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from vibroswarm.documents.league import by_difficulty, league_document
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import belief_calibration
-from vibroswarm.league.entries import AIM, entries_of, floors_of
+from vibroswarm.league.entries import AIM, GUESSING, default_strategies, entries_of, floors_of
 from vibroswarm.league.fault_curves import fault_curves
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import league_tables
@@ -62,15 +63,16 @@ def said(
     floors: pl.DataFrame | None = None,
     error: float = 0.2,
     best: pl.DataFrame = BEST,
+    strategies: Sequence[str] = tuple(STANDINGS["name"]),
 ) -> tuple[str, ...]:
-    """The answer of a league of three entries, all with this forced error."""
+    """The answer of a league of entries that all have this forced error."""
     tables = {
         "differences": differences,
         "fronts": fronts,
         "floor_differences": on_floors() if floors is None else floors,
         "best": best,
     }
-    entries = [SimpleNamespace(strategy=name, label=name, aim=None) for name in STANDINGS["name"]]
+    entries = [SimpleNamespace(strategy=name, label=name, aim=None) for name in strategies]
     league: Any = SimpleNamespace(
         table=STANDINGS,
         league=SimpleNamespace(entries=entries, base=Scenario()),
@@ -137,6 +139,17 @@ def test_those_that_differ_in_no_run_are_named() -> None:
 def test_what_guesses_is_named() -> None:
     (words,) = [text for text in said(differences().clear(), FRONTS, error=0.395) if "guess" in text]
     assert words.endswith("never called fastest: sure, base and fast.")
+
+
+def test_what_is_left_out_because_it_guesses_is_named() -> None:
+    names = default_strategies()
+    assert not set(names) & set(GUESSING)
+    *_, words = said(differences().clear(), FRONTS, strategies=names)
+    assert words.endswith(
+        f"because they guess on these floors: {', '.join(GUESSING[:-1])} and {GUESSING[-1]}."
+    )
+    named = said(differences().clear(), FRONTS, strategies=[*names, GUESSING[0]])
+    assert "Left out" not in " ".join(named)
 
 
 def test_nothing_is_said_to_differ_where_nothing_is_shown() -> None:

@@ -182,43 +182,25 @@ def test_the_command_writes_settings_that_a_league_reads(
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("option", "text", "said"),
     [
-        ('[none]\n"decision.credible_treshold" = 0.9\n', "did you mean 'decision.credible_threshold'?"),
-        ('[none]\n"decision.credible_threshold" = 3\n', "decision.credible_threshold: 3.0 is wrong"),
-        ("[[none]]\nforced_error = 3\n", "settings of none.forced_error: 3 is wrong"),
-        ("none = 3\n", "must be the table of a strategy's fields"),
-        ("[[none]\n", "is not TOML"),
+        ("settings", '[none]\n"decision.credible_treshold" = 0.9\n', "did you mean 'decision.credible_threshold'?"),
+        ("settings", '[none]\n"decision.credible_threshold" = 3\n', "decision.credible_threshold: 3.0 is wrong"),
+        ("settings", "[[none]]\nforced_error = 3\n", "settings of none.forced_error: 3 is wrong"),
+        ("settings", "none = 3\n", "must be the table of a strategy's fields"),
+        ("settings", "[[none]\n", "is not TOML"),
+        ("spaces", '[none]\n"decision.credible_treshold" = { from = 0.5, to = 0.9 }\n', "did you mean"),
+        ("spaces", '[none]\n"decision.credible_threshold" = { from = 0.9, to = 0.5 }\n', "credible_threshold"),
+        ("spaces", '[[none]]\n"decision.credible_threshold" = { from = 0.5, to = 0.9 }\n', "strategy's fields"),
     ],
-)
-def test_a_mistake_in_settings_names_their_file(
-    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+)  # fmt: skip
+def test_a_mistake_in_a_file_names_it(
+    option: str, text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "settings.toml"
+    file = tmp_path / f"{option}.toml"
     file.write_text(text, encoding="utf-8")
-    assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 2
-    err = capsys.readouterr().err
-    assert said in err
-    assert str(file) in err
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('[none]\n"decision.credible_treshold" = { from = 0.5, to = 0.9 }\n', "did you mean"),
-        ('[none]\n"decision.credible_threshold" = { from = 0.9, to = 0.5 }\n', "decision.credible_threshold"),
-        (
-            '[[none]]\n"decision.credible_threshold" = { from = 0.5, to = 0.9 }\n',
-            "table of a strategy's fields",
-        ),
-    ],
-)
-def test_a_mistake_in_spaces_names_their_file(
-    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "spaces.toml"
-    file.write_text(text, encoding="utf-8")
-    assert main(["league", "tune", *SMALL, *QUICK, "--spaces", str(file)]) == 2
+    command = ["league"] if option == "settings" else ["league", "tune"]
+    assert main([*command, *SMALL, *QUICK, f"--{option}", str(file)]) == 2
     err = capsys.readouterr().err
     assert said in err
     assert str(file) in err

@@ -10,7 +10,7 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
-from numba.core import base, compiler, ir
+from numba.core import base
 from numba.core.compiler import Flags
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
@@ -19,7 +19,6 @@ from vibroswarm.core.jit import PLAIN, kernel
 from vibroswarm.core.numba_shortcuts import (
     equal_settings,
     hash_of_settings,
-    list_variables,
     replacements,
     shortcuts,
 )
@@ -58,17 +57,6 @@ def test_the_code_is_that_which_numba_makes() -> None:
     with shortcuts():
         assert machine_code(values) == numbas
         assert machine_code(values) == numbas, "from remembered signatures"
-
-
-def test_the_variables_of_a_statement_are_those_which_numba_lists() -> None:
-    function = compiler.run_frontend(mixed)  # type: ignore[attr-defined]
-    statements = [statement for block in function.blocks.values() for statement in block.body]
-    assert len(statements) > 50
-    numbas = [statement.list_vars() for statement in statements]
-    assert sum(map(len, numbas)) > 100
-    with shortcuts():
-        assert ir.Inst._rec_list_vars is list_variables
-        assert [statement.list_vars() for statement in statements] == numbas
 
 
 def test_settings_are_equal_if_all_entries_are() -> None:

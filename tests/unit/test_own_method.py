@@ -15,7 +15,7 @@ from vibroswarm.cli import main
 from vibroswarm.optimize import Method, Sampler, Search, run_search
 from vibroswarm.optimize.methods import Ask, forget, known, method, register
 from vibroswarm.optimize.search_files import candidate_table
-from vibroswarm.scenario.plugins import load_code, trust_code
+from vibroswarm.scenario.plugins import trust_code
 from vibroswarm.testing import check_method
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "methods" / "near.py"
@@ -154,15 +154,6 @@ def test_a_file_names_a_method_beside_it_which_runs_if_it_is_trusted(tmp_path: P
     (tmp_path / "whole" / "steps" / "00002.parquet").unlink()
     assert candidate_table(run_search(search, tmp_path / "whole")).equals(candidate_table(whole))
     assert {c.origin.split()[0] for c in whole.archive.candidates} >= {"near", "finalist"}
-
-
-def test_a_method_that_is_registered_is_known_by_its_name() -> None:
-    load_code(str(EXAMPLE) + ":near")
-    small = Search.from_toml(SMALL.replace("[search]", '[search]\nmethod = "near"'))
-    found = run_search(small, workers=1)
-    assert np.isfinite(found.believed)
-    with pytest.raises(InputError, match="did you mean 'near'"):
-        Search.from_toml(SMALL.replace("[search]", '[search]\nmethod = "naer"'))
 
 
 @pytest.mark.parametrize(
