@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm.analysis.map_scores import map_scores
@@ -48,6 +49,18 @@ def test_a_law_of_one_session_serves_another_and_not_its_own(real: Recording, tm
     assert own.warning.startswith("The session judges itself")
     assert not other.warning
     assert map_scores(tile_map(other, [600.0])[0], other.floor)["right"] == 1.0
+
+
+def test_a_session_in_another_unit_and_a_stuck_sensor_are_warned_of(real: Recording) -> None:
+    """Maps of both were sure, without a word: of values times 1000 all tiles vibrated."""
+    law = law_of_sessions(dataset_of([real]), [0], "session 1", draws=0)
+    value, own = pl.col("energy"), pl.col("robot") == 2
+    for changed, words in (
+        (value * 1000.0, "outside of those of the law"),
+        (pl.when(own & value.is_not_null()).then(1.0).otherwise(value), "All values of robot 2 are the same"),
+    ):
+        wrong = replace(real, rows=real.rows.with_columns(energy=changed.cast(real.rows["energy"].dtype)))
+        assert words in samples_of_result(wrong, 1, law).warning
 
 
 def test_the_law_of_the_others_holds_and_not_with_another_gain(sessions: list[Inspection]) -> None:

@@ -42,6 +42,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.paired import holm
 from vibroswarm.inspection.damage import judged, ratios_at, tables_of, tiles_below, values_where
 from vibroswarm.inspection.others import Others
+from vibroswarm.inspection.patches import AT_ONCE
 from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples
 from vibroswarm.inspection.scan import p_value
 from vibroswarm.observation.energy_model import error_rates
@@ -120,10 +121,11 @@ def _of_law(
     """
     ranks = partial(_ranks, vibrates=vibrates, only_likely=only_likely)
     values = values_where(random, some, drawn, vibrates[:, None])
-    observed, null = (
-        _statistics(some, rank, vibrates)
-        for rank in (ranks(some.law, some.column("value")[:, None]), judged(some.law, values, ranks))
-    )
+    observed = _statistics(some, ranks(some.law, some.column("value")[:, None]), vibrates)
+    rank = judged(some.law, values, ranks)
+    # In parts, for memory.
+    parts = (rank[:, begin : begin + AT_ONCE] for begin in range(0, drawn, AT_ONCE))
+    null = np.hstack([_statistics(some, part, vibrates) for part in parts])
     return [p_value(one, row) for one, row in zip(observed[:, 0].tolist(), null, strict=True)]
 
 

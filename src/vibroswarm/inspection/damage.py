@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,10 @@ TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
 POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
-SAMPLES_AT_ONCE: Final = 1000
-"""Samples whose distances from damage are computed at once."""
+SAMPLES_AT_ONCE: Final = 200
+"""Samples for which is drawn at once: random numbers are drawn sample by sample, but replicates lie one by one."""
+FEW: Final = 8
+"""Entries of a table that are searched one after the other."""
 COARSE: Final = 0.02
 """Largest distance between evenly spaced values of a table, over the distance between the quartiles of a kind."""
 
@@ -116,7 +118,7 @@ def over_laws(law: Law, probability: Callable[[Law], Floats]) -> Floats:
 
 def judged(law: Law, values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
     """Return what ``judge`` says of drawn values, (samples, replicates), by a law with its error."""
-    out, laws = np.empty(values.shape), _draws_of(law)[0] or [law]
+    out, laws = np.empty(values.shape, order="F"), _draws_of(law)[0] or [law]
     for k, one in enumerate(laws[: values.shape[1]]):
         out[:, k :: len(laws)] = judge(one, values[:, k :: len(laws)])
     return out
@@ -146,8 +148,8 @@ def interpolated(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
     Args:
         at: ascending. values: at ``at``. begin: ``index_of(at)``, if it is known.
     """
-    out = np.empty(x.shape)
-    _interpolate(x.ravel(), at, values, index_of(at) if begin is None else begin, out.reshape(-1))
+    out = np.empty_like(x)
+    _interpolate(x.ravel("K"), at, values, index_of(at) if begin is None else begin, out.ravel("K"))
     return out
 
 
@@ -172,7 +174,7 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
             interval = min(int((x[i] - at[0]) * per_unit), begin.size - 1)
             k = begin[interval]
             high = begin[interval + 1] if interval + 1 < begin.size else last - 1
-            while k < high:  # one interval may have most entries
+            while high - k > FEW:  # one interval may have most entries
                 middle = (k + high + 1) // 2
                 if at[middle] <= x[i]:
                     k = middle
@@ -282,10 +284,16 @@ def drawn_values(
         shape = samples.frame.height, replicates
         x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal(shape)
         y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal(shape)
-    # In parts, for memory: random numbers are drawn sample by sample.
-    parts = [slice(begin, begin + SAMPLES_AT_ONCE) for begin in range(0, x_m.shape[0], SAMPLES_AT_ONCE)]
-    inside = [sensed(random, samples.law.sensor, patch, x_m[part], y_m[part]) for part in parts]
-    return values_where(random, samples, replicates, np.concatenate(inside), patch.contrast)
+    inside = np.empty((samples.frame.height, replicates), dtype=bool, order="F")
+    for part in _parts_of(inside):
+        inside[part] = sensed(random, samples.law.sensor, patch, x_m[part], y_m[part])
+    return values_where(random, samples, replicates, inside, patch.contrast)
+
+
+def _parts_of(drawn: NDArray[Any]) -> Iterator[slice]:
+    """Yield ``SAMPLES_AT_ONCE`` rows of what is drawn after the others."""
+    for begin in range(0, drawn.shape[0], SAMPLES_AT_ONCE):
+        yield slice(begin, begin + SAMPLES_AT_ONCE)
 
 
 def drawn_parts(
@@ -309,14 +317,14 @@ def values_where(
     Args:
         inside: which do, (samples, replicates); False: none. contrast: of the damage, (replicates,) or one number.
     """
-    law, shape = samples.law, (samples.frame.height, replicates)
-    u = random.random(shape)
+    law, values = samples.law, np.empty((samples.frame.height, replicates), order="F")
+    for part in _parts_of(values):
+        values[part] = random.random(values[part].shape)
     truths = _draws_of(law)[1] or [law]
-    values = np.empty(shape)
     for k, truth in enumerate(truths[:replicates]):
         own = np.s_[:, k :: len(truths)]
-        share = np.broadcast_to(contrast, shape)[own]
-        values[own] = values_at(truth, u[own], np.broadcast_to(inside, shape)[own], share)
+        where, share = (np.broadcast_to(each, values.shape)[own] for each in (inside, contrast))
+        values[own] = values_at(truth, values[own], where, share)
     sensors = [truths[b % len(truths)].sensor for b in range(replicates)]
     values *= _factors(random, samples, sensors)
     return read_by(law, values)

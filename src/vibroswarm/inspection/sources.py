@@ -18,6 +18,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import FittedLaw, hash_of_run
 from vibroswarm.inspection.samples import (
+    FEWEST,
     SAMPLES,
     SELF_JUDGED,
     Floats,
@@ -81,7 +82,7 @@ def samples_of_result(
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
     recorded, floor = isinstance(result, Recording), result.floor(run)
     name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
-    return _samples(
+    found = _samples(
         frame,
         result.scenario.arena.size_m,
         law,
@@ -95,6 +96,7 @@ def samples_of_result(
         own=hash_of_run(result, run),
         changed_s=floor.changes.times_s.tolist(),
     )
+    return _with_doubts(found) if recorded else found
 
 
 def _place_errors(frame: pl.DataFrame, motion: pl.DataFrame) -> PlaceErrors:
@@ -270,8 +272,8 @@ def samples_of_csv(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
     )  # fmt: skip
-    warning = " ".join(filter(None, [found.warning, *_doubt_of_robots(by, table.columns), *_doubts(found)]))
-    return replace(found, left_out=log.tracks.height, warning=warning)
+    doubted = _with_doubts(found, *_doubt_of_robots(by, table.columns))
+    return replace(doubted, left_out=log.tracks.height)
 
 
 def _doubt_of_robots(by: ColumnMap, names: Sequence[str]) -> Iterator[str]:
@@ -282,8 +284,13 @@ def _doubt_of_robots(by: ColumnMap, names: Sequence[str]) -> Iterator[str]:
         yield f"Without a column 'robot' all samples count as one robot's; not read: {some(unread, 12)}."
 
 
+def _with_doubts(samples: Samples, *doubts: str) -> Samples:
+    """Return samples with what is odd about them as a warning, besides other doubts."""
+    return replace(samples, warning=" ".join(filter(None, [samples.warning, *doubts, *_doubts(samples)])))
+
+
 def _doubts(samples: Samples) -> Iterator[str]:
-    """Yield what is odd about the samples of a file, each a sentence."""
+    """Yield what is odd about the samples of a file or of a recording, each a sentence."""
     frame = samples.frame
     if copies := frame.height - frame.n_unique():
         yield f"The file repeats {count(copies, 'row')}: if they are copies, their samples count twice."
@@ -303,7 +310,20 @@ def _doubts(samples: Samples) -> Iterator[str]:
             "width and height, as if they were in a larger unit than the others."
         )
     yield from _doubt_of_the_edges(samples)
-    yield from _doubts_of_values(samples.law, samples.column("value"), bool(samples.warning))
+    if not samples.law.bits:
+        yield from _doubt_of_stuck(samples)
+        yield from _doubts_of_values(samples.law, samples.column("value"), bool(samples.warning))
+
+
+def _doubt_of_stuck(samples: Samples) -> Iterator[str]:
+    """Yield which robots measure one value only, where by the law values of still places differ."""
+    different = pl.col("value").n_unique()
+    stuck = samples.frame.group_by("robot").agg(different, count=pl.len()).sort("robot")
+    stuck = stuck.filter((pl.col("value") == 1) & (pl.col("count") >= FEWEST))
+    quartiles = energy_of(samples.law.sensor, 0, np.array([0.25, 0.75]), samples.law.place)
+    if stuck.height and quartiles[0] < quartiles[1]:
+        robots = listed(f"robot {robot}" for robot in stuck["robot"])
+        yield f"All values of {robots} are the same, as if a sensor were stuck."
 
 
 def _doubt_of_the_edges(samples: Samples) -> Iterator[str]:
