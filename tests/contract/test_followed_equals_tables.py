@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from polars.testing import assert_frame_equal
 from helpers.drawn_scenarios import Draw, draws
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from vibroswarm.inference.closed_loop import ClosedLoop
-from vibroswarm.motion.source import source
+from vibroswarm.motion import source as motion_source
+from vibroswarm.motion.event.event_run import EVENT, EventRun
+from vibroswarm.motion.source import Source, source
 from vibroswarm.optimize import outcomes as simulated
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import PIECE_S, Outcomes, outcomes_of
@@ -353,3 +356,41 @@ def test_a_message_is_zero_before_the_strategy_fills_it() -> None:
         assert_same_outcomes(found, outcomes_of([none], 2, runs)[0])
     finally:
         forget_strategy("ones_only")
+
+
+class OfTables:
+    """A run of a source that gives tables and nothing else: those of the engine."""
+
+    def __init__(self, *wanted: Any, **tables: Any) -> None:
+        self.run: Any = EventRun(*wanted, **tables)
+
+    @property
+    def time_s(self) -> float:
+        return float(self.run.time_s)
+
+    def advance(self, until_s: float) -> Any:
+        return self.run.advance(until_s)
+
+    def copy(self) -> OfTables:
+        other = object.__new__(OfTables)
+        other.run = self.run.copy()
+        return other
+
+
+@pytest.fixture
+def of_tables() -> Iterator[str]:
+    made: Any = Source("of-tables", OfTables, EVENT.batch)
+    yield motion_source.register(made).name
+    motion_source.forget("of-tables")
+
+
+def test_robots_of_a_source_that_gives_tables_alone_do_as_those_of_the_engine(of_tables: str) -> None:
+    """They move, and runs end with the decisions: robots stand when a piece ends."""
+    scenario = Draw(strategy="positive").scenario()
+    (found,) = outcomes_of([scenario], 5, [1, 2], of_tables)
+    assert_same_outcomes(found, by_tables(scenario, 5, [1, 2]))
+    early = scenario.with_values({"run.stop": "all_decided"})
+    one, other = (simulate(early, 5, [1, 2], motion=name, segments=True) for name in ("event", of_tables))
+    assert (one.ends["end_s"] < 150.0).any()
+    for name in ("motion", "ends", "segments", "inference", "robots", "runs"):
+        assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)

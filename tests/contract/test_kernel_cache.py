@@ -204,9 +204,10 @@ def test_threads_that_compile_at_once_leave_the_users_settings() -> None:
             time.sleep(seconds)
 
     with ThreadPoolExecutor(2) as threads:
-        threads.submit(compile_for, 0.3)
+        first = threads.submit(compile_for, 0.3)
         time.sleep(0.1)
-        threads.submit(compile_for, 0.5)
+        second = threads.submit(compile_for, 0.5)
+    assert first.result() is second.result() is None
     assert before == (True, config.SLP_VECTORIZE) == (gc.isenabled(), before[1])
 
 

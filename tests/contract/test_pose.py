@@ -1,4 +1,4 @@
-"""``pose`` against the contract suite's own evaluation of a segment table, and against the samples."""
+"""``pose`` against the contract suite's own evaluation of a segment table."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def test_calibrated_robots_too(strategy: str) -> None:
 
 @pytest.mark.slow
 def test_a_strategy_of_all_that_there_is_holds_to_what_each_must() -> None:
-    """``vibroswarm check`` does the same of the others, in ``test_own_strategies`` and ``test_check``."""
+    """The program's ``check`` does the same of others (``test_check``), and ``CHECKS`` of those that are published."""
     assert [one for one in check_strategy("uses_all") if not one.holds and not one.is_warning] == []
 
 

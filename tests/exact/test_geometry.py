@@ -192,6 +192,3 @@ def test_marching_sees_other_rays(changes: dict[str, Any]) -> None:
     """Negative control: rays that differ in one thing are told apart."""
     scenario = Scenario().with_values(CROWDED)
     assert seen_wrongly(scenario, scenario.with_values(changes)) > 10
-
-
-# Speed and veer of a leg

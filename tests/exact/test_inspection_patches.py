@@ -20,6 +20,7 @@ from vibroswarm.inspection.damage import (
     drawn_values,
     interpolated,
     patch_of,
+    random_places,
     ratios_at,
     sensed,
     tables_of,
@@ -66,6 +67,13 @@ def test_interpolation_is_numpys_bit_by_bit(points: int) -> None:
         same = np.interp(x, at, values)
         assert np.array_equal(interpolated(x, at, values), same, equal_nan=True)
         assert np.array_equal(interpolated(x[::-1], at, values), same[::-1], equal_nan=True)
+
+
+def test_random_places_keep_patches_within_the_surface() -> None:
+    x, y = random_places(np.random.default_rng(4), np.full(1000, 0.3), (1.0, 0.5))
+    for centres, whole in ((x, 1.0), (y, 0.5)):
+        assert 0.15 <= centres.min() < 0.16
+        assert whole - 0.16 < centres.max() <= whole - 0.15
 
 
 def test_the_declared_set_covers_the_surface_and_stays_within_it() -> None:

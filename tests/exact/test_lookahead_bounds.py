@@ -1,8 +1,9 @@
-"""Each bound that lets a robot sleep is never later than what stepping through every control period finds.
+"""Bounds that let a robot sleep are never later than what stepping through every control period finds.
 
 A bound says: nothing happens before this tick. Each test has its negative control: with the bound made one tick later,
-the same cases must contain one in which something happens before it. All of this runs as plain Python (what only
-kernels call is not compiled when Python calls it), on robots drawn with fixed seeds.
+the same cases must contain one in which something happens before it. Other bounds are held by the equality of the two
+engines. All of this runs as plain Python (what only kernels call is not compiled when Python calls it), on robots drawn
+with fixed seeds.
 """
 
 from __future__ import annotations
@@ -18,9 +19,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.motion.event.event_queue import (
-    NEVER,
-)
+from vibroswarm.motion.event.event_queue import NEVER
 from vibroswarm.motion.event.lookahead import (
     blocked_ticks,
     distance2_m2,

@@ -126,6 +126,11 @@ def test_one_reading_near_edges_weighs_every_floor(reach_m: float, at: tuple[flo
 
 def test_no_function_that_takes_arrays_is_cached_alone() -> None:
     """Their types belong to generated modules, which a later process may lack when it reads the cache's index."""
-    for name, value in (vars(place_map) | vars(place_share)).items():
-        if "a" in getattr(getattr(value, "py_func", None), "__annotations__", {}):
-            assert type(value._cache).__name__ == "NullCache", name
+    named = (vars(place_map) | vars(place_share)).items()
+    caches = {
+        name: type(value._cache).__name__
+        for name, value in named
+        if "a" in getattr(getattr(value, "py_func", None), "__annotations__", {})
+    }
+    assert len(caches) >= 6
+    assert set(caches.values()) == {"NullCache"}, caches

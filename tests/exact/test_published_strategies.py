@@ -651,9 +651,6 @@ def test_the_window_of_bayes_cpf_forgets() -> None:
     assert bayes_cpf.reference(estimates, 1, 2) == pytest.approx((2 * 50 + 60) / 3)
 
 
-# Soft feedback without weight
-
-
 # All of them
 
 

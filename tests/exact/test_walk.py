@@ -415,9 +415,6 @@ def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
     )
 
 
-# Diffusion
-
-
 def test_a_program_takes_its_parameters_from_the_scenario() -> None:
     values = {
         "walk.leg_min_ms": 3.0,

@@ -133,7 +133,7 @@ def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_cases")
-@pytest.mark.parametrize("name", ["event", "ideal", "fill_ratio", "none"])
+@pytest.mark.parametrize("name", ["event", "ideal", "fill_ratio", "none", "soft"])
 def test_what_is_of_the_package_passes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     shown = output_of(capsys, "check", name)
     assert "FAIL" not in shown
@@ -251,6 +251,10 @@ BAD = {
     "strategy: answers a kind, and decides yes or no": (
         KINDS.replace("7 if", "2 if").replace("answers_kinds=True", "answers_kinds=False"),
         "three kinds of tile: a decision is not from -1 to 1",
+    ),
+    "network: in the past": (
+        NETWORK.replace("tick + 1 + n.count % 40", "-5"),
+        "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick -5",
     ),
     "network: before it is sent": (
         AT_ONCE,

@@ -12,6 +12,7 @@ import pytest
 
 import vibroswarm
 from vibroswarm.cli import main
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import read_frame, write_frame
 
 NOT_UNICODE = os.fsdecode(b"y\xff")
@@ -19,6 +20,12 @@ SHORT = ["--robots", "2", "--set", "run.t_end_s=20"]
 STUDY = ["--runs", "2", "--strategy", "none,soft", "--no-confirm", "--no-pictures", "-q"]
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+
+
+@pytest.mark.parametrize("name", ["☃" * 85, "a" * 255])
+def test_the_longest_names_are_written(name: str, tmp_path: Path) -> None:
+    write_file(tmp_path / name, "x")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_a_table_is_written_and_read_whatever_its_folder_is_called(tmp_path):

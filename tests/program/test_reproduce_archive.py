@@ -57,3 +57,4 @@ def test_an_archive_that_cannot_be_written_is_refused_before_the_work(
     for archive in (tmp_path, tmp_path / "nowhere" / "paper.zip"):
         assert main(["reproduce", "--out", str(tmp_path / "out"), "--archive", str(archive)]) == 2
         assert "error: --archive: " in capsys.readouterr().err
+        assert not (tmp_path / "out" / "tables").exists()

@@ -110,6 +110,9 @@ def test_intervals_of_ratios() -> None:
     """Of units that are alike, others may have been missed. By simulation, 95 % hold the truth."""
     same, rare = ratio_interval(np.full(30, 1.0), np.full(30, 2.0)), float(wilson_limits(0, 30)[1])
     assert same == pytest.approx((0.5, 0.5 - rare, 0.5 + rare))
+    # So too if units are of different sizes (thirds are rounded); units without robots that decided show nothing.
+    sizes = np.repeat([1.0, 4.0, 0.0], [15, 15, 70])
+    assert ratio_interval(sizes / 3, sizes) == pytest.approx((1 / 3, 1 / 3 - rare, 1 / 3 + rare))
     assert all(math.isnan(value) for value in ratio_interval(np.zeros(3), np.zeros(3)))
     random = np.random.default_rng(1)
     held = 0

@@ -417,12 +417,12 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
     return within(mean_interval(correlations, level), -1.0, 1.0)
 
 
-LATE_S: Final = 60.0
+SWITCHED_ON_LATE_S: Final = 60.0
 """A robot of a recording may have been switched on late if its first sample is this much later than another's."""
 
 
 def late_robots(result: Result) -> pl.DataFrame:
-    """Return which robots of a recording may have been switched on late, by their first samples (``LATE_S``).
+    """Return which robots of a recording may have been switched on late, by their first samples.
 
     A log does not say when robots were switched on. Before its first sample such a robot may have missed messages just
     because it was off. Robots of a simulation hear from the start, however late they first sample.
@@ -431,7 +431,9 @@ def late_robots(result: Result) -> pl.DataFrame:
     """
     first = result.motion.group_by("run", "robot").agg(pl.col("time_s").min())
     after_s = pl.col("time_s") - pl.col("time_s").min().over("run")
-    return first.filter(after_s > (LATE_S if result.seed is None else math.inf)).select("run", "robot")
+    return first.filter(after_s > (SWITCHED_ON_LATE_S if result.seed is None else math.inf)).select(
+        "run", "robot"
+    )
 
 
 def packet_loss(result: Result) -> pl.DataFrame:
@@ -476,7 +478,7 @@ def packet_loss(result: Result) -> pl.DataFrame:
     index = pl.col("sample").cast(pl.Int64)
     messages = index - index.shift(1).over("run", "robot").fill_null(-1)
     sent_before = np.append(0, np.cumsum(result.motion.select(messages).to_series().to_numpy()))
-    # Messages of all robots of the run from its start, or the begin of counting, to the last counted tick.
+    # Messages of all robots of the run from its start, or from where counting begins, to the last counted tick.
     sent = sent_before[
         np.searchsorted(clock, run_start + last_tick_counted(last["stop_start_s"]), side="right")
     ]
@@ -487,7 +489,8 @@ def packet_loss(result: Result) -> pl.DataFrame:
     own = last["sample"].to_numpy().astype(np.int64)
     # If rows just before the last sample were lost, their messages count with the last sample, which is too late for
     # ``sent`` but not for ``own``. So the difference may be negative.
-    heard = last["heard"] - begin["heard"].fill_null(0)
+    is_unknown = begin["stop_start_s"].is_not_null() & begin["heard"].is_null()
+    heard = (last["heard"] - begin["heard"].fill_null(0)).set(is_unknown, None)
     counted = last.select("run", heard=heard).with_columns(addressed=pl.Series(np.maximum(sent - own, 0)))
     unknown = pl.col("heard").is_null().any()
     table = counted.group_by("run", maintain_order=True).agg(

@@ -16,7 +16,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_interval
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
-from vibroswarm.calibrate.features import lag_one, nearest_tile, sample_table, wall_distance
+from vibroswarm.calibrate.features import lag_one, nearest_tile, sample_table
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
@@ -115,9 +115,8 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
         threshold: threshold that turns energies into bits.
     """
     size_m = result.scenario.arena.size_m
-    x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
+    x, y, wall, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "wall_m", "energy"))
     kind, bits = samples["vibrating"].to_numpy(), energy > threshold  # kind: whether the tile below vibrates
-    wall = wall_distance(x, y, size_m)
     avoid = samples["avoid_s"].drop_nulls().to_numpy()
     # Up to 1e-9 s is rounding, not avoidance: recorded times are differences of logged totals.
     positive = avoid[avoid > 1e-9]

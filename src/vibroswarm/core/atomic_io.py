@@ -473,7 +473,8 @@ def refuse_working_folder(path: Path) -> None:
         return
     if holds_it:
         raise InputError(
-            f"'{path}' is the working folder or holds it, so it is not replaced; give the name of a folder in it",
+            f"'{path}' is the working folder or holds it, so it is not replaced; work in another folder, or "
+            "give the name of another",
             field="--out",
         )
 

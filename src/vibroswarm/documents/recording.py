@@ -35,6 +35,7 @@ from vibroswarm.recordings.replay import (
     SessionOutcome,
     logged_outcomes,
     session_outcomes,
+    shares_lost,
     with_beliefs,
 )
 from vibroswarm.recordings.threshold import Recommendation, Threshold
@@ -70,10 +71,16 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
 
 def _heard(recording: Recording) -> str:
     """Say which messages robots hear where a replay is over a network."""
-    if recording.counts_messages:
-        return "in which each message is lost at random, with the share that the session's log counts"
+    by_log = {recording.sessions[run]["log"]: share for run, share in shares_lost(recording).items()}
+    uncounted = [log for log, share in by_log.items() if share is None]
     network = recording.scenario.network.name
-    return "in which all robots hear all messages" if network == "ideal" else f"over the network '{network}'"
+    all_heard = (
+        "all robots hear all messages" if network == "ideal" else f"messages go over the network '{network}'"
+    )
+    if len(uncounted) == len(by_log):
+        return f"in which {all_heard}"
+    counted = "in which each message is lost at random, with the share that the session's log counts"
+    return f"{counted}; in {listed(uncounted)} {all_heard}" if uncounted else counted
 
 
 def _presumed_threshold(recording: Recording, scenario: Scenario) -> tuple[str, ...]:
@@ -215,7 +222,14 @@ def replay_document(found: Replays) -> Document:
     first = next(iter(replays.values()))
     rule = _rule(first.scenario)
     unsent = ", ".join(f"{stated(replay.unsent)} ({name})" for name, replay in replays.items())
-    uncounted = f"The logs do not count the messages received: this is a replay {_heard(recording)}."
+    restored = (
+        f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
+        "nobody could have sent at that time."
+    )
+    uncounted = (
+        "The logs do not count the messages received in every row. So samples without a row are left out, and this is "
+        f"a replay {_heard(recording)}."
+    )
     return Document(
         title="Replay of a recording",
         answer=(
@@ -232,10 +246,7 @@ def replay_document(found: Replays) -> Document:
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
             Text(f"Rule: {', '.join(f'{name} {_setting(value)}' for name, value in rule.items())}; {draws}."),
-            Text(
-                f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
-                "nobody could have sent at that time."
-            ),
+            *([Text(restored)] if recording.counts_messages else []),
             *(
                 [Text(_WITH_PLACES.format(_heard(recording)))]
                 if any(one.scenario.strategy.reads_places for one in replays.values())

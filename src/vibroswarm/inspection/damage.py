@@ -43,7 +43,7 @@ TILE_M: Final = 0.2
 POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
 SAMPLES_AT_ONCE: Final = 200
-"""Samples for which is drawn at once: random numbers are drawn sample by sample, but replicates lie one by one."""
+"""Samples drawn at once. Random numbers are drawn sample by sample, but arrays are stored replicate by replicate."""
 FEW: Final = 8
 """Entries of a table that are searched one after the other."""
 COARSE: Final = 0.02
@@ -291,7 +291,7 @@ def drawn_values(
 
 
 def _parts_of(drawn: NDArray[Any]) -> Iterator[slice]:
-    """Yield ``SAMPLES_AT_ONCE`` rows of what is drawn after the others."""
+    """Yield slices of ``SAMPLES_AT_ONCE`` rows, in order."""
     for begin in range(0, drawn.shape[0], SAMPLES_AT_ONCE):
         yield slice(begin, begin + SAMPLES_AT_ONCE)
 

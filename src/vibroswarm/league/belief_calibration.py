@@ -227,8 +227,10 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
     without = (top.sum() - top) / rest  # the ratio without each unit
     reach = float(stdtrit(top.size - 1, 0.975)) * jackknife_error(without)
     found = Interval(estimate, estimate - reach, estimate + reach, 0.95, top.size, "jackknife")
-    ratios, counts = np.unique((top[bottom > 0.0] / bottom[bottom > 0.0]).round(9), return_counts=True)
-    usual = ratios[counts.argmax()]
+    top, bottom = top[bottom > 0.0], bottom[bottom > 0.0]
+    ratios = top / bottom
+    alike, counts = np.unique(ratios.round(9), return_counts=True)
+    usual = ratios[ratios.round(9) == alike[counts.argmax()]][0]
     # Their mean is the ratio, and those of units with the usual ratio are equal.
     of_units = usual + (top - usual * bottom) / bottom.mean()
     return within(allowing_for_rare(found, of_units, 1.0), 0.0, 1.0)[:3]

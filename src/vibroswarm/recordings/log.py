@@ -145,8 +145,8 @@ RARE: Final = 0.01
 SLACK_S: Final = 1.0
 """A counter of time may grow by this more than the times of the rows, since rows may be written late."""
 MOST_LOST: Final = 1000
-"""If a count of messages grows by more than this between two rows, of those received by this from each of the other
-robots, the count is wrong: so many rows are never lost."""
+"""A count of messages sent that grows by more than this between two rows is wrong, since so many rows are never lost;
+so is one of messages received that grows by more than this times the number of other robots."""
 
 
 def in_order(log: Log, robots: Sequence[int] | None = None) -> Log:
@@ -156,7 +156,7 @@ def in_order(log: Log, robots: Sequence[int] | None = None) -> Log:
         robots: numbers of the robots in the arena; None: those in the log.
     Raises:
         InputError: rows more than a second out of order, two different rows of one robot at one time, unknown
-            robots, a count of messages that falls or grows by more than ``MOST_LOST``, or messages sent that some rows
+            robots, a count of messages that falls or grows too much (``MOST_LOST``), or messages sent that some rows
             of a robot lack; the error names the row. (Impossible steps of a counter of time are set null.)
     """
     samples, late = _sorted(log.samples, log.name)
@@ -262,7 +262,7 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
         counters of time), samples_lost.
     Raises:
         InputError: the number of messages sent is missing in some rows of a robot, or a count of messages falls, or
-            grows by more than ``MOST_LOST``; the error names the row.
+            grows too much (``MOST_LOST``); the error names the row.
     """
     wrapped = odd = lost = 0
     # Copies, because arrays of polars are read-only.
@@ -291,7 +291,7 @@ def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFr
                 if fallen.any() or (step > most).any():
                     k = int(np.argmax(fallen | (step > most))) + 1
                     raise InputError(
-                        f"robot {each} has {name} {values[own][k - 1]:g} messages, and then "
+                        f"robot {each} has {name.removeprefix('messages_')} {values[own][k - 1]:g} messages, and then "
                         f"{samples[name][int(own[k])]:g}; such a count only grows, by {most:,} at most",
                         field=f"{log.name}, row {line[own[k]]}",
                     )

@@ -113,7 +113,7 @@ class Recording(Result):
 
     @property
     def counts_messages(self) -> bool:
-        """Whether the logs of all sessions count the messages that robots received."""
+        """Whether the logs of all sessions count, in every row, the messages that robots received."""
         return not self.inference["messages_received"].null_count()
 
     def knows(self, *names: str) -> bool:

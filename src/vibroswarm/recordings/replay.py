@@ -244,13 +244,18 @@ def _with_losses(recording: Recording, scenario: Scenario) -> Iterator[tuple[int
 
     The network stays that of ``scenario`` where the log does not count them.
     """
-    lost = dict(packet_loss(recording).select("run", "packet_loss").iter_rows())
-    for run in recording.runs["run"].to_list():
-        share, of_session = lost.get(run), scenario
+    for run, share in shares_lost(recording).items():
+        of_session = scenario
         if share is not None:
             values = {"network.name": "loss", "network.loss.share": min(max(share, 0.0), 1.0)}
             of_session = scenario.with_values(values)
         yield run, of_session
+
+
+def shares_lost(recording: Recording) -> dict[int, float | None]:
+    """Return the share of messages that was lost in each session, None where its log does not count them."""
+    lost = dict(packet_loss(recording).select("run", "packet_loss").iter_rows())
+    return {run: lost.get(run) for run in recording.runs["run"].to_list()}
 
 
 def _answers(recording: Recording, scenario: Scenario, samples: pl.DataFrame, draw: int) -> pl.DataFrame:
