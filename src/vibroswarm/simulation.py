@@ -77,8 +77,8 @@ def simulate(
     strategy_used(scenario)
     floors = floors_of(scenario, seed, chosen)
     wanted = Wanted(segments=segments, moves=moves or needs_moves(scenario))
-    if depends_on_decisions(scenario):
-        moved = decided_motion(scenario, seed, chosen, floors, motion, wanted, progress)
+    if by_decisions := motion_by_decisions(scenario):
+        moved = by_decisions(scenario, seed, chosen, floors, motion, wanted, progress)
     else:
         moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
@@ -90,23 +90,11 @@ def simulate(
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places, reports)
 
 
-def depends_on_decisions(scenario: Scenario) -> bool:
-    """Return whether motion depends on decisions: the strategy steers, or runs end when all robots have decided."""
-    return steers(scenario) or scenario.run.stop == "all_decided"
-
-
-def decided_motion(
-    scenario: Scenario,
-    seed: int,
-    runs: Sequence[int],
-    floors: Mapping[int, Floor],
-    motion: str,
-    wanted: Wanted,
-    progress: Progress | None = None,
-) -> Motion:
-    """Simulate motion that ``depends_on_decisions``. Arguments and errors are those of ``steered_motion``."""
-    simulated = steered_motion if steers(scenario) else until_all_decided
-    return simulated(scenario, seed, runs, floors, motion, wanted, progress)
+def motion_by_decisions(scenario: Scenario) -> Callable[..., Motion] | None:
+    """Return what simulates motion that depends on decisions, called as ``steered_motion`` is; None: it does not."""
+    if steers(scenario):
+        return steered_motion
+    return until_all_decided if scenario.run.stop == "all_decided" else None
 
 
 OF_MOTION = ("arena", "swarm", "robot", "motion_rays", "walk", "sample", "run", "motion_faults")

@@ -273,7 +273,7 @@ def _spread(outcome: Outcome, style: str) -> Picture:
 
 
 def front_figures(outcome: Outcome) -> Iterator[Figure]:
-    """Yield a figure of decision time against error for each of the first ``MOST_PANELS`` floors of several cells.
+    """Yield a figure of decision time against error for each of the first ``MOST_PANELS`` floors with several cells.
 
     A front shows settings among which one may choose. The floor cannot be chosen, so cells on different floors are in
     different figures. A floor with only one cell has no figure.

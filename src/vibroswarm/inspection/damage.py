@@ -148,7 +148,7 @@ def interpolated(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
     Args:
         at: ascending. values: at ``at``. begin: ``index_of(at)``, if it is known.
     """
-    out = np.empty_like(x)
+    out = np.empty_like(x, dtype=np.float64)
     _interpolate(x.ravel("K"), at, values, index_of(at) if begin is None else begin, out.ravel("K"))
     return out
 

@@ -53,13 +53,7 @@ from vibroswarm.observation.observe import (
 from vibroswarm.result import NULLABLE
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import (
-    check_scenario,
-    decided_motion,
-    depends_on_decisions,
-    floors_of,
-    versions,
-)
+from vibroswarm.simulation import check_scenario, floors_of, motion_by_decisions, versions
 from vibroswarm.study.batch_table import (
     AGREED_TABLE,
     FAILED_TABLE,
@@ -125,9 +119,11 @@ def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -
     first = entries[0][0][0]
     # No figure needs the paths between samples (segments).
     wanted = Wanted(moves=any(needs_moves(scenario) for scenario, _ in chain(*entries)))
-    if depends_on_decisions(first):  # such a group has a single scenario (see ``plan.plan_of``)
+    if by_decisions := motion_by_decisions(
+        first
+    ):  # such a group has a single scenario (see ``plan.plan_of``)
         floors = floors_of(first, work.seed, work.numbers)
-        full = decided_motion(first, work.seed, work.numbers, floors, work.motion, wanted)
+        full = by_decisions(first, work.seed, work.numbers, floors, work.motion, wanted)
     else:
         full = source(work.motion).batch(first, work.seed, work.numbers, *wanted)
     motion, end_s = _SharedMotion(first, full, work, cancelled), first.run.t_end_s

@@ -187,33 +187,10 @@ def outcome_of(
     known: dict[int, pl.DataFrame] = {}
     all_failed = result.failed_runs()
     for number in result.selected:
-        cell = result.study.cells[number]
-        t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
-        parts = (
-            (
-                figures,
-                times_by_run(robots, t_end_s),
-                runs.select(WALK),
-                robots.select(most=counted(cell.scenario)),
-            )
-            for figures, robots, runs in result.parts(number)
-        )
-        table, times, walked, most = (pl.concat(part) for part in zip(*parts, strict=True))
+        one, by_run = _cell_outcome(result, number, all_failed.filter(pl.col("cell") == number))
+        cells.append(one)
         if len(result.selected) <= KEPT:
-            known[number] = compared_columns(table)
-        figures = _with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled)
-        cells.append(
-            CellOutcome(
-                cell=cell,
-                summary=figures,
-                walk=_walk(walked),
-                decidable=decidability(cell.scenario),
-                failed=all_failed.filter(pl.col("cell") == number),
-                settled=settled,
-                unreached=gate_unreached(cell.scenario, most["most"].max()),
-            )
-        )
-        del table, times, walked  # before those of the next cell are read
+            known[number] = by_run
     compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
     matched = at_equal_error(result, compared, progress) if equal_error else {}
     return Outcome(
@@ -226,6 +203,36 @@ def outcome_of(
         failed_replicate=failed_replicate,
         unmatched=why_not_at_equal_error(result, compared, matched) if equal_error else "",
     )
+
+
+def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tuple[CellOutcome, pl.DataFrame]:
+    """Summarise a cell; return its figures, and the columns of its runs with which it is compared.
+
+    Args:
+        number: of the cell. failed: its failed runs.
+    """
+    cell = result.study.cells[number]
+    t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
+    parts = (
+        (
+            figures,
+            times_by_run(robots, t_end_s),
+            runs.select(WALK),
+            robots.select(most=counted(cell.scenario)),
+        )
+        for figures, robots, runs in result.parts(number)
+    )
+    table, times, walked, most = (pl.concat(part) for part in zip(*parts, strict=True))
+    outcome = CellOutcome(
+        cell=cell,
+        summary=_with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled),
+        walk=_walk(walked),
+        decidable=decidability(cell.scenario),
+        failed=failed,
+        settled=settled,
+        unreached=gate_unreached(cell.scenario, most["most"].max()),
+    )
+    return outcome, compared_columns(table)
 
 
 def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
