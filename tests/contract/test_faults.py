@@ -226,10 +226,8 @@ def test_a_robot_stops_at_its_time_and_stays_and_the_others_go_round_it(
 ) -> None:
     usual = preset("paper-empirical").with_values({"run.t_end_s": 400.0})
     failed, fine = (simulate(one, 5, range(4), segments=True) for one in (usual.with_values(values), usual))
-    changed, last_s = (
-        0,
-        first_s and first_s + 1.01,
-    )  # a robot that stands to sample stands for a second at most
+    changed = 0
+    last_s = first_s and first_s + 1.01  # a robot that stands to sample stands for a second at most
     for run in range(4):
         mine, theirs = (one.segments.filter(one.segments["run"] == run) for one in (failed, fine))  # type: ignore[union-attr]
         early = mine["start_s"] < first_s - 1e-9

@@ -63,9 +63,8 @@ def test_tables_that_do_not_fit_are_refused() -> None:
             (2, 0, 5.0, 0.1, 0.1, None, -1, 1),
         ]
     )
-    by_tiles_visited = walk_figures(
-        motion, observations
-    ).to_dicts()  # of each run's own tiles, if none are stated
+    # By each run's own tiles, if none are stated.
+    by_tiles_visited = walk_figures(motion, observations).to_dicts()
     assert by_tiles_visited[0] == walk_figures(motion, observations, tiles=4).to_dicts()[0]
     assert by_tiles_visited[1] == {"run": 2, "samples": 1, "ones": 1.0} | dict.fromkeys(
         ("avoid_per_sample_s", "distance_m", "spacing_s", "effective_samples")

@@ -89,6 +89,7 @@ def test_figures_of_four_samples_by_hand() -> None:
     """At 1 cm and at 6 cm from the left wall, in the middle, and in a corner tile, on 5 x 5 tiles."""
     samples = pl.DataFrame({
         "robot": [0, 0, 1, 1], "x_m": [0.01, 0.06, 0.5, 0.1], "y_m": [0.5, 0.5, 0.5, 0.1],
+        "wall_m": [0.01, 0.06, 0.5, 0.1],
         "avoid_s": [0.0, 1.0, 2.0, 3.0], "spacing_s": [4.0, 5.0, 6.0, 7.0], "distance_m": [0.1, 0.1, 0.1, 0.3],
         "energy": [1.0, 2.0, 1.0, 2.0], "vibrating": [False, False, False, True],
     })  # fmt: skip
