@@ -110,7 +110,7 @@ def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
     for executor in ("threads", "processes"):
         assert killed([*command, "--executor", executor, "--workers", "2"], out) == -signal.SIGKILL
     assert 0 < len(steps_of(out)) < len(steps_of(whole))
-    said = output_of(capsys, "show", out)
+    said = words_of(capsys, "show", out)
     assert f"in {len(steps_of(out))} steps; 0 failed" in said
     assert "to resume" in said
     assert main(command) == 0
