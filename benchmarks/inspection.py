@@ -83,10 +83,8 @@ def inspections(
 ) -> Iterator[Samples]:
     """Return the samples of simulated inspections, one after the other."""
     scenario = scenario_of(name, t_end_s, floor).with_values({"floor.rows": tiles, "floor.columns": tiles})
-    stated = law_of_scenario(scenario, "the scenario")
-    law = replace(
-        stated, law=replace(stated.law, bits=bits)
-    )  # one for all, so that its tables are computed once
+    # One for all, so that its tables are computed once.
+    law = replace(law_of_scenario(scenario, "the scenario"), bits=bits)
     for begin in range(0, count, 20):
         result = simulate(scenario, seed, range(begin, min(begin + 20, count)))
         for run in result.runs["run"].to_list():
@@ -486,7 +484,7 @@ def measure_reference(count: int) -> None:
                 np.abs(energy_of(sensor, kind, random.random(values)).astype(np.float64)) for kind in (1, 0)
             )
             try:
-                law = law_of_measured(vibrating, still, "values").law
+                law = law_of_measured(vibrating, still, "values")
             except InputError:
                 refused += 1
                 continue
@@ -580,13 +578,13 @@ def measure_told(count: int) -> None:
         for kind, law in gammas.items()
         for name, value in zip(("shape", "scale", "location"), law, strict=True)
     }
-    truth = law_of_scenario(preset("paper").with_values(fields), "the true law").law
+    truth = law_of_scenario(preset("paper").with_values(fields), "the true law")
     for measured in (0, 100, 300, 1000):
         told: dict[str, list[Floats]] = {"mean over laws": [], "law alone": []}
         for seed in range(count):
             random = generator(seed, f"{measured} values, exact places")
             vibrating, still = (energy_of(truth.sensor, kind, random.random(measured)) for kind in (1, 0))
-            law = law_of_measured(vibrating, still, "measured").law if measured else truth
+            law = law_of_measured(vibrating, still, "measured") if measured else truth
             samples = at_exact_places(random, 400, truth)
             patch = patch_of(*random_places(random, np.full(1, 0.2), samples.size_m), 0.2)
             values = np.hstack([drawn_values(random, samples, 1, one) for one in (patch, None)])

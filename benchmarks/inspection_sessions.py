@@ -20,7 +20,6 @@ from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.inspection.inspection import Inspection, inspect
-from vibroswarm.inspection.laws import FittedLaw
 from vibroswarm.inspection.samples import Law, Samples, ratios_of_values
 from vibroswarm.inspection.scan import BLOCK_S
 from vibroswarm.inspection.sources import samples_of_result
@@ -74,7 +73,7 @@ def without_tile(real: Recording, found: Dataset, run: int) -> Floats:
         values = fit_sensor(without(others.corrected(camera), tile), draws=0).values
         stated = {f"sensor.{name}": round(values[name], 5) or None for name in (*FIELDS, *SPREADS)}
         sensor = real.scenario.with_values({"sensor.model": "gamma", **stated}).sensor
-        samples = samples_of_result(real, run, FittedLaw(Law(sensor, "without the tile"), camera))
+        samples = samples_of_result(real, run, Law(sensor, "without the tile", camera=camera))
         maps.append(tile_map(samples, SHOWN_S)[:, tile])
     return np.stack(maps, axis=1)
 

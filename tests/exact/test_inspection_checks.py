@@ -191,4 +191,4 @@ def test_a_session_is_judged_by_the_law_of_the_others_alone() -> None:
     logs = [read_log(lab / f"session-{number}.csv") for number in (1, 2)]
     recording = recording_of(logs, Floor.filling(read_tiles(lab / "floor.txt", (5, 5))), preset("paper"))
     for run in (0, 1):
-        assert law_for_session(recording, run, draws=0).law.sessions == (hash_of_run(recording, 1 - run),)
+        assert law_for_session(recording, run, draws=0).sessions == (hash_of_run(recording, 1 - run),)

@@ -182,8 +182,8 @@ def test_tables_of_values_with_a_long_tail_are_the_law() -> None:
     with_one = np.exp(random.normal(1.2, 0.6, 150))
     with_one[0] = 1e5
     for law in (
-        law_of_measured(vibrating, still, "two decades").law,
-        law_of_measured(with_one, still**0.3, "one value").law,
+        law_of_measured(vibrating, still, "two decades"),
+        law_of_measured(with_one, still**0.3, "one value"),
     ):
         value = values_at(law, random.random(2000), random.random(2000) < 0.5)
         apart = np.abs(ratios_at(law, value) - ratios_of_values(law, value))

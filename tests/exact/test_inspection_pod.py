@@ -160,6 +160,16 @@ def test_places_that_are_not_visited_are_an_asymptote_below_one() -> None:
     assert whole.fit(asymptote=True).a90_m == pytest.approx(whole.fit().a90_m, rel=0.05)
 
 
+def test_a_curve_may_end_below_one_and_above_90_percent() -> None:
+    """The search ran to a top of 1 and stayed there: a logistic curve in the size lost 28 in log likelihood."""
+    size_m = np.repeat([0.03, 0.05, 0.07, 0.09, 0.12, 0.15, 0.2, 0.25, 0.3], 60)
+    found = np.concatenate([np.arange(60) < hits for hits in (4, 3, 29, 38, 55, 54, 57, 56, 57)])
+    for curve in ("size", "log size"):
+        fit = fit_pod(size_m, found, 105, 2000, asymptote=True, curves=[curve])
+        assert fit.top == pytest.approx(0.94, abs=0.01)
+        assert fit.a90_m < fit.a90_95_m < 0.15
+
+
 def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

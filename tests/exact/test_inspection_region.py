@@ -145,7 +145,7 @@ def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_valu
     still, vibrating = np.random.default_rng(8).gamma(4.0, ([0.5], [1.5]), (2, 100))
     effects = [
         design_effect(
-            replace(samples, law=law_of_measured(unit * vibrating, unit * still, "", (0.1, 0.1)).law),
+            replace(samples, law=law_of_measured(unit * vibrating, unit * still, "", (0.1, 0.1))),
             shares,
             0,
         )
@@ -153,9 +153,7 @@ def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_valu
     ]
     assert effects[0] > 1.01
     assert effects == pytest.approx([effects[0]] * 3, rel=1e-6)
-    saturated = law_of_measured(
-        np.full(100, 5.0), still, ""
-    ).law  # a sensor that is at its limit where it vibrates
+    saturated = law_of_measured(np.full(100, 5.0), still, "")  # at its limit where it vibrates
     assert design_effect(replace(samples, law=saturated), shares, 0) == 1.0
 
 
@@ -165,7 +163,7 @@ def test_measured_values_fit_their_own_contrast_best() -> None:
     for seed in range(2):
         random = np.random.default_rng(seed)
         vibrating, still = (np.abs(values_at(exact, random.random(300), kind == 1)) for kind in (1, 0))
-        law = law_of_measured(vibrating, still, "300 values of each kind").law
+        law = law_of_measured(vibrating, still, "300 values of each kind")
         for true in (0.5, 1.0):
             value = values_at(exact, random.random(5000), True, true)
             means = {contrast: contrast_ratios(law, value, contrast).mean() for contrast in STRENGTHS}

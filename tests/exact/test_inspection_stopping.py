@@ -130,7 +130,7 @@ def test_the_told_risk_is_a_mean_over_laws() -> None:
     samples = replace(drawn_samples(8, count=120, spread_m=0.0), law=LAW)
     value = drawn_values(random, samples, 1)
     vibrating, still = (values_at(LAW, random.random(100), kind) for kind in (True, False))
-    law = law_of_measured(vibrating, still, "100 values of each kind").law
+    law = law_of_measured(vibrating, still, "100 values of each kind")
     laws = [law, *(Law(one.judge, "resampled") for one in law.draws)]
     question, patches = Question(0.2, (1.0, 0.5)), declared(samples.size_m, [0.2])
     of_all, *of_each = (

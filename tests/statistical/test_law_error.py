@@ -43,7 +43,7 @@ def log_means(sensor: Sensor) -> np.ndarray:
 def laws() -> list[Law]:
     scenario = preset("calibrated").with_values({"run.t_end_s": 600.0, "floor.source": "random:0.48"})
     found = dataset_of([simulate(scenario, 3, len(SESSIONS), segments=True)])
-    return [law_of_sessions(found, [session], "one session", draws=10).law for session in SESSIONS]
+    return [law_of_sessions(found, [session], "one session", draws=10) for session in SESSIONS]
 
 
 def test_laws_are_as_wrong_as_they_say(laws: list[Law]) -> None:
@@ -60,7 +60,7 @@ def measured_law(seed: int, samples: int, values: int) -> tuple[np.random.Genera
     vibrating, still = (
         np.abs(energy_of(sensor, kind, random.random(values)).astype(np.float64)) for kind in (1, 0)
     )
-    return random, at, law_of_measured(vibrating, still, f"{values} values of each kind").law
+    return random, at, law_of_measured(vibrating, still, f"{values} values of each kind")
 
 
 def false_calls(with_error: bool, laws: int) -> float:

@@ -253,7 +253,7 @@ def threshold(
     if law is not None:
         fitted = law_of_recordings([recording])
         write_law(fitted, scenario, law, replace=force)
-        found = replace(found, law=law_table(fitted.law))
+        found = replace(found, law=law_table(fitted))
     if out is not None:
         write_text(out, scenario.to_toml(), replace=force)
     print_document(threshold_document(found), as_json=json)

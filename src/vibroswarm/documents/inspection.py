@@ -35,6 +35,8 @@ def inspection_document(found: Inspection) -> Document:
     samples = found.samples
     is_refused = found.assessment is not None and bool(found.assessment.refusals)  # the answer says why
     parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
+    if found.assessment is None:
+        parts.append(Text("Whether the law of the sensor and the places hold is not checked; add --damage."))
     if found.by_kind is not None and samples.kinds is not None:
         parts += _kinds(found.by_kind, samples.kinds.at(found.times_s[-1]).tiles)
     if found.pooled is not None:
@@ -112,8 +114,7 @@ def _what(samples: Samples) -> str:
     left_out = (
         f" {count(samples.left_out, 'row')} of the file without a value left out." if samples.left_out else ""
     )
-    each_m = [(samples.column(f"{axis}_m"), whole) for axis, whole in zip("xy", samples.size_m, strict=True)]
-    outside = int(np.any([(at < 0.0) | (at > whole) for at, whole in each_m], axis=0).sum())
+    outside = int((samples.beyond > 0.0).any(axis=0).sum())
     beyond = f", {outside} of them outside of it" if outside else ""
     return (
         f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} on "

@@ -31,7 +31,6 @@ from vibroswarm.inspection.damage import SHAPES
 from vibroswarm.inspection.kind_map import any_but_still, kind_map
 from vibroswarm.inspection.laws import (
     DRAWS,
-    FittedLaw,
     known_from,
     law_for_session,
     law_named,
@@ -39,7 +38,7 @@ from vibroswarm.inspection.laws import (
     law_of_scenario,
 )
 from vibroswarm.inspection.patches import SIZES_M, Side
-from vibroswarm.inspection.samples import Floats, Samples, check_law
+from vibroswarm.inspection.samples import Floats, Law, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.stopping import Question
@@ -309,9 +308,7 @@ def _refuse_given(values: dict[str, Any], words: str) -> None:
             raise InputError(f"leave it out: {words}", field=field)
 
 
-def _law_of(
-    result: Result | None, run: int, laws: Laws, spreads: tuple[float, float], draws: int
-) -> FittedLaw:
+def _law_of(result: Result | None, run: int, laws: Laws, spreads: tuple[float, float], draws: int) -> Law:
     """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if any(spreads) and not (isinstance(laws, str) and laws.lower().endswith(".csv")):
         raise InputError(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,7 +30,6 @@ from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.atomic_io import write_text
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value, percent, stated
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, in_file
@@ -66,15 +65,7 @@ FITTED: Final = (*FIELDS, *SPREADS)
 """Fields of the sensor that are fitted to sessions, in the order of ``law.draws``."""
 
 
-@dataclass(frozen=True)
-class FittedLaw(NotebookView):
-    """A law fitted to sessions on a known floor, and the camera that saw them."""
-
-    law: Law
-    camera: Camera
-
-
-def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draws: int = DRAWS) -> FittedLaw:
+def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draws: int = DRAWS) -> Law:
     """Fit the law of the sensor and the camera to some sessions.
 
     Differences between tiles and robots are part of the law: a sample counts less because of them.
@@ -97,7 +88,7 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     # Sessions are numbered over all results.
     numbered = [(result, int(run)) for result in found.results for run in result.runs["run"].to_list()]
     hashes = tuple(hash_of_run(*numbered[session]) for session in sessions)
-    return FittedLaw(Law(sensor, words, digest, hashes, _with_law(sensor, drawn)), camera)
+    return Law(sensor, words, digest, hashes, _with_law(sensor, drawn), camera=camera)
 
 
 def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
@@ -122,7 +113,7 @@ def hash_of_run(result: Result, run: int) -> str:
     return session_hash(table.filter(pl.col("run") == run)["energy"].to_numpy())
 
 
-def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> FittedLaw:
+def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> Law:
     """Return the law of a recorded session, fitted to the recording's other sessions if there are any.
 
     Args:
@@ -147,7 +138,7 @@ def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> Fi
     return law_of_sessions(found, rest or found.sessions, words, draws=draws)
 
 
-def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> FittedLaw:
+def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> Law:
     """Return the law of a scenario (preset or TOML), of measured energies (CSV), or of a recording (folder).
 
     Args:
@@ -161,9 +152,8 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
         return law_of_recordings([Recording.read(path)], f" of '{path.name}'", draws)
     if path.suffix.lower() == ".csv":
         vibrating, still = (np.array(energies) for energies in read_energies(path))
-        fitted = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-        return replace(fitted, law=replace(fitted.law, hash=digest))
+        law = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
+        return replace(law, hash=hashlib.sha256(path.read_bytes()).hexdigest()[:16])
     if text in preset_names():
         return law_of_scenario(preset(text), f"preset '{text}'")
     with in_file(path):  # laws of draws may be wrong too
@@ -172,7 +162,7 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
 
 def law_of_measured(
     vibrating: Floats, still: Floats, words: str, spreads: tuple[float, float] = (0.0, 0.0)
-) -> FittedLaw:
+) -> Law:
     """Return the law of energies that were measured where it vibrates and where it is still.
 
     Args:
@@ -204,7 +194,7 @@ def law_of_measured(
         f"{differ if any(spreads) else 'places and robots presumed alike'}"
     )
     own = (session_hash(np.concatenate([vibrating, still])),)
-    return FittedLaw(Law(sensor, origin, "", own, draws), RIGHT)
+    return Law(sensor, origin, "", own, draws)
 
 
 def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Draw]:
@@ -251,34 +241,32 @@ def _check_told_apart(
         )
 
 
-def law_of_scenario(scenario: Scenario, words: str) -> FittedLaw:
+def law_of_scenario(scenario: Scenario, words: str) -> Law:
     """Return the law and the camera that a scenario states, as if they were exact."""
-    law = Law(scenario.sensor, f"stated by {words}", scenario.hash, place=grid_of(scenario))
-    return FittedLaw(law, Camera.of(scenario))
+    camera = Camera.of(scenario)
+    return Law(scenario.sensor, f"stated by {words}", scenario.hash, place=grid_of(scenario), camera=camera)
 
 
-def known_from(scenario: Scenario, words: str) -> FittedLaw:
+def known_from(scenario: Scenario, words: str) -> Law:
     """Return the law and the camera of a scenario; of a file of a law (``write_law``) with its error and sessions."""
     if scenario.law.sessions is None:
         return law_of_scenario(scenario, words)
     drawn = [_sensor_of(scenario, dict(zip(FITTED, row, strict=True))) for row in scenario.law.draws or ()]
     words = f"{words}, fitted to {count(len(scenario.law.sessions), 'session')} on a known floor"
-    return FittedLaw(
-        Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, _with_law(scenario.sensor, drawn)),
-        Camera.of(scenario),
-    )
+    draws, camera = _with_law(scenario.sensor, drawn), Camera.of(scenario)
+    return Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, draws, camera=camera)
 
 
-def with_law(recording: Recording, fitted: FittedLaw) -> tuple[Recording, tuple[str, ...]]:
+def with_law(recording: Recording, law: Law) -> tuple[Recording, tuple[str, ...]]:
     """Return a recording whose scenario has a law, with its own threshold, and places corrected by the law's camera.
 
     Returns: the recording, and a warning if the law was fitted to one of its sessions.
     """
     threshold = recording.scenario.sensor.rms_threshold
-    sensor = fitted.law.sensor.model_copy(update={"rms_threshold": threshold})
-    seen = corrected(recording, fitted.camera)
+    sensor = law.sensor.model_copy(update={"rms_threshold": threshold})
+    seen = corrected(recording, law.camera)
     assert isinstance(seen, Recording)
-    own = any(hash_of_run(recording, run) in fitted.law.sessions for run in recording.runs["run"].to_list())
+    own = any(hash_of_run(recording, run) in law.sessions for run in recording.runs["run"].to_list())
     return replace(seen, scenario=seen.scenario.model_copy(update={"sensor": sensor})), (SELF_JUDGED,) * own
 
 
@@ -302,7 +290,7 @@ def _rows_of(law: Law) -> list[list[float]]:
     return [[getattr(one.judge, name) or 0.0 for name in FITTED] for one in law.draws]
 
 
-def law_of_recordings(recordings: Sequence[Recording], of: str = "", draws: int = KEPT) -> FittedLaw:
+def law_of_recordings(recordings: Sequence[Recording], of: str = "", draws: int = KEPT) -> Law:
     """Return the law of all sessions of recordings.
 
     Args:
@@ -321,7 +309,7 @@ def law_of_recordings(recordings: Sequence[Recording], of: str = "", draws: int 
     return law_of_sessions(found, found.sessions, words, draws=draws)
 
 
-def write_law(fitted: FittedLaw, base: Scenario, path: Path, *, replace: bool = False) -> None:
+def write_law(law: Law, base: Scenario, path: Path, *, replace: bool = False) -> None:
     """Write a fitted law as a scenario: as the sensor of simulations, and as ``--laws`` of inspections.
 
     The scenario has its sensor, the camera, and in the section law its error and sessions.
@@ -329,11 +317,10 @@ def write_law(fitted: FittedLaw, base: Scenario, path: Path, *, replace: bool = 
     Args:
         base: what the scenario is in all else. replace: whether a file that exists is replaced.
     """
-    law = fitted.law
     scenario = base.with_values(
         {f"camera.{name}": None for name in Camera.__dataclass_fields__}
         | {"sensor.model": "gamma", "law.sessions": list(law.sessions), "law.draws": _rows_of(law)}
         | {f"sensor.{name}": getattr(law.sensor, name) for name in FITTED}
-        | fitted.camera.fields()
+        | law.camera.fields()
     )
     write_text(path, scenario.to_toml(), replace=replace)

@@ -200,7 +200,13 @@ def plan(
     whole_number_of(runs, "runs", 4, 10**6)
     whole_number_of(each, "each", 1, 10**6)
     level = number_of(level, "level", 0.0, 1.0)
-    _check_arena(scenario, max(*sides_m, *SIZES_M))
+    largest_m, arena = max(*sides_m, *SIZES_M), scenario.arena
+    if largest_m > min(arena.size_m):
+        raise InputError(
+            f"is {arena.width_m:g} m x {arena.height_m:g} m; a plan draws, and scans for, squares of up to "
+            f"{100 * largest_m:g} cm, which must fit it",
+            field="arena",
+        )
     rows: list[tuple[float | None, ...]] = []
     for number in robots:
         inspections = _planned_inspections(scenario, number, until_s, runs, seed)
@@ -218,16 +224,6 @@ def plan(
                 progress(len(rows) / (len(robots) * len(until_s)))
     names = ["robots", "until_s", "samples", "a50_m", "a90_m", "a90_95_m", "false_calls", "sweep_a90_m"]
     return pl.DataFrame(rows, schema=names, orient="row").fill_nan(None)
-
-
-def _check_arena(scenario: Scenario, largest_m: float) -> None:
-    arena = scenario.arena
-    if largest_m > min(arena.size_m):
-        raise InputError(
-            f"is {arena.width_m:g} m x {arena.height_m:g} m; a plan draws, and scans for, squares of up to "
-            f"{100 * largest_m:g} cm, which must fit it",
-            field="arena",
-        )
 
 
 def _planned_inspections(

@@ -214,14 +214,15 @@ def _fit(name: str, trials: _Trials, ends_below: bool) -> _Fit:
 
     highest = [float(logit(np.clip((trials.found / trials.number).max(), 0.5, 0.98)))][:ends_below]
     at, least = _search(loss, [0.0, STEEP, *highest])
-    # With few sizes, unevenly spread, there may be several valleys: each is searched.
+    # With few sizes, unevenly spread, there may be several valleys: each is searched. If the curve may end below 1, the
+    # first search may run to a top of 1, where the loss is flat, and stay there.
     starts = [
         [[slope * (middle - a50) / spread, slope, *highest] for slope in SLOPES]
         for a50 in np.linspace(trials.g[0] - spread / 3, trials.g[-1] + spread / 3, 9)
     ]
     heights = np.array([[loss(start) for start in row] for row in starts])
     valleys = np.argwhere(heights == minimum_filter(heights, 3, mode="nearest"))
-    if len(valleys) > 1 or heights.min() < least:
+    if ends_below or len(valleys) > 1 or heights.min() < least:
         for row, column in valleys:
             other, lower = _search(loss, starts[row][column])
             if lower < least - NOTHING:

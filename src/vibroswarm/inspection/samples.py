@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.core.displayed import viewed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
@@ -82,6 +83,8 @@ class Law(NotebookView):
     """Whether values are readings of 0 and 1, not energies."""
     place: Place | None = None
     """Grid of the floor, if the scenario states the law: that of a sensor that measures at each place depends on it."""
+    camera: Camera = RIGHT
+    """The camera that saw the reference."""
 
 
 @viewed
@@ -125,19 +128,16 @@ class Samples(NotebookView):
         Raises:
             InputError: there are too few, or they are outside the surface.
         """
-        width_m, height_m = self.size_m
-        x_m, y_m = self.column("x_m"), self.column("y_m")
         if self.frame.height < FEWEST:
             raise InputError(
                 f"has {count(self.frame.height, 'sample')}; nothing can be said with fewer than {FEWEST}",
                 field=self.source,
             )
-        outside = (x_m < -0.05 * width_m) | (x_m > 1.05 * width_m)
-        outside |= (y_m < -0.05 * height_m) | (y_m > 1.05 * height_m)
+        outside = (self.beyond > 0.05).any(axis=0)
         if outside.mean() > 0.05:
             raise InputError(
-                f"{outside.sum()} of {x_m.size} places are outside the surface of {width_m:g} m x {height_m:g} m; are "
-                "its size, the units and the origin (its lower left corner) right?",
+                f"{outside.sum()} of {outside.size} places are outside the surface of {self.size_m[0]:g} m x "
+                f"{self.size_m[1]:g} m; are its size, the units and the origin (its lower left corner) right?",
                 field=self.source,
             )
 
@@ -153,6 +153,14 @@ class Samples(NotebookView):
                 "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
             )
         return self.floor
+
+    @property
+    def beyond(self) -> Floats:
+        """How far places are outside along x and y, over width and height, (2, samples); negative: inside."""
+        at = np.stack(
+            [self.column(f"{axis}_m") / whole for axis, whole in zip("xy", self.size_m, strict=True)]
+        )
+        return np.asarray(np.maximum(-at, at - 1.0))
 
     @property
     def hash(self) -> str:

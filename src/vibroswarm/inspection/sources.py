@@ -16,7 +16,7 @@ from vibroswarm.calibrate.camera import corrected
 from vibroswarm.core.numbers import count, listed, number, percent, some, stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.laws import FittedLaw, hash_of_run
+from vibroswarm.inspection.laws import hash_of_run
 from vibroswarm.inspection.samples import (
     FEWEST,
     SAMPLES,
@@ -29,7 +29,7 @@ from vibroswarm.inspection.samples import (
     session_hash,
 )
 from vibroswarm.observation.energy_model import energy_of
-from vibroswarm.recordings.assemble_recording import inside
+from vibroswarm.recordings.assemble_recording import inside, rows_apart_s
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -39,7 +39,7 @@ KEY: Final = ("run", "robot", "sample")
 
 
 def samples_of_result(
-    result: Result, run: int, law: FittedLaw, *, bits: bool = False, spread_m: float = 0.0
+    result: Result, run: int, law: Law, *, bits: bool = False, spread_m: float = 0.0
 ) -> Samples:
     """Return the samples of one run of a result.
 
@@ -71,10 +71,10 @@ def samples_of_result(
     if not are_true:
         truth = truth.with_columns(true_x_m=None, true_y_m=None)
     frame = frame.join(truth, on=KEY, maintain_order="left")
-    many = law.law.sensor.kinds > 2
+    many = law.sensor.kinds > 2
     if many != (result.scenario.sensor.kinds > 2):
         raise InputError(
-            f"has {result.scenario.sensor.kinds} kinds of tile, and the law {law.law.sensor.kinds}",
+            f"has {result.scenario.sensor.kinds} kinds of tile, and the law {law.sensor.kinds}",
             field="--laws",
         )
     read = _values(result, of_run, bits or many)
@@ -156,7 +156,7 @@ def _known_from(result: Result, run: int) -> tuple[str, bool]:
 
 
 def _samples(
-    frame: pl.DataFrame, size_m: tuple[float, float], law: FittedLaw, places: str, source: str, floor: Floor | None,
+    frame: pl.DataFrame, size_m: tuple[float, float], law: Law, places: str, source: str, floor: Floor | None,
     bits: bool, *, truth_known: bool, own: str, kinds: Floor | None = None, errors: PlaceErrors | None = None,
     changed_s: Sequence[float] = (),
 ) -> Samples:  # fmt: skip
@@ -165,13 +165,13 @@ def _samples(
     Args:
         own: hash of their session, to which no law should be fitted. changed_s: times at which the floor changed.
     """
-    known = law.law if law.law.bits == bits else replace(law.law, bits=bits)
+    known = law if law.bits == bits else replace(law, bits=bits)
     _check_classes(known, frame["value"].to_numpy())
     ratios = ratios_of_values(known, frame["value"].to_numpy())
     x_m, y_m = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), size_m)
     columns = {"x_m": pl.Series(x_m), "y_m": pl.Series(y_m), "log_ratio": pl.Series(ratios)}
     table = frame.with_columns(**columns).select(list(SAMPLES)).cast(SAMPLES)
-    warnings = [SELF_JUDGED] if own in law.law.sessions else []
+    warnings = [SELF_JUDGED] if own in law.sessions else []
     last_s = float(frame["time_s"].to_numpy().max(initial=0.0))
     until_s = [time_s for time_s in changed_s if time_s <= last_s]
     if until_s:
@@ -217,6 +217,8 @@ CORNERED: Final = 0.05
 """Largest share of places in the corner that is not odd."""
 OUTSIDE: Final = 0.01
 """Largest share of places outside the surface, by ``CORNER`` and 3 standard deviations, that is not odd."""
+WITHOUT: Final = 0.05
+"""Largest share of rows without a value that is not odd."""
 UNEQUAL: Final = 0.9
 """Share of different values from which on values of another file that are equal are copies."""
 ENDS: Final = (-4.5, 4.5)
@@ -227,7 +229,7 @@ VALUES: Final = ("value", "energy", "rms")
 
 def samples_of_csv(
     path: Path,
-    law: FittedLaw,
+    law: Law,
     size_m: tuple[float, float],
     spread_m: float = 0.0,
     floor: Floor | None = None,
@@ -272,16 +274,25 @@ def samples_of_csv(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
     )  # fmt: skip
-    doubted = _with_doubts(found, *_doubt_of_robots(by, table.columns))
-    return replace(doubted, left_out=log.tracks.height)
+    left_out = log.tracks.height
+    return replace(_with_doubts(found, *_doubts_of_table(by, table, left_out)), left_out=left_out)
 
 
-def _doubt_of_robots(by: ColumnMap, names: Sequence[str]) -> Iterator[str]:
-    """Yield that all samples count as one robot's, if a file has columns that may say which robot took them."""
+def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Iterator[str]:
+    """Yield that columns may say which robot took the samples, which count as one robot's; and that values are missing.
+
+    Args:
+        left_out: rows without a value.
+    """
     read = {column.name for column in by.columns.values()}
-    unread = [f"'{name}'" for name in names if name not in read]
+    unread = [f"'{name}'" for name in table.columns if name not in read]
     if by.columns["robot"].times == 0.0 and unread:
         yield f"Without a column 'robot' all samples count as one robot's; not read: {some(unread, 12)}."
+    if left_out > WITHOUT * table.height:
+        yield (
+            f"{left_out} of {table.height} rows have no value: if a sensor gives none where it vibrates strongly, "
+            "damage is missed."
+        )
 
 
 def _with_doubts(samples: Samples, *doubts: str) -> Samples:
@@ -299,6 +310,8 @@ def _doubts(samples: Samples) -> Iterator[str]:
         yield f"Robots {robots} have the same times, places and values: if they are copies, their samples count twice."
     if samples.is_timeless:
         yield "All samples of each robot have the same time, so that nothing can be said of drift."
+    if apart_s := rows_apart_s(frame):
+        yield f"The samples of a robot are usually {stated(apart_s)} s apart, as if times were in a smaller unit."
     near_m = zip("xy", samples.size_m, strict=True)
     at_corner = np.all(
         [np.abs(samples.column(f"{axis}_m")) < CORNER * whole for axis, whole in near_m], axis=0
@@ -307,7 +320,7 @@ def _doubts(samples: Samples) -> Iterator[str]:
     if at_corner.mean() > CORNERED and places > 1:  # one: a raster begins there
         yield (
             f"{at_corner.sum()} of {frame.height} places are in the lower left corner, within {percent(CORNER, 0)} of "
-            "width and height, as if they were in a larger unit than the others."
+            "width and height, as if they were in a larger unit."
         )
     yield from _doubt_of_the_edges(samples)
     if not samples.law.bits:
@@ -328,11 +341,9 @@ def _doubt_of_stuck(samples: Samples) -> Iterator[str]:
 
 def _doubt_of_the_edges(samples: Samples) -> Iterator[str]:
     """Yield that places are farther outside the surface than their spread explains, if more than a few are."""
-    at_m, spread_m = (
-        np.stack([samples.column(f"{name}{axis}_m") for axis in "xy"]) for name in ("", "spread_")
-    )
+    spread_m = np.stack([samples.column(f"spread_{axis}_m") for axis in "xy"])
     whole_m = np.array(samples.size_m)[:, None]
-    beyond_m = np.maximum(-at_m, at_m - whole_m)
+    beyond_m = samples.beyond * whole_m
     outside = (beyond_m > CORNER * whole_m + 3.0 * spread_m).any(axis=0)
     if outside.mean() > OUTSIDE:
         yield (

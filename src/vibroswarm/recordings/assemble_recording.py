@@ -187,9 +187,8 @@ def _late_beginning_of(log: Log) -> float:
     return first_s if first_s > LATE_BEGINNING_S else 0.0
 
 
-def _rows_apart_of(log: Log) -> float:
-    """Return the median time between two rows of a robot, s; 0 if it is not longer than usual."""
-    rows = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
+def rows_apart_s(rows: pl.DataFrame) -> float:
+    """Return the median time between two rows (robot, time_s) of a robot, s; 0 if it is not longer than usual."""
     between_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot")).drop_nulls().to_series()
     apart_s = float(np.median(between_s)) if between_s.len() else 0.0
     return round(apart_s, 6) if apart_s > APART_S else 0.0
@@ -239,7 +238,8 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
         "places": _own_places(frame),
     }
     counts = _problem_counts(paths, rows, observations, scenario)
-    counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": _rows_apart_of(log)}
+    both = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
+    counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": rows_apart_s(both)}
     about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
     return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
 
