@@ -111,6 +111,20 @@ def test_limits_among_sessions_allow_for_pairs_that_overlap() -> None:
     assert math.isinf(two.real.high)
 
 
+@pytest.mark.parametrize(("real", "simulated"), [(8, 3), (4, 4)])
+def test_limits_allow_for_simulated_sessions_that_differ_too(real: int, simulated: int) -> None:
+    """Over real sessions alone they held it in 78 of 100 cases of 8 and 3 sessions, and in 86 of 4 and 4."""
+    rng = np.random.default_rng(11)
+
+    def sessions(count: int, shift: float) -> list[np.ndarray]:
+        return [rng.normal(shift + 0.3 * rng.normal(), size=(60, 1)) for _ in range(count)]
+
+    found = [compare_distance("still", sessions(real, 0.0), sessions(simulated, 1.0)) for _ in range(200)]
+    effects = [one.effect for one in found if one is not None]
+    truth = np.mean([one.estimate for one in effects])
+    assert np.mean([one.low <= truth <= one.high for one in effects]) > 0.92
+
+
 def test_the_logistic_fit_is_at_its_minimum() -> None:
     rng = np.random.default_rng(10)
     columns = rng.normal(size=(800, 3))

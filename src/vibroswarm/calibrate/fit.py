@@ -389,7 +389,7 @@ FITS: Final = (
     ),
     Source(
         "vibration, in place of laws", ("sensor.acceleration.",), "all samples",
-        "bootstrap of samples within sessions", _of_vibration,
+        "bootstrap of robots and tiles in sessions; of spreads, chi-square of the groups", _of_vibration,
     ),
     Source(
         "interruption", ("sample.interrupts_avoidance",), "with avoidance", "none: yes or no", _of_interruption

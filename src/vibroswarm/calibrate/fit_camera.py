@@ -34,8 +34,8 @@ LEAST_GAIN: Final = 16.3
 """Least gain: chi squared with three degrees of freedom (magnification, two shifts) exceeds it in 0.1 % of cases."""
 ROUNDS: Final = 2
 """How often the fit alternates between the camera and the Gamma distributions."""
-DRAWS: Final = 12
-"""Bootstrap resamples."""
+DRAWS: Final = 40
+"""Bootstrap resamples: from 39 on, one more draw is beyond their limits in 5 % of cases (``few_groups.limits_of``)."""
 _SEED: Final = 36
 """Seed of the bootstrap."""
 _BOUNDS: Final = [(-10.0, 10.0), (-3.0, 3.0), (-3.0, 3.0), (-3.0, 8.0), (-2.0, 2.0)]

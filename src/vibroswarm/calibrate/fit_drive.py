@@ -22,7 +22,7 @@ therefore matched to the robots of the first session by speed and veer, minimisi
 units of ``APART``.
 
 Variation of speed within a robot is taken as independent between samples, but not for the error of v_0: real speeds also
-change slowly. It is the error of a line of which the deviations of ``BLOCKS`` parts of a session are independent, not
+change slowly. It is the error of a line of which the deviations of ``drive.BLOCKS`` parts of a session are independent, not
 those of its drives.
 
 Errors: of the mean and spread of robots, and of variation within them, Student's t and chi-square of so many robots
@@ -47,6 +47,7 @@ from vibroswarm.calibrate.drive import (
     SLOW_LAGS,
     calm_intervals,
     course_of,
+    line_of,
     undisturbed,
 )
 from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances, evenly_drawn
@@ -65,8 +66,6 @@ _SEED: Final = 32
 APART: Final = (0.003, np.radians(1.5))
 """Largest plausible difference of a robot's speed (m/s) and veer (rad/s) between sessions. With larger differences the
 sessions are taken to have different robots, and no field of individual robots is set."""
-BLOCKS: Final = 10
-"""Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
 LEAST_VARIATION: Final = 1e-3
 """Variations of misalignments, and of speeds between sessions, below this are left out of the scenario."""
 MOST_VARIATION: Final = 0.08
@@ -312,7 +311,7 @@ def _matched(table: Floats, runs: Ints) -> Floats | None:
 
 
 def _mean_of_known(matched: Floats) -> Floats:
-    """Return the means of each robot's values over sessions, (robots, 12).
+    """Return the means of each robot's values over sessions, (robots, 12); of the variation within it, that of squares.
 
     Sessions in which a value is NaN (unknown) are left out of its mean. The mean is NaN if the value is NaN in all.
 
@@ -322,7 +321,9 @@ def _mean_of_known(matched: Floats) -> Floats:
     known = np.isfinite(matched)
     total = np.where(known, matched, 0.0).sum(axis=0)
     with np.errstate(invalid="ignore"):  # 0 / 0 gives NaN where no session has a value
-        return np.asarray(total / known.sum(axis=0))
+        means = np.asarray(total / known.sum(axis=0))
+    means[:, WITHIN] = np.sqrt((matched[:, :, WITHIN] ** 2).mean(axis=0))
+    return means
 
 
 def _drawn_laws(robots: Floats, draws: int) -> dict[str, Floats]:
@@ -415,10 +416,9 @@ MEAN, START, LOST, WITHIN, VEER, BEND, SPREAD, SLOW, DISTANCE, TURNS, SAMPLES, E
 def _table_of_robots(found: Dataset) -> tuple[Floats, Ints]:
     """Return a row for each robot in each session, (rows, 12), and the session of each row, (rows,).
 
-    Rows are ordered by session and robot. The columns, ``MEAN`` to ``ERROR``, are the mean speed, the speed at the
-    start, the share of the start speed lost per second, the sd of the speed about its line in time, the mean veer in
-    the middle of drives, all fields of the robot's ``Course`` but the first, and the standard error of the speed at the
-    start. Unknown values are NaN. Robots with fewer than ten drives in a session are left out.
+    Rows are ordered by session and robot. The columns, ``MEAN`` to ``ERROR``, are the first five fields of the robot's
+    ``Line``, all fields of its ``Course`` but the first, and the standard error of the speed at the start. Unknown
+    values are NaN. Robots with fewer than ten drives in a session are left out.
     """
     courses = {
         key: course_of(own)
@@ -430,35 +430,11 @@ def _table_of_robots(found: Dataset) -> tuple[Floats, Ints]:
     ):
         if own.height < LEAST_DRIVES:
             continue
-        time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
-        slope, start = np.polyfit(time, speed, 1)
-        deviations = speed - start - slope * time
-        within = float(np.sqrt((deviations**2).mean()))
-        veer = own["veer_rad_s"].drop_nulls().to_numpy()
-        mean_veer = float(veer.mean()) if veer.size >= LEAST_DRIVES else np.nan
-        course = courses.get(key)
-        rows.append(
-            (float(speed.mean()), start, -slope / start, within, mean_veer)
-            # The fields of ``Course`` from bend_per_m to samples.
-            + ((np.nan,) * 6 if course is None else course[1:])
-            + (_error_of_start(time, deviations),)
-        )
+        line, course = line_of(own), courses.get(key)
+        of_course = (np.nan,) * 6 if course is None else course[1:]  # from bend_per_m to samples
+        rows.append((*line[:5], *of_course, line.start_error_m_s))
         runs.append(key[0])
     return np.array(rows, dtype=np.float64).reshape(-1, 12), np.array(runs, dtype=np.int64)
-
-
-def _error_of_start(time: Floats, deviations: Floats) -> float:
-    """Return the standard error of the value at time 0 of a line, of which ``BLOCKS`` stretches deviate independently.
-
-    Args:
-        time: of the values that the line was fitted to, ascending, s. deviations: of these values from the line.
-    """
-    off = time - time.mean()
-    # The line's value at time 0 is the sum of these weights times the values.
-    weights = 1.0 / time.size - time.mean() * off / (off**2).sum()
-    sums = [part.sum() for part in np.array_split(weights * deviations, BLOCKS)]
-    # The line has two numbers, which take two of the blocks' degrees of freedom.
-    return float(np.sqrt(np.square(sums).sum() * BLOCKS / (BLOCKS - 2)))
 
 
 def _slow_share(correlation: float, samples: float) -> float:

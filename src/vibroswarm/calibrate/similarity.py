@@ -24,8 +24,8 @@ The energy distance of a feature is 0 only if two distributions are the same:
 ("Energy" is a statistician's term here; it has nothing to do with vibration.) As no value is paired with itself, D^2 is
 unbiased: for equal distributions it is 0 on average, whatever the counts, and may be slightly negative. Each column is
 divided by its standard deviation over the real sessions, so that seconds and metres have the same weight. The session
-is the unit: H is the mean over pairs of sessions, and its interval is over real sessions (Student's t, so it is wide
-with three sessions; among the real sessions with the pseudo-values of the jackknife, since their pairs overlap).
+is the unit: H is the mean over pairs of sessions, and its interval is over sessions of both kinds (``_over_sessions``);
+among the real sessions it is Student's with the pseudo-values of the jackknife, since their pairs overlap.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from itertools import combinations, product
 from typing import Any, Final
 
 import numpy as np
+from scipy.special import stdtrit
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval, pseudo_values
 from vibroswarm.calibrate.features import histogram, shapeless
@@ -233,7 +234,7 @@ class EnergyDistance(NotebookView):
 
     feature: str
     effect: Interval
-    """H of real against simulated sessions: mean over pairs, interval over real sessions."""
+    """H of real against simulated sessions: mean over pairs, interval over sessions of both kinds."""
     real: Interval | None
     """H of real sessions against each other: mean over pairs, interval over sessions; None with one session."""
 
@@ -316,11 +317,31 @@ def compare_distance(
     among_real = known[feature]
     within_simulated = [mean_distance(session) for session in scaled_simulated]
     others = list(zip(scaled_simulated, within_simulated, strict=True))
-    effects = [  # of each real session, mean over simulated sessions
-        float(np.mean([effect_size(x, y, within_x, within_y) for y, within_y in others]))
+    effects = [
+        [effect_size(x, y, within_x, within_y) for y, within_y in others]
         for x, within_x in zip(scaled_real, among_real.each, strict=True)
     ]
-    return EnergyDistance(feature, mean_interval(effects), among_real.against)
+    return EnergyDistance(feature, _over_sessions(np.array(effects)), among_real.against)
+
+
+def _over_sessions(effects: Floats) -> Interval:
+    """Return the mean of effect sizes with Student's limits for other sessions of both kinds.
+
+    All real sessions are compared with the same simulated ones. So the variance of the mean is the sum of two: that
+    of the means of real sessions and that of the means of simulated ones, each divided by the number of sessions. The
+    smaller number gives the degrees of freedom. With one simulated session the limits are for that one.
+
+    Args:
+        effects: of pairs, (real, simulated).
+    """
+    of_real, of_simulated = effects.mean(axis=1), effects.mean(axis=0)
+    found = mean_interval(of_real)
+    fewest = min(effects.shape)
+    if fewest < 2 or not np.isfinite(effects).all():
+        return found
+    error = math.sqrt(of_real.var(ddof=1) / of_real.size + of_simulated.var(ddof=1) / of_simulated.size)
+    half = float(stdtrit(fewest - 1, 0.5 + found.level / 2)) * error
+    return found._replace(low=found.estimate - half, high=found.estimate + half, n=fewest)
 
 
 def _real_distances(sessions: Sequence[Floats]) -> RealDistances:

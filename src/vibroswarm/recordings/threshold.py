@@ -61,6 +61,16 @@ def cluster_weights(seed: int, draw: int, stream: int, cluster: Ints) -> Floats:
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
+def robot_and_tile_weights(seed: int, draw: int, robot: Ints, tile: Ints) -> Floats:
+    """Resample robots and tiles by themselves; return the product of how often those of each row were drawn, (rows,).
+
+    Args:
+        seed, draw: address of the random numbers. robot, tile: index of each row's robot and tile, from 0, (rows,).
+    """
+    of_robots = cluster_weights(seed, draw, stream=0, cluster=robot)
+    return of_robots * cluster_weights(seed, draw, stream=1, cluster=tile)
+
+
 def robot_clusters(samples: pl.DataFrame) -> Ints:
     """Return the index of each sample's cluster, from 0, (samples,); a cluster is a robot in one run.
 
@@ -378,17 +388,17 @@ def rates(data: Labelled, threshold: float, chosen: Bools) -> Rates:
     """
     bits = data.energy > threshold
     on_still, on_vibrating = chosen & ~data.vibrating, chosen & data.vibrating
-
-    def share(samples: Bools, is_wrong: Bools) -> float:
-        """Return the share of wrong ones among some samples; nan if there are none."""
-        return float(is_wrong[samples].mean()) if samples.any() else float("nan")
-
     return Rates(
-        false_positive=share(on_still, is_wrong=bits),
-        false_negative=share(on_vibrating, is_wrong=~bits),
+        false_positive=share_of(bits, on_still),
+        false_negative=share_of(~bits, on_vibrating),
         still=int(on_still.sum()),
         vibrating=int(on_vibrating.sum()),
     )
+
+
+def share_of(is_wrong: Bools, samples: Bools) -> float:
+    """Return the share of wrong ones among some samples; nan if there are none."""
+    return float(is_wrong[samples].mean()) if samples.any() else float("nan")
 
 
 def unseen_errors(
@@ -511,12 +521,7 @@ def _weights(data: Labelled) -> list[Floats]:
     """
     robot = robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
     tile = np.unique(data.tile, return_inverse=True)[1]
-    # Streams 0 and 1 make the draws of robots and of tiles independent.
-    drawn = (
-        cluster_weights(_SEED, draw, stream=0, cluster=robot)
-        * cluster_weights(_SEED, draw, stream=1, cluster=tile)
-        for draw in range(RESAMPLES)
-    )
+    drawn = (robot_and_tile_weights(_SEED, draw, robot, tile) for draw in range(RESAMPLES))
     return [
         weights
         for weights in drawn
