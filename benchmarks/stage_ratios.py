@@ -25,8 +25,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from stage_timing import SEED, cpu_model, scenario_of
-from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.output import print_json
+from vibroswarm.cli.deliver import print_document, print_json
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate

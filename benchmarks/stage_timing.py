@@ -25,8 +25,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
-from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.output import print_json, print_paragraph
+from vibroswarm.cli.deliver import print_document, print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer, replay_to_end
 from vibroswarm.motion.source import Motion, source

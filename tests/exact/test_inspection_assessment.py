@@ -9,8 +9,8 @@ import pytest
 
 from helpers.inspections import drawn_samples
 from vibroswarm import preset
-from vibroswarm.documents.certificate import certificate_document
 from vibroswarm.documents.damage import MOST_LISTED, damage_answer
+from vibroswarm.documents.inspection import certificate_document
 from vibroswarm.inspection import missed
 from vibroswarm.inspection.assessment import assess
 from vibroswarm.inspection.damage import ratios_at, values_at

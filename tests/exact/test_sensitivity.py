@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.documents.sensitivity import sensitivity_document
+from vibroswarm.documents.search import sensitivity_document
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import sensitivity
 from vibroswarm.optimize.sensitivity import indices, saltelli, sobol_indices

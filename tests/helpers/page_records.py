@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,18 @@ TILES = (
     (0, 1, 1, 0, 0),
     (1, 0, 0, 1, 0),
 )
+
+
+RULE: dict[str, Any] = {
+    "credible_threshold": 0.95, "boundary": 0.5, "tested": 0.5, "prior_alpha": 1, "prior_beta": 1, "prior_belief": 0.5,
+    "min_observations": 0, "gate": "total", "gate_counts_current": False, "gated": True, "by_belief": True,
+    "answers": None, "asked_anew": False, "decides": "once", "opinions": False,
+}  # fmt: skip
+BODY = {
+    "radius_m": 0.015, "ray_forward_m": 0.008, "ray_sides_m": [0.0, 0.0075, -0.0075],
+    "ray_angles_rad": [0.0, math.radians(27), -math.radians(27)], "ray_range_m": 0.15, "ray_disc_radius_m": 0.0055,
+    "avoidance_threshold_m": 0.055,
+}  # fmt: skip
 
 
 class Walker:
@@ -201,8 +214,10 @@ def make_record(
     shape = np.shape(tiles)
     floor = Floor(np.array(tiles), side / shape[1], side / shape[0], border_m, border_m, "made up")
     motion, segments = walk(robots, t_end_s, seed)
-    threshold = fields.get("credible_threshold", 0.95)
-    observations, inference = believe(motion, floor, seed, min_observations, threshold, heard)
+    rule = {**RULE, "min_observations": min_observations}
+    observations, inference = believe(
+        motion, floor, seed, min_observations, rule["credible_threshold"], heard
+    )
     table = summary(motion, inference)
     truth = int(floor.fill_ratio > 0.5)
     decisions = set(table["decision"])
@@ -210,14 +225,19 @@ def make_record(
     if decisions == {truth}:
         consensus = "right"
     known: dict[str, Any] = {
-        "title": title, "arena_width_m": 1.0, "arena_height_m": 1.0, "floor": floor, "t_end_s": t_end_s,
+        "title": title, "arena": {"width_m": 1.0, "height_m": 1.0}, "floor": floor, "t_end_s": t_end_s,
         "strategy": "none", "seed": seed, "run": 0, "fill_ratio": floor.fill_ratio, "consensus": consensus,
         "consensus_time_s": None if -1 in decisions else float(table["decision_time_s"].max()),
-        "min_observations": min_observations, "motion": motion, "segments": segments,
+        "rule": rule, "body": BODY, "motion": motion, "segments": segments,
         "observations": observations, "inference": inference, "robots": table,
         "details": {"scenario": "0f3a9c2e77b1", "vibroswarm": "0.1.0", "numpy": "2.4.6"},
     }  # fmt: skip
     return RunRecord(**{**known, **fields})
+
+
+def ruled(record: RunRecord, rule: dict[str, Any], **fields: Any) -> RunRecord:
+    """The record with a rule that differs in these entries, and with other fields."""
+    return replace(record, rule={**record.rule, **rule}, **fields)
 
 
 def _run(frame: pl.DataFrame) -> pl.Series:

@@ -12,7 +12,7 @@ import pytest
 from helpers.commands import json_of, refusal_of
 from vibroswarm.calibrate.message_loss import STEPS, Bursts, LossFits, Windows, _logit, _Table
 from vibroswarm.cli import main
-from vibroswarm.documents.message_loss import message_loss_document
+from vibroswarm.documents.calibration import message_loss_document
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 

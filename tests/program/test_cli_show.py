@@ -228,10 +228,10 @@ def test_open(tmp_path, monkeypatch, capsys):
     (tmp_path / "a.csv").write_text("a\n1\n")
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
-    monkeypatch.setattr("vibroswarm.cli.output.has_display", lambda: True)
+    monkeypatch.setattr("vibroswarm.cli.deliver.has_display", lambda: True)
     assert main(["show", str(tmp_path), "--open"]) == 0
     assert opened == [page.resolve().as_uri()]
-    monkeypatch.setattr("vibroswarm.cli.output.has_display", lambda: False)
+    monkeypatch.setattr("vibroswarm.cli.deliver.has_display", lambda: False)
     assert main(["show", str(tmp_path), "--open"]) == 0
     assert len(opened) == 1
     assert f"no browser can be opened here; open {page}" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 
 from helpers.browser import Tabs
 from helpers.page_browser import ACTORS, BLANK, Open, latest, settled, wait_until
-from helpers.page_records import make_record
+from helpers.page_records import make_record, ruled
 from vibroswarm import preset, simulate
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord
@@ -56,7 +56,7 @@ def test_the_gate_opens_when_the_tables_say(open_page: Open, record: RunRecord, 
     first = tables.filter(counted[gate] > least)["time_s"].min()
     assert isinstance(first, float)
     undecided = record.robots.with_columns(decision=pl.lit(-1, dtype=pl.Int8))
-    page = open_page(of=replace(record, gate=gate, min_observations=least, robots=undecided))
+    page = open_page(of=ruled(record, {"gate": gate, "min_observations": least}, robots=undecided))
     assert page.evaluate("vibroswarm.gate().first_s") == pytest.approx(first, abs=1e-9)
     words = {"total": "observations, its own and received", "received": "received bits", "own": "own samples"}
     lead = page.inner_text("#belief-lead")
@@ -65,8 +65,8 @@ def test_the_gate_opens_when_the_tables_say(open_page: Open, record: RunRecord, 
 
 def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunRecord) -> None:
     """Of a strategy without a gate, and where robots decided before it."""
-    for fields in ({"gated": False}, {"min_observations": 100}):
-        page = open_page(of=replace(record, **fields))
+    for rule in ({"gated": False}, {"min_observations": 100}):
+        page = open_page(of=ruled(record, rule))
         assert page.evaluate("vibroswarm.gate().first_s") == 0
         assert "too early" not in page.inner_text("#belief-lead")
 
@@ -74,14 +74,18 @@ def test_no_gate_is_shown_that_was_not_in_force(open_page: Open, record: RunReco
 def test_only_robots_that_decide_by_their_belief_are_said_to(open_page: Open, record: RunRecord) -> None:
     """Others decide by rules that the page does not know, and some report no belief."""
     silent = record.inference.with_columns(belief_below=pl.lit(None, dtype=pl.Float64))
-    by_rule = {"decides_by_belief": False, "gated": False}
+    by_rule = ruled(record, {"by_belief": False, "gated": False})
     pages = {
-        "belief": ({"gated": False}, "Above 0.95 it decides mostly still", "beyond 0.95"),
+        "belief": (ruled(record, {"gated": False}), "Above 0.95 it decides mostly still", "beyond 0.95"),
         "rule": (by_rule, "It decides by a rule of its own.", "by a rule of its own"),
-        "silent": (by_rule | {"inference": silent}, "These robots report no belief", "by a rule of its own"),
+        "silent": (
+            replace(by_rule, inference=silent),
+            "These robots report no belief",
+            "by a rule of its own",
+        ),
     }
-    for name, (fields, lead, decides) in pages.items():
-        page = open_page(of=replace(record, **fields))
+    for name, (shown, lead, decides) in pages.items():
+        page = open_page(of=shown)
         assert lead in page.inner_text("#belief-lead")
         assert page.locator("#details div", has_text="Decides").locator("dd").inner_text() == decides
         heads = page.locator("#roster thead tr").last.locator("th").all_text_contents()
@@ -97,7 +101,7 @@ def test_only_robots_that_decide_by_their_belief_are_said_to(open_page: Open, re
 def test_how_robots_decide_is_read_from_their_strategy(strategy: str, by_belief: bool, gated: bool) -> None:
     scenario = preset("paper").with_values({"strategy.name": strategy, "run.t_end_s": 2.0})
     record = record_of(simulate(scenario, seed=1, segments=True))
-    assert (record.decides_by_belief, record.gated) == (by_belief, gated)
+    assert (record.rule["by_belief"], record.rule["gated"]) == (by_belief, gated)
 
 
 def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record: RunRecord) -> None:
@@ -141,7 +145,7 @@ def test_flags_of_sixty_robots_stand_apart(open_page: Open, record: RunRecord) -
         schema=record.robots.schema,
     )
     flags = open_page(
-        of=replace(record, robots=table, gated=False), viewport={"width": 900, "height": 700}
+        of=ruled(record, {"gated": False}, robots=table), viewport={"width": 900, "height": 700}
     ).evaluate("vibroswarm.flags()")
     assert sorted(robot for flag in flags for robot in flag["robots"]) == list(range(59))
     places = [flag["place"] for flag in flags]
@@ -253,7 +257,7 @@ def test_robots_that_exchange_opinions_have_decided_when_they_agree(
     """Their opinions, which may change, were counted as decisions from the first sample on."""
     opinions = record.inference.with_columns(decision=pl.lit(0, dtype=pl.Int8))
     agreed = record.robots.with_columns(decision=pl.lit(0, dtype=pl.Int8), decision_time_s=pl.lit(101.0))
-    page = open_page(of=replace(record, decides="opinion", inference=opinions, robots=agreed))
+    page = open_page(of=ruled(record, {"decides": "opinion"}, inference=opinions, robots=agreed))
     for time_s, decided in ((100.0, "0"), (101.0, "5")):
         page.evaluate("(t) => vibroswarm.seek(t)", time_s)
         assert page.text_content("#now-decided") == decided
@@ -444,8 +448,8 @@ def test_robots_that_tell_a_change_do_not_decide_by_a_belief(open_page: Open) ->
 
 
 def test_where_each_robot_is_asked_anew_no_answer_is_called_wrong(open_page: Open, record: RunRecord) -> None:
-    fields = {"answers": ("as it was", "changed"), "asked_anew": True, "consensus": "truth_undefined"}
-    page = open_page(of=replace(record, **fields))
+    rule = {"answers": ("as it was", "changed"), "asked_anew": True}
+    page = open_page(of=ruled(record, rule, consensus="truth_undefined"))
     assert "Truth: depends on the last answer of each robot" in page.inner_text("#task")
     assert "so some answers may be right" in page.inner_text("#verdict-more")
 
@@ -460,7 +464,7 @@ def test_a_threshold_near_one_is_told_as_it_is_and_no_belief_is_one(
             belief_at_decision=pl.lit(1.0), decision=pl.lit(0, dtype=pl.Int8)
         ),
     }
-    page = open_page("#t=200", of=replace(record, credible_threshold=1 - 1e-9, **certain))
+    page = open_page("#t=200", of=ruled(record, {"credible_threshold": 1 - 1e-9}, **certain))
     assert "below 1e-9 mostly vibrating" in page.inner_text("#belief-lead")
     assert set(page.locator("#roster [data-column=belief]").all_text_contents()) == {"> 0.999"}
     assert page.inner_text("[data-fact=certainty] dd") == "> 0.999\nlowest > 0.999"

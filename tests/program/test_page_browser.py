@@ -12,7 +12,7 @@ import pytest
 
 from helpers.browser import Tabs
 from helpers.page_browser import ACTORS, BLANK, Open, latest, settled, state, wait_until
-from helpers.page_records import make_record
+from helpers.page_records import make_record, ruled
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.cli import main
 from vibroswarm.run_page.payload import RunRecord
@@ -253,7 +253,8 @@ def test_the_first_screen_of_a_telephone_has_the_outcome_and_the_floor(
 
 def test_decisions_are_said_by_their_boundary(open_page: Open, record: RunRecord) -> None:
     """An inspector asks whether more than 3 % vibrates; "mostly" would be wrong there."""
-    inspector = replace(record, decision_boundary=0.03, fill_ratio=0.4777777777777778)
+    rule = {"boundary": 0.03, "tested": 0.03, "prior_belief": 0.03}
+    inspector = ruled(record, rule, fill_ratio=0.4777777777777778)
     text = open_page("#t=100", of=inspector).inner_text("body")
     assert "mostly" not in text
     assert "Above 0.95 it decides less than 3 % vibrating, below 0.05 more than 3 % vibrating." in text
@@ -373,7 +374,10 @@ def test_a_script_that_was_put_into_the_page_does_not_run(
 
 
 def test_robots_with_faults_are_marked_from_then_on(open_page: Open, record: RunRecord) -> None:
-    faults = ((1, "stuck at 1", 0.0, False), (3, "battery empty", 90.0, True))
+    faults = (
+        {"robot": 1, "fault": "stuck at 1", "from_s": 0.0, "stops": False},
+        {"robot": 3, "fault": "battery empty", "from_s": 90.0, "stops": True},
+    )
     page, usual = open_page("#t=100", of=replace(record, faults=faults)), open_page("#t=100")
     for one in (page, usual):
         settled(one)

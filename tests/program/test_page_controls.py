@@ -28,7 +28,9 @@ def test_layers_can_be_switched_off_and_on(open_page: Open) -> None:
 
 
 def test_events_are_reached_in_order(open_page: Open, record: RunRecord) -> None:
-    page = open_page(of=replace(record, faults=((3, "battery empty", 90.0, True),)))
+    page = open_page(
+        of=replace(record, faults=({"robot": 3, "fault": "battery empty", "from_s": 90.0, "stops": True},))
+    )
     gate = page.evaluate("vibroswarm.gate().first_s")
     decided = record.robots["decision_time_s"].drop_nulls().to_list()
     events = sorted({gate, 90.0, *decided})

@@ -8,7 +8,7 @@ import pytest
 
 from vibroswarm.calibrate.effect import effects
 from vibroswarm.cli import main
-from vibroswarm.documents.effect import effect_document
+from vibroswarm.documents.calibration import effect_document
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study

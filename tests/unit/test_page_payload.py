@@ -86,11 +86,6 @@ def test_truth(record: RunRecord, fill: float, truth: int | None) -> None:
     assert payload(replace(record, fill_ratio=fill))["truth"]["decision"] == truth
 
 
-def test_a_missing_column_is_named(record: RunRecord) -> None:
-    with pytest.raises(InputError, match="inference: the table has no column belief"):
-        replace(record, inference=record.inference.drop("belief_below"))
-
-
 def test_an_outcome_that_is_not_known_is_refused(record: RunRecord) -> None:
     with pytest.raises(InputError, match="consensus: there is no 'perhaps'"):
         replace(record, consensus="perhaps")

@@ -17,8 +17,7 @@ import pytest
 from helpers.manifests import resealed
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.documents.grid import grid_document
-from vibroswarm.documents.scenario_comparison import checked_document
-from vibroswarm.documents.search import search_document
+from vibroswarm.documents.search import checked_document, search_document, sensitivity_document
 from vibroswarm.documents.search_words import (
     OF_THE_PAPER,
     aim,
@@ -27,7 +26,6 @@ from vibroswarm.documents.search_words import (
     score_sentence,
     values_text,
 )
-from vibroswarm.documents.sensitivity import sensitivity_document
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import compare_scenarios, evaluate
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid

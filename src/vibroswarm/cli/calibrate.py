@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force, Json, TomlFile
-from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.progress import progress_bar
-from vibroswarm.cli.scenario_options import scenario_named
+from vibroswarm.cli.scenario_options import refuse_settings, scenario_named
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_text
 
@@ -127,13 +126,11 @@ def effect(
       vibroswarm calibrate effect paper calibrated --runs 1000
     """
     from vibroswarm.calibrate.effect import STRATEGIES, effects
-    from vibroswarm.documents.effect import effect_document
-    from vibroswarm.scenario.scenario import parse_settings
-    from vibroswarm.study.scenario_words import refuse_without_effect
+    from vibroswarm.documents.calibration import effect_document
 
     scenarios = (scenario_named(first, settings), scenario_named(second, settings))
     players = [one.with_values({"strategy.name": name}) for one in scenarios for name in STRATEGIES]
-    refuse_without_effect(parse_settings(settings), players, "--set ")
+    refuse_settings(settings, players)
     with progress_bar("runs") as progress:
         results = effects(*scenarios, runs, seed, progress=progress, names=(first, second))
     print_document(effect_document(*results), as_json=json)
@@ -154,14 +151,13 @@ def bursts(
       vibroswarm calibrate bursts lab --errors
     """
     from vibroswarm.calibrate import message_loss
-    from vibroswarm.documents.message_loss import message_loss_document
     from vibroswarm.recordings.recording import read_result
 
     windows = [one for folder in folders for one in message_loss.windows_of(read_result(folder))]
     message_loss.check_windows(windows, ", ".join(map(str, folders)), errors=errors)
     with progress_bar("fitting"):
         found = message_loss.compare_models(windows, errors=errors)
-    print_document(message_loss_document(found), as_json=json)
+    print_document(found, as_json=json)
 
 
 CANDIDATES = 4000

@@ -54,7 +54,7 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
             "evaluate", "run a scenario or a study many times, or several side by side", "evaluate:evaluate"
         ),
         Command("evaluate merge", "join the shards of a study", "evaluate:merge"),
-        Command("evaluate tradeoff", "decision time against error, over p_c and O_c", "tradeoff:tradeoff"),
+        Command("evaluate tradeoff", "decision time against error, over p_c and O_c", "evaluate:tradeoff"),
     ),
     "compare and search": (
         Command(
@@ -92,7 +92,7 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command(
             "lab spectrum",
             "at which frequencies a surface vibrates, from recorded acceleration",
-            "lab_spectrum:spectrum",
+            "lab:spectrum",
         ),
         Command("lab track", "track robots with ArUco markers in the video of a camera", "lab_track:track"),
         Command("calibrate", "compare a simulation with recordings, and fit it to them", ""),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from vibroswarm.cli.command_line import Option, Parser, fill
-from vibroswarm.cli.output import print_text
+from vibroswarm.cli.deliver import print_text
 from vibroswarm.errors import RunError
 
 

@@ -1,13 +1,19 @@
-"""Where a document goes: to the terminal, to stdout as JSON, and into the folder of ``--out``."""
+"""Where a result goes as its document: to the terminal, to stdout as JSON, into the folder of ``--out``; and print it.
+
+A result has its document by its class (``documents.document_of``); a document is its own.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli import terminal
-from vibroswarm.cli.output import print_json, print_line, print_saved
 from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.errors import InputError, RunError
 
@@ -38,23 +44,23 @@ class Destination:
 
     def deliver(
         self,
-        document: Document,
+        result: object,
         tables: Mapping[str, DataFrame] | None = None,
         also: Callable[[Path], object] | None = None,
     ) -> None:
-        """Save a document and tables, as ``deliver`` does, and print it."""
-        deliver(document, self.output, self.command, tables, self.work, also)
+        """Save the document of a result and tables, as ``deliver`` does, and print it."""
+        deliver(result, self.output, self.command, tables, self.work, also)
 
 
 def deliver(
-    document: Document,
+    result: object,
     output: Any,
     command: str,
     tables: Mapping[str, DataFrame] | None = None,
     work: str = "",
     also: Callable[[Path], object] | None = None,
 ) -> None:
-    """Save tables and a document in the folder of ``--out``, if it is given; print the document, and where it is.
+    """Save tables and the document of a result in the folder of ``--out``, if it is given; print it, and where it is.
 
     If they cannot be saved, the document is printed before the error is raised, so that no result is lost.
 
@@ -66,44 +72,46 @@ def deliver(
         also: writes further files into the folder.
     """
     from vibroswarm.core.folders import REPORT
+    from vibroswarm.documents.saved import begin
 
+    document = document_of(result)
     if output.out is not None:
         try:
-            _save(document, output, command, tables or {}, work, also)
+            make_folder(output.out)
+            # first, so that the command can be given again if a table cannot be written
+            begin(output.out, command, work)
+            files = _write_tables(tables, output.out) if tables else {}
+            if also is not None:
+                also(output.out)
+            save_with_pictures(document, output, output.out, command, work, files)
         except (InputError, RunError):
             print_document(document, as_json=output.json)
             raise
     print_with_place(document, output, REPORT)
 
 
-def _save(
-    document: Document,
-    output: Any,
-    command: str,
-    tables: Mapping[str, DataFrame],
-    work: str,
-    also: Callable[[Path], object] | None,
-) -> None:
-    """Save a document, tables and further files; the arguments are those of ``deliver``."""
-    from vibroswarm.documents.saved import begin
+def _write_tables(tables: Mapping[str, DataFrame], folder: Path) -> dict[str, Any]:
+    """Write tables by name; return what a manifest says of their files."""
+    from vibroswarm.study.summary import write_table
 
-    make_folder(output.out)
-    # first, so that the command can be given again if a table cannot be written
-    begin(output.out, command, work)
     files: dict[str, Any] = {}
-    if tables:
-        from vibroswarm.study.summary import write_table
-
-        for name, table in tables.items():
-            files |= write_table(table, output.out / name)
-    if also is not None:
-        also(output.out)
-    save_with_pictures(document, output, output.out, command, work, files)
+    for name, table in tables.items():
+        files |= write_table(table, folder / name)
+    return files
 
 
-def print_with_place(document: Document, output: Any, page: str | None) -> None:
-    """Print a document, and where it is saved, with which page."""
-    print_document(document, as_json=output.json)
+def document_of(result: object) -> Document:
+    """Return the document of a result, which has one."""
+    from vibroswarm import documents
+
+    document = documents.document_of(result)
+    assert document is not None, type(result)
+    return document
+
+
+def print_with_place(result: object, output: Any, page: str | None) -> None:
+    """Print the document of a result, and where it is saved, with which page."""
+    print_document(result, as_json=output.json)
     if not output.json:
         print_line()
     print_saved(output, page)
@@ -168,8 +176,9 @@ def save_requested_pictures(
         remove_figures(folder / PICTURES)
 
 
-def print_document(document: Document, *, as_json: bool = False) -> None:
-    """Print a document as wide as the terminal, all of it with ``--wide``; or its answer and tables as JSON."""
+def print_document(result: object, *, as_json: bool = False) -> None:
+    """Print the document of a result as wide as the terminal, with ``--wide`` all of it; or its data as JSON."""
+    document = document_of(result)
     if as_json:
         from vibroswarm.show.data import document_data
 
@@ -178,3 +187,95 @@ def print_document(document: Document, *, as_json: bool = False) -> None:
     from vibroswarm.show.terminal import print_document as print_in
 
     print_in(document, terminal.results(), terminal.width(), wide=terminal.printing.wide)
+
+
+def print_text(text: str) -> None:
+    """Print text as it is, which ends with a line break."""
+    print(text, end="", file=terminal.results(), flush=True)
+
+
+def print_json(document: Any) -> None:
+    """Print one JSON document.
+
+    JSON has no NaN and no infinity: callers replace them, usually by None.
+
+    Raises:
+        ValueError: the document holds such a number.
+    """
+    print_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def print_paragraph(text: str) -> None:
+    """Print text, broken into lines that fit the terminal."""
+    from vibroswarm.show.terminal import TEXT_WIDTH, paragraph
+
+    for line in paragraph(text, min(TEXT_WIDTH, terminal.width())):
+        print_text(f"{line}\n")
+
+
+def print_line(text: str = "") -> None:
+    """Print a line that is not broken, such as a path or an empty line."""
+    print_text(f"{terminal.plain(text)}\n")
+
+
+def print_saved(output: Any, page: str | None = None) -> None:
+    """Print where results are saved and what is in the folder, or without ``--out`` that they are not saved.
+
+    With ``--open``, their page is opened. With ``--json`` nothing is printed on stdout, which holds the JSON only.
+
+    Args:
+        output: the options ``out``, and perhaps ``json`` and ``open``.
+        page: file name of the page or report in the folder ``--out``; None if no page was written.
+    """
+    out: Path | None = output.out
+    if not getattr(output, "json", False):
+        if out is None:
+            print_paragraph("Not saved; add --out DIR to save tables, the data behind them, and a page")
+        else:
+            print_line(f"Saved in {out}: {', '.join(_names_in(out))}")
+            if page is not None:
+                print_line(f"Page: open {(out / page).resolve()} in a browser")
+    terminal.results().flush()  # so that the results are seen before the browser opens
+    if getattr(output, "open", False) and out is not None:
+        if page is None:
+            terminal.say("vibroswarm: nothing to open: no page was written")
+        else:
+            open_page((out / page).resolve())
+
+
+def print_saved_file(path: Path | None, note: str = "", *, as_json: bool = False) -> None:
+    """Print where a file was written, if it was, unless stdout holds JSON."""
+    if path is not None and not as_json:
+        print_line(f"Saved: {path}{f' ({note})' if note else ''}")
+
+
+TABLES: Final = {".csv": "CSV", ".parquet": "Parquet"}
+"""Suffixes of tables, which are not listed one by one."""
+
+
+def _names_in(folder: Path) -> list[str]:
+    """Return what a folder holds: pages, other files, tables by their kind, folders; not what only programs read."""
+    paths = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix != ".json"]
+    kinds = sorted({TABLES[path.suffix] for path in paths if path.suffix in TABLES})
+    files = [path.name for path in paths if path.is_file() and path.suffix not in TABLES]
+    files.sort(key=lambda name: (not name.endswith(".html"), name))
+    folders = sorted(f"{path.name}/" for path in paths if path.is_dir())
+    return [*files, *([f"tables ({', '.join(kinds)})"] if kinds else []), *folders]
+
+
+def open_page(address: Path | str) -> bool:
+    """Open a page in the browser and return True; if that fails, print on stderr what to do, and return False."""
+    import webbrowser
+
+    with suppress(webbrowser.Error):
+        if has_display() and webbrowser.open(address.as_uri() if isinstance(address, Path) else address):
+            return True
+    terminal.say(f"vibroswarm: no browser can be opened here; open {address} on a machine that has one")
+    return False
+
+
+def has_display() -> bool:
+    """Return whether a browser can be opened: a display exists, or the environment variable BROWSER names a browser."""
+    if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

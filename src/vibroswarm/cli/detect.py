@@ -74,7 +74,6 @@ def detect(
       vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
       vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
     """
-    from vibroswarm.documents.detection import detection_document
     from vibroswarm.study.detection import detect_by
     from vibroswarm.study.words import detection_scenario
 
@@ -103,4 +102,4 @@ def detect(
         folder=output.out,
     )
     if found is not None:  # None: only a shard or a batch of the runs was requested
-        deliver(detection_document(found), output, "detect", found.tables)
+        deliver(found, output, "detect", found.tables)

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.options import Force, Json, ScenarioOptions
-from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import check_folder, whole_folder
 
@@ -28,7 +27,6 @@ def c(
     example:
       vibroswarm export c robot --strategy soft
     """
-    from vibroswarm.documents.export import export_document
     from vibroswarm.export.c_library import MARKER
     from vibroswarm.export.timing import export_library
 
@@ -37,7 +35,7 @@ def c(
     made = scenario_from(scenario)
     with whole_folder(folder, replace=force, marker=MARKER) as part:
         found = export_library(made, part)
-    print_document(export_document(found), as_json=json)
+    print_document(found, as_json=json)
     begin = "examples/inspection/inspection.ino"
     print_saved_file(folder, f"{len(found.files)} files; begin with {begin}", as_json=json)
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
-from vibroswarm.cli.output import print_saved_file
 from vibroswarm.errors import named, shown
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast

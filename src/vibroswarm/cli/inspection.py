@@ -17,7 +17,6 @@ from vibroswarm.errors import check_choice
 if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
     from vibroswarm.inspection.inspection import Inspection
-    from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.show.document import Document
 
 DEFAULT: Final = "optimised-places"
@@ -197,8 +196,7 @@ def inspect(
       vibroswarm inspect plate.csv --laws reference.csv --size 1x1 --least-cm 15 --risk 1% --out plate
       vibroswarm inspect --plan 3,5,8 --minutes 5,10,20 --want-cm 10       how many robots, how long? (minutes)
     """
-    from vibroswarm.documents.certificate import CERTIFICATE, write_certificate
-    from vibroswarm.documents.inspection import inspection_document
+    from vibroswarm.documents.inspection import CERTIFICATE, write_certificate
 
     refuse(
         planned.plan is not None and source is not None,
@@ -217,7 +215,7 @@ def inspect(
         "samples": found.samples.frame, "map": found.maps, "raster": found.rasters, "scores": found.scores,
     }  # fmt: skip
     written = {name: table for name, table in tables.items() if not table.is_empty()}
-    destination.deliver(inspection_document(found), written, certificate)
+    destination.deliver(found, written, certificate)
 
 
 def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evidence | Damage) -> None:
@@ -266,6 +264,8 @@ def _inspected(
     source: Path | None, evidence: Evidence, damage: Damage, scenario: ScenarioOptions, seed: int
 ) -> Inspection:
     """Inspect what the options name."""
+    from vibroswarm.inspection.inspection import inspect as inspect_source
+
     known: dict[str, Any] = {
         "run": evidence.run, "laws": evidence.laws, "bits": evidence.bits, "seed": seed, **_asked(damage),
         "spread_m": evidence.spread_mm / 1000.0,
@@ -273,29 +273,25 @@ def _inspected(
     }  # fmt: skip
     is_csv = source is not None and source.suffix.lower() == ".csv"
     refuse(evidence.size is not None and not is_csv, "--size", "describes a CSV; give one")
+    inspected: Any = source
     if source is None:
-        made = scenario_from(_with_default(scenario))
-        say_compiling(scenario=made)
-        return _with_progress(made, **known)
+        inspected = scenario_from(_with_default(scenario))
+        say_compiling(scenario=inspected)
+    else:
+        _refuse_of_simulation(source, scenario, is_csv=is_csv)
+    if is_csv:
+        known |= {"size_m": evidence.size, "floor": _floor_of(scenario, evidence.size)}
+    with progress_bar("inspecting", simulates=False) as progress:
+        return inspect_source(inspected, progress=progress, **known)
+
+
+def _refuse_of_simulation(source: Path, scenario: ScenarioOptions, *, is_csv: bool) -> None:
+    """Refuse options of a simulation beside a result or file, but those that describe the floor of a CSV."""
     of_file = ("floor", "tiles", "image_threshold")  # what a CSV may be told
     given = [value for name, value in words_of(scenario).items() if name not in of_file]
     refuse(any(given), str(source), "is inspected as it is; leave the options of a simulation out")
-    if not is_csv:
-        refuse(
-            bool(scenario.floor or scenario.tiles),
-            str(source),
-            "has its own floor; leave --floor and --tiles out",
-        )
-        return _with_progress(source, **known)
-    floor = _floor_of(scenario, evidence.size)
-    return _with_progress(source, size_m=evidence.size, floor=floor, **known)
-
-
-def _with_progress(source: Scenario | Path, **known: Any) -> Inspection:
-    from vibroswarm.inspection.inspection import inspect as inspect_source
-
-    with progress_bar("inspecting", simulates=False) as progress:
-        return inspect_source(source, progress=progress, **known)
+    has_floor = scenario.floor or scenario.tiles
+    refuse(not is_csv and has_floor, str(source), "has its own floor; leave --floor and --tiles out")
 
 
 def _asked(damage: Damage) -> dict[str, Any]:

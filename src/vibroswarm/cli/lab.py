@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination, print_document, print_with_place
+from vibroswarm.cli.deliver import Destination, print_document, print_saved_file, print_with_place
+from vibroswarm.cli.inspection import size
 from vibroswarm.cli.option_values import pair_of, refuse, toml_path
-from vibroswarm.cli.options import Force, Json, Opened, Paged, ScenarioOptions, TomlFile
-from vibroswarm.cli.output import print_saved_file
+from vibroswarm.cli.options import Drawn, Force, Json, Opened, Paged, ScenarioOptions, TomlFile
 from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, scenario_named, words_of
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
-from vibroswarm.errors import named
+from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
     from vibroswarm.recordings.log import Log
@@ -77,7 +77,7 @@ def import_logs(
     floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
     with named("--floor", of="floor"):
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
-    refuse_settings(scenario, [recording.scenario])
+    refuse_settings(scenario.settings, [recording.scenario])
     with whole_folder(out, replace=True) as part:
         recording.write_into(part)
         pages = write_pages(recording, part)
@@ -183,7 +183,6 @@ def replay(
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
-    from vibroswarm.documents.recording import replay_document
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import replay_strategies, replayed_settings
@@ -200,7 +199,7 @@ def replay(
     replayed = [scenario.with_values({"strategy.name": name}) for name in names]
     refuse_without_effect(changed, replayed, "--set ")
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
-    print_document(replay_document(replace(replays, warnings=warnings)), as_json=json)
+    print_document(replace(replays, warnings=warnings), as_json=json)
 
 
 def threshold(
@@ -239,7 +238,6 @@ def threshold(
       vibroswarm lab threshold lab --costs 1:5
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
-    from vibroswarm.documents.recording import threshold_document
     from vibroswarm.inspection.laws import law_of_recordings, law_table, write_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.threshold import recommend
@@ -256,7 +254,7 @@ def threshold(
         found = replace(found, law=law_table(fitted))
     if out is not None:
         write_text(out, scenario.to_toml(), replace=force)
-    print_document(threshold_document(found), as_json=json)
+    print_document(found, as_json=json)
     print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(
         law,
@@ -272,3 +270,57 @@ def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, 
     refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
     for path in filter(None, () if force else (out, law)):
         check_free(path)
+
+
+def spectrum(
+    acceleration: Annotated[Path, Option("CSV with the columns robot, time_s, ax, ay, az", "FILE")],
+    /,
+    *,
+    rate: Annotated[
+        float | None, Option("readings per second (default: as the times say)", "HZ", low=1)
+    ] = None,
+    signal_ms: Annotated[float, Option("part of each stop that is used, its end", "MS", low=1)] = 500.0,
+    unit: Annotated[Literal["m/s2", "mm/s2", "g"], Option("of the acceleration")] = "m/s2",
+    axis: Annotated[Literal["magnitude", "x", "y", "z"], Option("what spectra are of")] = "magnitude",
+    by: Annotated[str, Option("groups with spectra of their own: robot, tile, place, time", "A,B")] = "robot",
+    size: Annotated[
+        tuple[float, ...], Option("width and height of the surface, m (default 1x1)", "WxH", read=size)
+    ] = (1.0, 1.0),
+    tiles: Annotated[str, Option("rows and columns of tiles", "RxC")] = "5x5",
+    motors: Annotated[
+        tuple[float, ...], Option("known frequencies, by kind of tile from 1 on", "HZ,...")
+    ] = (),
+    output: Drawn,
+) -> None:
+    """At which frequencies a surface vibrates, by robot, tile, place and time.
+
+    A sample is what a robot takes it from: the last readings of each of its stops, between pauses of the recording (or
+    by a column `sample`). Columns `x_m` and `y_m` say where. Lines have 95 % intervals, and say which frequencies the
+    rate would fold onto them.
+
+    examples:
+      vibroswarm lab spectrum acceleration.csv --by robot,time
+      vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
+    """
+    from vibroswarm.documents.spectrum import spectra_frame
+    from vibroswarm.floors.grid_text import parse_tiles
+    from vibroswarm.recordings.spectrum import Group, spectra_of
+
+    groups = tuple(part.strip() for part in by.split(",") if part.strip())
+    for group in groups:
+        check_choice(group, "--by", get_args(Group))
+    destination = Destination(
+        output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors
+    )
+    found = spectra_of(
+        acceleration,
+        rate_hz=rate,
+        signal_ms=signal_ms,
+        unit=unit,
+        axis=axis,
+        by=cast(tuple[Group, ...], groups),
+        size_m=(size[0], size[1]),
+        tiles=parse_tiles(tiles),
+        motors_hz=motors,
+    )
+    destination.deliver(found, {"spectra": spectra_frame(found)})

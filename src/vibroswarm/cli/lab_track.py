@@ -145,7 +145,7 @@ def track(
             floor = made.floor_for(0, 0)
             with named("--floor", of="floor"):
                 recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
-            refuse_settings(scenario, [recording.scenario])
+            refuse_settings(scenario.settings, [recording.scenario])
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver, print_document
+from vibroswarm.cli.deliver import deliver, print_document, print_saved_file
 from vibroswarm.cli.interruption import folder_of_runs, saves_in
 from vibroswarm.cli.options import (
     Execution,
@@ -24,11 +24,9 @@ from vibroswarm.cli.options import (
     SeveralStrategies,
     Where,
 )
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.output import print_saved_file
 from vibroswarm.cli.progress import STAGES, progress_bar
 from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
-from vibroswarm.cli.studies import print_plan
+from vibroswarm.cli.studies import claim_study, print_plan
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import remove_folder, whole_file, write_files
 
@@ -132,7 +130,6 @@ def league(
     from vibroswarm.league.fault_curves import KINDS
     from vibroswarm.league.tables import check_tests, studies_of_tests
     from vibroswarm.league.words import league_of, played, tests_of
-    from vibroswarm.study.store import Store
 
     asked = league_of(
         runs=runs, seed=scenario.seed, **vars(entries), **floors_of(scenario), **words_of(scenario)
@@ -145,8 +142,7 @@ def league(
     study = (
         asked.league.study
     )  # refuses a floor on which no decision is right, before `--force` removes the folder
-    # `Store.existing` refuses a folder that holds anything but runs of this league.
-    claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=execution.mixed)
+    claim_study(output, study, mixed=execution.mixed)
     tested = studies_of_tests(asked.basic, belief_runs, fault_runs, tests.faults or KINDS)
     print_plan(study, output.out, None, tests=tested)
     standings, tables = played(
@@ -192,7 +188,6 @@ def tune(
       vibroswarm league tune --strategy none,soft --seed 101 --out settings.toml
       vibroswarm league --strategy none,soft --settings settings.toml --seed 2
     """
-    from vibroswarm.documents.tune import tune_document
     from vibroswarm.league.tuning import read_spaces
     from vibroswarm.league.tuning import spaces as shipped_spaces
     from vibroswarm.league.tuning import tune as tuned_by
@@ -202,7 +197,7 @@ def tune(
     if note:
         say(note)
     warned(base)
-    refuse_settings(scenario, [base.with_values({"strategy.name": name}) for name in names])
+    refuse_settings(scenario.settings, [base.with_values({"strategy.name": name}) for name in names])
     # the search spaces of the package, and those of the user's file in their place
     space_of = shipped_spaces(own_motion) | (read_spaces(spaces) if spaces else {})
     with ExitStack() as stack:
@@ -231,5 +226,5 @@ def tune(
     # The file is complete, so the saved runs are no longer needed.
     if runs_folder is not None and runs_folder.exists():
         remove_folder(runs_folder)
-    print_document(tune_document(tuned))
+    print_document(tuned)
     print_saved_file(out)

@@ -12,7 +12,7 @@ from vibroswarm.cli.options import Drawn, Execution, Json, Where
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, say_compiling, search_progress
 from vibroswarm.cli.scenario_options import scenario_named, warn_of
-from vibroswarm.cli.studies import print_plan
+from vibroswarm.cli.studies import claim_study, print_plan
 from vibroswarm.cli.terminal import report
 from vibroswarm.core.registry import written_names
 
@@ -107,11 +107,9 @@ def _grid(file: Path | None, options: SearchOptions, execution: Execution, outpu
     """Run a grid, score its cell of lowest cost on fresh runs, print and save the result."""
     from vibroswarm.documents.grid import grid_document
     from vibroswarm.optimize.words import grid_of, grid_searched
-    from vibroswarm.study.store import Store
 
     grid, fresh = grid_of(file, **vars(options))
-    # `Store.existing` refuses a folder that holds anything but runs of this study.
-    claim(output, lambda folder: Store.existing(folder, grid.study, shards=False), mixed=execution.mixed)
+    claim_study(output, grid.study, mixed=execution.mixed)
     print_plan(grid.study, output.out, None)
     made = grid_searched(grid, fresh, output.out, stages=STAGES, **execution.how)
     deliver(grid_document(*made), output, "optimize --method grid")
@@ -132,7 +130,6 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.documents.sensitivity import sensitivity_document
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
     from vibroswarm.optimize.words import counting, search_of
 
@@ -144,7 +141,7 @@ def sensitivity(
         indices = sobol_indices(made, budget, progress=counted, **execution.where)
     if output.out is not None:
         write_sensitivity(indices, output.out)
-    destination.deliver(sensitivity_document(indices))
+    destination.deliver(indices)
 
 
 def compare(
@@ -168,7 +165,6 @@ def compare(
     example:
       vibroswarm optimize compare out/pso/best.toml paper
     """
-    from vibroswarm.documents.scenario_comparison import checked_document
     from vibroswarm.optimize.scenario_comparison import compare_scenarios
     from vibroswarm.optimize.words import counting, search_of
 
@@ -189,4 +185,4 @@ def compare(
             progress=counted,
             **execution.where,
         )
-    print_document(checked_document(comparison), as_json=json)
+    print_document(comparison, as_json=json)

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination
+from vibroswarm.cli.deliver import Destination, print_line
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Workers
-from vibroswarm.cli.output import print_line
 from vibroswarm.cli.progress import labelled_progress_bar
 from vibroswarm.core.atomic_io import folder_lock, make_folder
 from vibroswarm.core.numbers import count
@@ -59,7 +58,6 @@ def reproduce(
       vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
       vibroswarm reproduce --out out/paper --archive paper.zip      one file to publish
     """
-    from vibroswarm.documents.reproduction import reproduction_document
     from vibroswarm.documents.saved import begin
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
@@ -89,7 +87,7 @@ def reproduce(
         if archive is not None:
             with named("--archive", of="--out"):
                 write_archive(reproduction, archive)
-        destination.deliver(reproduction_document(reproduction))
+        destination.deliver(reproduction)
 
 
 def settings_of(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_with_place
+from vibroswarm.cli.deliver import print_paragraph, print_with_place
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Paged, Simulated
 from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.output import print_paragraph
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from
 
@@ -34,8 +33,7 @@ def run(
       vibroswarm run --floor diagonal:0.46 --robots 8
       vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
     """
-    from vibroswarm.documents.run import result_document
-    from vibroswarm.documents.run_folder import write_run_folder
+    from vibroswarm.documents.run import write_run_folder
     from vibroswarm.documents.saved import refuse_other_run
     from vibroswarm.result import code_files
     from vibroswarm.run_page.write import why_no_page
@@ -53,7 +51,7 @@ def run(
     if out is not None:
         write_run_folder(result, out, pictures=pictures)
     why_not = why_no_page(result)
-    print_with_place(result_document(result), output, "run.html" if why_not is None else None)
+    print_with_place(result, output, "run.html" if why_not is None else None)
     if out is not None and why_not is not None and not output.json:
         print_paragraph(f"No page: {why_not}")
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from vibroswarm.cli.deliver import print_saved_file, print_text
 from vibroswarm.cli.options import Force, OutFile, ScenarioOptions
-from vibroswarm.cli.output import print_saved_file, print_text
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import write_text
 

@@ -40,16 +40,16 @@ def scenario_from(options: ScenarioBase, *, is_final: bool = True) -> Scenario:
 
     made = warned(scenario_of(**words_of(options)))
     if is_final:
-        refuse_settings(options, [made])
+        refuse_settings(options.settings, [made])
     return made
 
 
-def refuse_settings(options: ScenarioBase, scenarios: Iterable[Scenario]) -> None:
+def refuse_settings(settings: Sequence[str], scenarios: Iterable[Scenario]) -> None:
     """Refuse ``--set`` of a field that has no effect in any of the scenarios (``refuse_without_effect``)."""
     from vibroswarm.scenario.scenario import parse_settings
     from vibroswarm.study.scenario_words import refuse_without_effect
 
-    refuse_without_effect(parse_settings(options.settings), scenarios, "--set ")
+    refuse_without_effect(parse_settings(settings), scenarios, "--set ")
 
 
 def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:

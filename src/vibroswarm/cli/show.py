@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import open_page, print_document, print_json, print_line
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Json, run_plain
-from vibroswarm.cli.output import open_page, print_json, print_line
 from vibroswarm.cli.terminal import printing
 from vibroswarm.core.folders import kind_of
 
@@ -94,7 +93,9 @@ def _show_folder(folder: Path, json: bool) -> None:
         results = shown.documents[1:] if shown.state else shown.documents
         data = [document_data(document) for document in results]
         print_json(
-            shown.state | ({"command": shown.command} if shown.command else {}) | (data[0] if data else {})
+            dict(shown.state)
+            | ({"command": shown.command} if shown.command else {})
+            | (data[0] if data else {})
         )
         return
     for place, document in enumerate(shown.documents):

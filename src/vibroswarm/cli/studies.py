@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import terminal
-from vibroswarm.cli.deliver import print_document, save_requested_pictures, wants_pictures
+from vibroswarm.cli.deliver import (
+    print_document,
+    print_line,
+    print_saved,
+    save_requested_pictures,
+    wants_pictures,
+)
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
 from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.output import print_line, print_saved
 from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.cli.terminal import printing, report
@@ -70,9 +75,8 @@ def confirm_and_print(
 
 def _print_outcome(outcome: Outcome, output: Drawn) -> None:
     """Print a study; with ``--out``, also write its page, and pictures on request."""
-    from vibroswarm.documents.study import study_document
 
-    print_document(study_document(outcome), as_json=output.json)
+    print_document(outcome, as_json=output.json)
     terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
     if output.out is not None:
         _write_page(outcome, output.out, output)
@@ -119,7 +123,6 @@ def run_parts(
     from vibroswarm.study.evaluation import check_part
     from vibroswarm.study.run import run
     from vibroswarm.study.runner import run_batch
-    from vibroswarm.study.store import Store
 
     out = output.out
     job = check_part(study, execution.shard, execution.batch, out)
@@ -127,7 +130,7 @@ def run_parts(
         for option in ("json", "open", "pictures"):
             words = f"is of the whole study, of which {part} runs a part; omit it"
             refuse(getattr(output, option, False), f"--{option}", words)
-    claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=execution.mixed)
+    claim_study(output, study, mixed=execution.mixed)
     warn_of(cell.scenario for cell in study.cells)
     if execution.batch is not None and out is not None:
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)
@@ -148,6 +151,13 @@ def run_parts(
     for sentence in shard_sentences(result, job):
         print_line(sentence)
     return None
+
+
+def claim_study(output: Any, study: Study, *, mixed: bool = False) -> None:
+    """Refuse the folder of ``--out`` if it holds anything but runs of this study (``out_folder.claim``)."""
+    from vibroswarm.study.store import Store
+
+    claim(output, lambda folder: Store.existing(folder, study, shards=False), mixed=mixed)
 
 
 def print_plan(

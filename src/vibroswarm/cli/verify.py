@@ -31,10 +31,9 @@ def verify(
       vibroswarm verify out/pso                  a search: runs of its steps
       vibroswarm verify out/paper                a reproduction: runs of its cells and searches
     """
-    from vibroswarm.documents.verified import verified_document
     from vibroswarm.optimize.verify import verify as simulate_again
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)
-    print_document(verified_document(verified), as_json=json)
+    print_document(verified, as_json=json)
     return 0 if verified.holds else 1

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import open_page, print_line, print_saved_file
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force
-from vibroswarm.cli.output import open_page, print_line, print_saved_file
 from vibroswarm.cli.terminal import report
 
 
@@ -17,7 +17,9 @@ def view(
     /,
     *,
     run: Annotated[int | None, Option("number of the run (default: the first)")] = None,
-    speed: Annotated[float | None, Option("simulated seconds a second (default 20.0)")] = None,
+    speed: Annotated[
+        float | None, Option("simulated seconds a second (default 20.0)", low=1, high=200)
+    ] = None,
     port: Annotated[
         int | None, Option("port (default 8080; 0: any free one)", "P", low=0, high=65535)
     ] = None,
@@ -46,8 +48,6 @@ def view(
     for option, is_given in not_of_file.items():
         refuse(is_given and file_option, f"--{option}", f"does not apply to {file_option}")
     speed = 20.0 if speed is None else speed
-    # The range of the slider on the page; --html has the same limits.
-    refuse(not 1.0 <= speed <= 200.0, "--speed", f"{numbers.stated(speed)} is not from 1 to 200")
     refuse(html and picture, "--picture", "conflicts with --html; use one of them")
     refuse(at is not None and picture is None, "--at", "needs --picture")
     for option, file, suffix in (("html", html, ".html"), ("picture", picture, ".png")):

@@ -1,4 +1,8 @@
-"""The documents of comparisons of recordings with simulations: of one, of several, and of figures side by side."""
+"""The documents of ``calibrate``, but that of a fit.
+
+They are of comparisons of recordings with simulations (of one, of several, and of figures side by side), of the effect
+of changing from one scenario to another, and of the loss of messages.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,21 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.figures import BY_COLUMN, RunFigure
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.paired import ESTIMATED, Confirmation
 from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
+from vibroswarm.calibrate.effect import Effect
 from vibroswarm.calibrate.features import FEATURES, WORDS
 from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
+from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
 from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
-from vibroswarm.calibrate.similarity import EnergyDistance, Similarity, Spread
-from vibroswarm.core.numbers import count, listed, number, percent, stated, with_limits
-from vibroswarm.documents.session_estimates import columns_of, estimate_of
-from vibroswarm.show.document import Column, Document, Part, Table, Text
+from vibroswarm.calibrate.similarity import EnergyDistance, Spread
+from vibroswarm.core.numbers import count, listed, number, percent, plus_minus, stated, with_limits
+from vibroswarm.documents.cell_figures import columns_of, estimate_of, figure_columns, flat_row
+from vibroswarm.documents.knowledge import told
+from vibroswarm.show.document import Column, Document, Part, Table, Text, if_any, limits_of
 
 DISTANCES: Final = (
     "Energy distance, effect size (0: same distribution, 1: no overlap; in brackets 95 % over sessions)."
@@ -43,20 +53,21 @@ def comparison_document(found: Comparison, *, intervals: bool = False) -> Docume
     Args:
         intervals: whether undisturbed intervals were to be told apart, so that their absence is explained.
     """
-    parts: list[Part] = []
-    if found.without_camera:
-        parts.append(
-            Text(
-                f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); "
-                "--no-camera takes them as they are."
-            )
-        )
-    parts += [_similarities(found), _distances(found), *_recognised(found), *_intervals(found, intervals)]
+    seen = (
+        f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); --no-camera "
+        "takes them as they are."
+    )
     return Document(
         title="Recordings and simulation",
         answer=(*_recognises(found.classifier), _most_different(found), *_below_null(found)),
         warnings=_missing(found),
-        parts=tuple(parts),
+        parts=(
+            *if_any(found.without_camera, lambda _: [Text(seen)]),
+            _similarities(found),
+            _distances(found),
+            *_recognised(found),
+            *_intervals(found, intervals),
+        ),
         data=_data(found),
     )
 
@@ -282,39 +293,45 @@ def _range_of(name: str, shares: tuple[float, ...]) -> dict[str, float]:
 def _several_distances(found: Mapping[str, Comparison], names: Mapping[str, str]) -> Table:
     """Return energy distances with a column for each simulation; those among real sessions are the same in all."""
     by_feature = {folder: {one.feature: one for one in each.distances} for folder, each in found.items()}
-    columns, rows = {"real": Column("real - real", decimals=4)}, []
+    rows = {}
     for feature in FEATURES:
         of_feature = {folder: each.get(feature) for folder, each in by_feature.items()}
         real = next((one.real for one in of_feature.values() if one is not None), None)
-        row: dict[str, Any] = {"feature": WORDS[feature], **columns_of("real", real)}
-        for folder, one in of_feature.items():
-            row |= columns_of(folder, None if one is None else one.effect)
-            columns[folder] = Column(f"real - {names[folder]}", decimals=4)
-        rows.append(row)
-    return Table(pl.DataFrame(rows), columns, DISTANCES, "distances")
+        effects = {folder: None if one is None else one.effect for folder, one in of_feature.items()}
+        rows[WORDS[feature]] = {"real": real, **effects}
+    titles = {"real": "real - real"} | {folder: f"real - {names[folder]}" for folder in found}
+    columns = {name: Column(title, decimals=4) for name, title in titles.items()}
+    return Table(_side_by_side("feature", rows), columns, DISTANCES, "distances")
 
 
 def _several_classifiers(found: Mapping[str, Comparison], names: Mapping[str, str]) -> list[Table]:
     if all(one.classifier is None for one in found.values()):
         return []
-    columns: dict[str, Column] = {}
-    rows = []
-    for field in ("simulated", "simulated_by_robot"):
-        row: dict[str, Any] = {"recognised": CLASSIFIERS[field]}
-        for folder, one in found.items():
-            row |= columns_of(folder, getattr(one.classifier, field, None))
-            columns[folder] = Column(names[folder], share=True)
-        rows.append(row)
-    return [Table(pl.DataFrame(rows), columns, RECOGNISED, "classifiers")]
+    rows = {
+        CLASSIFIERS[field]: {folder: getattr(one.classifier, field, None) for folder, one in found.items()}
+        for field in ("simulated", "simulated_by_robot")
+    }
+    columns = {folder: Column(names[folder], share=True) for folder in found}
+    return [Table(_side_by_side("recognised", rows), columns, RECOGNISED, "classifiers")]
+
+
+def _side_by_side(name: str, rows: Mapping[str, Mapping[str, Interval | None]]) -> pl.DataFrame:
+    """Return a row for each name, with an estimate and its limits in columns of each simulation."""
+    frame = pl.DataFrame({name: list(rows)})
+    for key in next(iter(rows.values())):
+        frame = frame.hstack(pl.DataFrame([columns_of(key, each[key]) for each in rows.values()]))
+    return frame
 
 
 def _data(found: Comparison) -> dict[str, pl.DataFrame]:
     """Return all numbers of a comparison as tables for JSON."""
     return {
         "similarities": pl.DataFrame(
-            [_similarity(one) for one in found.similarities], infer_schema_length=None
+            [flat_row(one.as_dict(), *_SPREADS) for one in found.similarities], infer_schema_length=None
         ),
-        "similarities_without_camera": pl.DataFrame([_similarity(one) for one in found.without_camera]),
+        "similarities_without_camera": pl.DataFrame(
+            [flat_row(one.as_dict(), *_SPREADS) for one in found.without_camera]
+        ),
         "energy_distances": pl.DataFrame([_distance(one) for one in found.distances]),
         "told_apart": _told_apart(found),
         "intervals_told_apart": _pairs(found.intervals),
@@ -323,11 +340,8 @@ def _data(found: Comparison) -> dict[str, pl.DataFrame]:
     }
 
 
-def _similarity(one: Similarity) -> dict[str, Any]:
-    values = one.as_dict()
-    spreads = {name: values.pop(name) or {} for name in ("by_session", "real_by_session")}
-    named = {f"{name}_{end}": value for name, spread in spreads.items() for end, value in spread.items()}
-    return values | named
+_SPREADS: Final = ("by_session", "real_by_session")
+"""Figures of a similarity that are several numbers."""
 
 
 def _distance(one: EnergyDistance) -> dict[str, Any]:
@@ -356,3 +370,202 @@ def _joined(tables: Mapping[str, Mapping[str, pl.DataFrame]]) -> dict[str, pl.Da
         ]
         joined[name] = pl.concat(parts, how="diagonal_relaxed") if parts else pl.DataFrame()
     return joined
+
+
+def effect_document(*found: Effect) -> Document:
+    """Return what changes from the first scenario to the second, under each strategy: all effects of one comparison."""
+    return Document(
+        title=" and ".join(found[0].names),
+        answer=tuple(map(_change, found)),
+        knew=told(scenario for effect in found for scenario in effect.scenarios),
+        parts=(_figures(found), _differences(found)),
+        data={"consensus": _consensus(found), "differences": _all_differences(found)},
+    )
+
+
+def _change(effect: Effect) -> str:
+    """Say how the first figure changes, the decision time or the error, and whether other seeds confirm it."""
+    one = effect.differences[0]
+    figure = BY_COLUMN[one.first.figure]
+    change = with_limits(one.first.difference, figure.unit, _decimals(figure), sign=True)
+    return f"{effect.strategy}: {figure.title} {_minus(effect)} {change}; {_says(one)}."
+
+
+def _decimals(figure: RunFigure) -> int:
+    """Return the decimals of a difference: times are written in whole seconds, other figures as in a study."""
+    return 4 if figure.by_run in ESTIMATED else 0 if figure.unit else 3
+
+
+def _minus(effect: Effect) -> str:
+    return f"{effect.names[1]} - {effect.names[0]}"
+
+
+def _says(one: Confirmation) -> str:
+    """Return whether other seeds confirm a difference, if it is significant; ``-`` if no run has the figure."""
+    if not one.first.pairs:
+        return "-"
+    return one.says if one.first.difference.excludes(0.0) else "no significant difference"
+
+
+def _figures(found: Sequence[Effect]) -> Table:
+    """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus.
+
+    Where the task asks for a number, there is no consensus.
+    """
+    estimates = set(ESTIMATED) == set(found[0].figures[0])
+    shown = ESTIMATED if estimates else ("decision_time_s", "belief_in_truth")
+    rows = []
+    for effect in found:
+        for name, figures, shares in zip(effect.names, effect.figures, effect.consensus, strict=True):
+            row: dict[str, Any] = {"strategy": effect.strategy, "scenario": name}
+            for figure in shown:
+                row |= zip((figure, *limits_of(figure)), figures[figure][:3], strict=True)
+            if not estimates:
+                row |= {f"swarm_{outcome}": share for outcome, share in shares.items()}
+            rows.append(row)
+    frame = pl.DataFrame(rows)
+    caption = f"Means over runs (95 %){'' if estimates else ', and shares of runs by consensus'}."
+    return Table(frame, figure_columns(), caption, "figures", names=2)
+
+
+def _differences(found: Sequence[Effect]) -> Table:
+    rows = []
+    for effect in found:
+        for one in effect.differences:
+            figure = BY_COLUMN[one.first.figure]
+            difference = with_limits(one.first.difference, decimals=_decimals(figure), sign=True)
+            words = f"{figure.title}, {figure.unit}" if figure.unit else figure.title
+            rows.append((effect.strategy, words, difference, _says(one)))
+    frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "verdict"], orient="row")
+    columns = {"verdict": Column(prose=True)}
+    return Table(frame, columns, f"{_minus(found[0])}, paired by run (95 %).", "differences", names=2)
+
+
+def _consensus(found: Sequence[Effect]) -> pl.DataFrame:
+    return pl.DataFrame(
+        [
+            {"strategy": effect.strategy, "scenario": name, **shares}
+            for effect in found
+            for name, shares in zip(effect.names, effect.consensus, strict=True)
+        ]
+    )
+
+
+def _all_differences(found: Sequence[Effect]) -> pl.DataFrame:
+    """Return the comparison on each of the two seeds in a row of its own."""
+    return pl.DataFrame(
+        [
+            {
+                "strategy": effect.strategy,
+                "block": place,
+                **block.as_row(),
+                "confirmed": one.confirmed,
+                "says": one.says,
+            }
+            for effect in found
+            for one in effect.differences
+            for place, block in enumerate((one.first, one.second), start=1)
+        ],
+        infer_schema_length=None,
+    )
+
+
+def message_loss_document(found: LossFits) -> Document:
+    """Return whether robots lose messages in bursts: two models, and the gaps that they expect."""
+    return Document(
+        title="Losses of messages",
+        answer=(_loss_answer(found),),
+        parts=(
+            Text(
+                f"{count(len(found.windows), 'receiver')}, {count(found.messages, 'message')} addressed to them. "
+                "Intervals of more than twice the median between a robot's own samples hold "
+                f"{percent(found.sent_in_long)} of the messages and {percent(found.lost_in_long)} of the lost ones."
+            ),
+            _models(found),
+            _gaps(found),
+        ),
+        data=_loss_data(found),
+    )
+
+
+def _loss_answer(found: LossFits) -> str:
+    """Say which model predicts better: the one with the smaller AIC, bursts only from ``LEAST_GAIN`` on."""
+    gain, least = found.gain, stated(LEAST_GAIN)
+    if gain <= 0:
+        alike = found.models["independent"].aic <= found.aic_by_receiver
+        how = "" if alike else ", with a share of its own for each receiver,"
+        return f"No bursts found: independent losses{how} fit as well (AIC lower by {number(-gain, 1)})."
+    if gain < LEAST_GAIN:
+        return (
+            f"Inconclusive: bursts fit better than independent losses, but by too little (AIC lower by "
+            f"{number(gain, 1)}; {least} are needed)."
+        )
+    bursts = found.models["bursts"]
+    return (
+        f"Messages are lost in bursts (AIC lower by {number(gain, 1)} than with independent losses; {least} are "
+        f"needed): bad periods of "
+        f"{number(bursts.bad_s, 1)} s on average, {percent(bursts.bad_share)} of the time, in which "
+        f"{percent(bursts.lost_in_bad)} of the messages are lost."
+    )
+
+
+def _models(found: LossFits) -> Table:
+    """Return the fitted models, and the standard errors of the one with bursts if they were computed."""
+    figures = ("lost", "bad_share", "bad_s", "lost_in_bad", "lost_in_good")
+    rows = [
+        {"model": name} | {figure: getattr(model, figure) for figure in (*figures, "log_likelihood", "aic")}
+        for name, model in found.models.items()
+    ]
+    rows.insert(1, {"model": "independent, each receiver by itself", "aic": found.aic_by_receiver})
+    if found.errors:
+        rows.append({"model": "standard error of bursts", **found.errors})
+    columns = {
+        "lost": Column(share=True, decimals=2),
+        "bad_share": Column(decimals=4),
+        "bad_s": Column(decimals=1),
+        "lost_in_bad": Column(decimals=3),
+        "lost_in_good": Column(decimals=4),
+        "log_likelihood": Column("log likelihood", decimals=1),
+        "aic": Column("AIC", decimals=1),
+    }
+    caption = "Models, with the fields of the network `bursts`."
+    return Table(pl.DataFrame(rows, infer_schema_length=None), columns, caption, "models")
+
+
+def _gaps(found: LossFits) -> Table:
+    """Return the recorded number of gaps of each size beside those that the models expect."""
+    ends = [*(str(size - 1) for size in STEPS[1:]), "more"]
+    rows = [
+        {
+            "messages": f"{size} or more"
+            if end == "more"
+            else str(size)
+            if str(size) == end
+            else f"{size} to {end}",
+            "found": int(found.gaps[place]),
+            **{
+                name: plus_minus(float(mean[place]), float(deviation[place]), 1)
+                for name, (mean, deviation) in found.expected.items()
+            },
+        }
+        for place, (size, end) in enumerate(zip(STEPS, ends, strict=True))
+    ]
+    caption = "Gaps (messages lost in a row) by size, all receivers; expected ± standard deviation."
+    return Table(pl.DataFrame(rows), {}, caption, "gaps")
+
+
+def _loss_data(found: LossFits) -> dict[str, pl.DataFrame]:
+    fits = [{"model": name, **asdict(model), "aic": model.aic} for name, model in found.models.items()]
+    expected = {f"expected_{name}": mean.tolist() for name, (mean, _) in found.expected.items()}
+    return {
+        "fits": pl.DataFrame(fits),
+        "fits_by_receiver": pl.DataFrame(
+            [
+                {"run": one.run, "robot": one.robot, "lost": model.lost, "aic": model.aic}
+                for one, model in zip(found.windows, found.by_receiver, strict=True)
+            ]
+        ),
+        "standard_errors": pl.DataFrame([found.errors] if found.errors else []),
+        "gaps": pl.DataFrame({"from": list(STEPS), "found": found.gaps.tolist(), **expected}),
+        "long_intervals": pl.DataFrame({"lost": [found.lost_in_long], "sent": [found.sent_in_long]}),
+    }

@@ -1,15 +1,17 @@
-"""Columns of tables with figures of a cell (``analysis.figures``), and with what else is known of a cell."""
+"""Columns of tables with figures of a cell (``analysis.figures``), what else is known of it, and with estimates."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import polars as pl
 
 from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
-from vibroswarm.core.numbers import number
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.core.numbers import Estimate, number
 from vibroswarm.show.document import Column, Table, limits_of
 
 _NUMBERS: Final = {
@@ -37,8 +39,21 @@ MAP_CAPTION: Final = (
 """What the figures of ``analysis.map_figures`` are."""
 
 
+TIME_AND_ERROR: Final = {
+    f"{axis}{end}": f"{figure}{end}"
+    for axis, figure in (("time", "decision_time_s"), ("error", "forced_error"))
+    for end in ("", "_low", "_high")
+}
+"""Columns of a picture of time against error, and the figures in them."""
 WIDEST_MAP: Final = 16
 """Most columns of tiles of a map that is printed as text."""
+
+
+def flat_row(values: Mapping[str, Any], *nested: str) -> dict[str, Any]:
+    """Return values as one row of a table; those of the mappings ``nested`` become columns NAME_INNER at its end."""
+    plain = {name: value for name, value in values.items() if name not in nested}
+    inner = {name: values[name] or {} for name in nested}
+    return plain | {f"{name}_{key}": value for name, each in inner.items() for key, value in each.items()}
 
 
 def tile_lines(tiles: pl.DataFrame) -> str:
@@ -100,3 +115,16 @@ def map_table(rows: pl.DataFrame, names: Mapping[str, Column]) -> Table:
     return Table(
         rows, {**figure_columns(("runs",)), **names}, caption=MAP_CAPTION, name="maps", names=len(names)
     )
+
+
+def estimate_of(interval: Interval | None, scale: float = 1.0) -> Estimate:
+    """Return an estimate with its limits; a single session has no limits, and None becomes nan."""
+    if interval is None:
+        return Estimate(math.nan, math.nan, math.nan)
+    low, high = (math.nan, math.nan) if interval.n == 1 else (interval.low, interval.high)
+    return Estimate(scale * interval.estimate, scale * low, scale * high)
+
+
+def columns_of(name: str, interval: Interval | None) -> dict[str, float]:
+    """Return an estimate and its limits as the columns NAME, NAME_low and NAME_high."""
+    return dict(zip((name, f"{name}_low", f"{name}_high"), estimate_of(interval), strict=True))

@@ -1,4 +1,4 @@
-"""What an inspection says about damage, as sentences, tables and figures; and its certificate, one sheet of paper."""
+"""What an inspection says about damage, as sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import maps_figure
 from vibroswarm.plots.style import settings
-from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
 
 MOST_LISTED: Final = 4
@@ -120,13 +120,14 @@ def damage_sections(found: Inspection) -> list[Section]:
             "Is there damage, and where?",
             (
                 scan_words(assessment.scan),
-                *_patch_parts(assessment.scan),
+                *if_any(assessment.scan.called_m, lambda _: _patch_parts(assessment.scan)),
                 raster_figure(found),
                 _over_time(found),
             ),
         ),
         Section(
-            "What would have been missed?", (pod_table(assessment), *weakest_parts(assessment), Text(_POD))
+            "What would have been missed?",
+            (pod_table(assessment), *if_any(assessment.weakest, weakest_tables), Text(_POD)),
         ),
         Section("When may one stop?", (*stopping_parts(assessment), Table(every_fourth, _RISK, name="risk"))),
         Section("Does the law of the sensor hold?", (checks_table(assessment), Text(UNTESTED))),
@@ -161,9 +162,7 @@ def scan_words(scan: Scan) -> Text:
 
 
 def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
-    """Return the called patches with their joint regions; nothing if none is called."""
-    if not scan.called_m:
-        return ()
+    """Return the called patches with their joint regions."""
     rows = []
     for box, region in zip(scan.called_m, scan.regions, strict=True):
         low, high = region.contrast or (None, None)
@@ -286,11 +285,9 @@ def pod_table(found: Assessment) -> Table:
     )
 
 
-def weakest_parts(found: Assessment) -> tuple[Table, ...]:
-    """Return the weakest contrasts that would have been found, by area; nothing for readings of classes."""
-    if found.weakest is None or found.weakest.is_empty():
-        return ()
-    shown = found.weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
+def weakest_tables(weakest: pl.DataFrame) -> tuple[Table, ...]:
+    """Return the weakest contrasts that would have been found, by area; readings of classes have none."""
+    shown = weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
     columns = {
         "side_m": Column("square", "cm", decimals=0),
         "area_m2": Column("area", "cm²", decimals=0),

@@ -30,7 +30,7 @@ from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
 from vibroswarm.study.detection import Detection
 
@@ -43,7 +43,6 @@ def detection_document(detection: Detection) -> Document:
     tables, scenario, seed, added = detection.tables, detection.scenario, detection.seed, detection.added
     found, needed, curve = hardest(tables["pairs"]), tables["needed"], tables["detection"]
     figures = tuple(_figures(curve, scenario, detection))
-    numbers = (_curve_table(curve), *([_pairs_table(tables["pairs"])] if found.height else []))
     words = f"Fill ratios added to count false alarms: {listed(map(stated_percent, added))}." if added else ""
     return Document(
         title="How many robots, and how much time?",
@@ -53,11 +52,15 @@ def detection_document(detection: Detection) -> Document:
         parts=(
             Text(_setting_of(needed, scenario)),
             *([Text(words)] if words else []),
-            *([_found_table(found, scenario, detection)] if found.height else []),
+            *if_any(found, lambda _: [_found_table(found, scenario, detection)]),
             Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))),
-            *([Section("Maps", (_map_table(tables["maps"]),))] if "maps" in tables else []),
-            *([Section("Misses against the fill ratio", figures)] if figures else []),
-            Section("All numbers", numbers, folded=True),
+            *if_any(tables.get("maps"), _maps),
+            *if_any(figures, lambda _: [Section("Misses against the fill ratio", figures)]),
+            Section(
+                "All numbers",
+                (_curve_table(curve), *if_any(tables["pairs"], lambda pairs: [_pairs_table(pairs)])),
+                folded=True,
+            ),
         ),
         made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},
     )
@@ -215,8 +218,9 @@ def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
     )
 
 
-def _map_table(maps: pl.DataFrame) -> Table:
-    return map_table(maps, {"fill_ratio": _fills(maps, "fill_ratio"), "robots": Column("robots")})
+def _maps(maps: pl.DataFrame) -> tuple[Section, ...]:
+    names = {"fill_ratio": _fills(maps, "fill_ratio"), "robots": Column("robots")}
+    return (Section("Maps", (map_table(maps, names),)),)
 
 
 def _pairs_table(pairs: pl.DataFrame) -> Table:
@@ -280,7 +284,7 @@ def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> I
     some = drawn_of(MOST_CURVES, len(numbers), "swarm")
     for robots in numbers[:MOST_CURVES]:
         times = pl.format("{} s", pl.col("horizon_s").round(0).cast(pl.Int64))
-        part = drawable.filter(pl.col("robots") == robots)
+        part = drawable.filter(robots=robots)
         yield figure(f"detection-{robots}-robots", part, times, f"{count(robots, 'robot')}{some}")
     if len(numbers) > 1:
         part = drawable.filter(pl.col("horizon_s") == pl.col("horizon_s").max())

@@ -11,7 +11,7 @@ import polars as pl
 from vibroswarm.core.numbers import count, decimals_of, listed, number
 from vibroswarm.league.entries import AIM, Settings, tables_of
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.document import Column, Document, Part, Table, Text
+from vibroswarm.show.document import Column, Document, Table, Text, if_any
 
 if TYPE_CHECKING:  # to show a scenario takes neither
     from vibroswarm.optimize.spec import Search
@@ -162,14 +162,14 @@ def folder_document(sizes: Mapping[str, tuple[int, int]], pictures: Sequence[str
     frame = pl.DataFrame(
         rows, schema={"table": pl.String, "rows": pl.Int64, "columns": pl.Int64}, orient="row"
     )
-    parts: list[Part] = [Table(frame, name="tables")] if rows else []
-    if pictures:
-        parts.append(Text(f"Pictures and pages: {', '.join(pictures)}"))
     return Document(
         title="Folder",
         answer=(
             f"{count(len(sizes), 'table')}, {count(len(pictures), 'picture or page', 'pictures and pages')}.",
         ),
-        parts=tuple(parts),
+        parts=(
+            *if_any(frame, lambda _: [Table(frame, name="tables")]),
+            *if_any(pictures, lambda _: [Text(f"Pictures and pages: {', '.join(pictures)}")]),
+        ),
         data={"tables": frame, "pictures": pl.DataFrame({"file": pictures}, schema={"file": pl.String})},
     )

@@ -192,12 +192,12 @@ def _validity(judged: Sequence[Fold]) -> str:
 
 
 SOURCES: Final = {
-    "fitted": ("fitted", "similarity, fitted"),
-    "other_sessions": ("real", "similarity, real"),
-    "other_simulator": ("against", "similarity, against"),
-    "distance_fitted": ("fitted", "distance, fitted"),
-    "distance_sessions": ("real", "distance, real"),
-    "distance_simulator": ("against", "distance, against"),
+    "fitted": "similarity, fitted",
+    "other_sessions": "similarity, real",
+    "other_simulator": "similarity, against",
+    "distance_fitted": "distance, fitted",
+    "distance_sessions": "distance, real",
+    "distance_simulator": "distance, against",
 }
 """Headings of the fields of ``Score``."""
 
@@ -209,7 +209,7 @@ def _held_out(judged: Sequence[Fold]) -> list[Part]:
         | {name: statistics.mean(getattr(fold.scores[place], name) for fold in judged) for name in SOURCES}
         for place in range(len(judged[0].scores))  # every fold has the same features in the same order
     ]
-    columns = {name: Column(title, decimals=4) for name, (_, title) in SOURCES.items()}
+    columns = {name: Column(title, decimals=4) for name, title in SOURCES.items()}
     caption = (
         f"Fitted on the other sessions, validated on the held-out one: mean over {count(len(judged), 'session')} "
         "(fitted: simulated with the fit; real: the other sessions; against: the other simulator)."

@@ -15,7 +15,7 @@ from vibroswarm.errors import shown
 from vibroswarm.floors.difficulty import Difficulty, Entry, measure_floor
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.patches import Patch
-from vibroswarm.show.document import Column, Document, Figure, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Table, Text, if_any
 
 if TYPE_CHECKING:  # their imports take long
     from vibroswarm.floors.design import FloorDesign
@@ -49,14 +49,12 @@ def floor_document(floor: Floor, drawing: str = "") -> Document:
     return Document(
         title=f"Floor {name}",
         answer=(words,),
-        parts=(*_drawing(drawing), *_listed(patches), _picture(floor.drawn_tiles, words)),
+        parts=(*_drawing(drawing), *if_any(patches, _listed), _picture(floor.drawn_tiles, words)),
         data={"floors": _rows({name: difficulty})},
     )
 
 
 def _listed(patches: Sequence[Patch]) -> tuple[Table, ...]:
-    if not patches:
-        return ()
     frame = pl.DataFrame([{"shape": "disc" if p.is_disc else "rectangle"} | p._asdict() for p in patches])
     columns = {f"{name}_m": Column(f"{name} (m)", decimals=3) for name in ("x", "y", "width", "height")}
     columns["contrast"] = Column(decimals=3)

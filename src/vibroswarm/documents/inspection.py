@@ -1,8 +1,10 @@
-"""The document of an inspection by place: where it vibrates, how sure that is, and what it is based on."""
+"""The document of an inspection by place: where it vibrates, how sure that is, on what it is based; its certificate."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -10,45 +12,55 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import SURE, calibration
-from vibroswarm.core.numbers import count, number, percent, size, verb, whole
+from vibroswarm.core.atomic_io import write_text
+from vibroswarm.core.numbers import count, number, percent, size, span, stated, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, tile_lines
 from vibroswarm.documents.damage import (
+    MOST_LISTED,
+    UNTESTED,
+    checks_table,
     damage_answer,
     damage_sections,
+    in_cm,
     map_figure,
     not_certified,
+    pod_table,
+    raster_figure,
+    scan_words,
+    stopping_parts,
     vibrates,
+    weakest_tables,
 )
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
+from vibroswarm.inspection.scan import Scan
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
 
 ROWS: Final = 12
 """Rows of the table of scores over time."""
 NARROW: Final = 3
 """Tiles should be so many times as wide as places are uncertain."""
+UNCHECKED: Final = "Whether the law of the sensor and the places hold is not checked; add --damage."
 
 
 def inspection_document(found: Inspection) -> Document:
     """Return the document of an inspection."""
     samples = found.samples
     is_refused = found.assessment is not None and bool(found.assessment.refusals)  # the answer says why
-    parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
-    if found.assessment is None:
-        parts.append(Text("Whether the law of the sensor and the places hold is not checked; add --damage."))
-    if found.by_kind is not None and samples.kinds is not None:
-        parts += _kinds(found.by_kind, samples.kinds.at(found.times_s[-1]).tiles)
-    if found.pooled is not None:
-        parts += _map(found)
-    if found.assessment is not None:
-        parts += damage_sections(found)
     return Document(
         title=f"Inspection of {samples.source}",
         answer=_answer(found),
         knew=(f"Places: {samples.places}. Law of the sensor: {samples.law.origin}.",),
         warnings=() if is_refused else tuple(filter(None, (samples.warning,))),
-        parts=tuple(parts),
+        parts=(
+            Text(_what(samples)),
+            *map(Text, _presumed(samples)),
+            *([Text(UNCHECKED)] if found.assessment is None else []),
+            *if_any(found.by_kind, lambda by_kind: _kinds(by_kind, samples, found.times_s[-1])),
+            *([] if found.pooled is None else _map(found)),
+            *([] if found.assessment is None else damage_sections(found)),
+        ),
         made_by={
             "law of the sensor": " ".join(filter(None, (samples.law.origin, samples.law.hash))),
             "samples": samples.hash,
@@ -57,8 +69,11 @@ def inspection_document(found: Inspection) -> Document:
     )
 
 
-def _kinds(by_kind: NDArray[np.float64], tiles: NDArray[np.uint8]) -> list[Part]:
-    """Return the most probable kind of each tile, beside the true one."""
+def _kinds(by_kind: NDArray[np.float64], samples: Samples, time_s: float) -> list[Part]:
+    """Return the most probable kind of each tile, beside the true one; nothing if no tile has a kind."""
+    if samples.kinds is None:
+        return []
+    tiles = samples.kinds.at(time_s).tiles
     likely = by_kind.argmax(axis=1).reshape(tiles.shape)
     lines = [
         "  ".join(f"{one}{' ' if one == true else '!'}" for one, true in zip(row, of_row, strict=True))
@@ -201,3 +216,104 @@ def _calibration(found: Inspection) -> Table:
     )
     caption = "Calibration: tiles at all times, by their probability."
     return Table(frame, columns, caption=caption, name="calibration", names=2, folded=True)
+
+
+CERTIFICATE: Final = "certificate.html"
+
+
+def certificate_document(found: Inspection) -> Document:
+    """Return the certificate of an inspection as a document: question, answer, map, what is not covered, origin."""
+    samples, assessment = found.samples, found.assessment
+    assert assessment is not None
+    question = assessment.question
+    asked = (
+        f"Is there damage of {in_cm(question.least_m)} cm or larger, with a contrast of at least "
+        f"{stated(min(question.contrasts))}? Tolerated risk {stated_percent(question.risk)}, prior "
+        f"{stated_percent(question.prior)}{', at every place' if question.strict else ', on average over places'}."
+    )
+    resampled = f"drawn, {count(len(samples.law.draws), 'law')} of resampled references"
+    covered = (
+        f"Visited: {percent(assessment.visited, 0)} of the cells of 10 cm. Not covered: damage smaller than "
+        f"{in_cm(question.least_m)} cm or weaker than contrast {stated(min(question.contrasts))}; places not visited; "
+        f"shapes without a row above; damage that does not follow the reference. Places: {samples.places}; errors of "
+        f"places taken as independent. Error of the law: {resampled if samples.law.draws else 'not known'}."
+    )
+    return Document(
+        title=f"Inspection of {samples.source}",
+        answer=damage_answer(assessment),
+        warnings=(not_certified(assessment),) if assessment.refusals else (),
+        parts=(
+            Section("Question", (Text(asked), Text(_sampled(found)))),
+            Section("Where", _where(found)),
+            Section(
+                "What would have been missed",
+                (
+                    _short(pod_table(assessment)),
+                    *if_any(assessment.weakest, lambda weakest: map(_short, weakest_tables(weakest))),
+                    *stopping_parts(assessment),
+                ),
+            ),
+            Section(
+                "Law of the sensor",
+                (Text(f"Origin: {samples.law.origin}. {UNTESTED}"), checks_table(assessment)),
+            ),
+            Section("Not covered", (Text(covered),)),
+        ),
+        made_by={"samples": samples.hash, "law": samples.law.hash, **versions()},
+    )
+
+
+def _where(found: Inspection) -> tuple[Text | Table | Figure, ...]:
+    """Return the map of a certificate: of the tiles, if there is a grid, or else the called patches and the raster."""
+    assert found.assessment is not None
+    scan = found.assessment.scan
+    figure = raster_figure(found) if found.pooled is None else map_figure(found, own=False)
+    patches = _patches(scan) if found.pooled is None else ()
+    return replace(figure, on_page="column"), scan_words(scan), *patches  # it is printed 80 mm wide
+
+
+def _patches(scan: Scan) -> tuple[Table | Text, ...]:
+    """Return the first called patches with their regions, in few columns, and how many there are beyond them."""
+    rows = [
+        (
+            f"x {number(box.centre_m[0], 2)}, y {number(box.centre_m[1], 2)}",
+            f"{in_cm(region.size_m[0])} to {in_cm(region.size_m[1])}",
+            span(region.contrast or (), 2),
+            1e4 * region.centre_m2,
+        )
+        for box, region in zip(scan.called_m[:MOST_LISTED], scan.regions[:MOST_LISTED], strict=True)
+    ]
+    if not rows:
+        return ()
+    columns = {
+        "centre": Column("called patch", "m"),
+        "size": Column("size", "cm"),
+        "contrast": Column(),
+        "area": Column("centres", "cm²", decimals=0),
+    }
+    table = Table(pl.DataFrame(rows, list(columns), orient="row"), columns)
+    left_out = len(scan.called_m) - len(rows)
+    if not left_out:
+        return (table,)
+    more = count(left_out, "more patch is", "more patches are")
+    return table, Text(f"{more} called; the report lists all.")
+
+
+def _short(table: Table) -> Table:
+    """Return a table without what a certificate has no room for."""
+    return replace(table, frame=table.frame.drop("top", "surfaces", "area_m2", strict=False))
+
+
+def _sampled(found: Inspection) -> str:
+    samples = found.samples
+    return (
+        f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} in "
+        f"{number(found.times_s[-1], 0)} s on {size(*samples.size_m)}."
+    )
+
+
+def write_certificate(path: Path, found: Inspection) -> None:
+    """Write the certificate of an inspection as one HTML page, which prints on one sheet of A4."""
+    from vibroswarm.show.page import certificate_html
+
+    write_text(path, certificate_html(certificate_document(found)), replace=True)

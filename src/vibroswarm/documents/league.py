@@ -1,4 +1,4 @@
-"""The document of a league: which entry (a strategy with its settings) is best, and where."""
+"""The documents of a league (which entry, a strategy with its settings, is best, and where) and of a tuning."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any, Final, cast
 
 import polars as pl
 
-from vibroswarm.core.numbers import Estimate, count, listed, number, percent, whole, with_limits
-from vibroswarm.documents.cell_figures import SIZES, figure_columns, map_table, with_limits_of
+from vibroswarm.core.numbers import Estimate, count, listed, number, percent, span, whole, with_limits
+from vibroswarm.documents.cell_figures import SIZES, TIME_AND_ERROR, figure_columns, map_table, with_limits_of
+from vibroswarm.documents.file import NO_FIELDS
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import AT_95
@@ -17,10 +18,11 @@ from vibroswarm.league.fault_curves import MARGIN, borne
 from vibroswarm.league.fronts import NOT, OPEN, REACHES
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import league_tables
+from vibroswarm.league.tuning import Tuned
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
-from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
 from vibroswarm.study.factors import LABEL
 
@@ -72,7 +74,7 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             *_fronts(standings, tables["fronts"]),
             _time_and_error(standings),
             _costs(standings.main.table),
-            *_maps(standings, tables.get("maps")),
+            *if_any(tables.get("maps"), lambda maps: _maps(standings, maps)),
             *_differences(
                 tables["differences"],
                 "differences",
@@ -83,10 +85,10 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
                 # it compares single settings of fronts
                 folded=len(league.entries) > len(standings.main.league.entries),
             ),
-            *_beliefs(tables.get("beliefs")),
-            *_faults(tables.get("faults")),
+            *if_any(tables.get("beliefs"), _beliefs),
+            *if_any(tables.get("faults"), _faults),
             *_by_floor(standings.main.floor_table, tables["floor_differences"], league.base.sensor.kinds),
-            *_all_figures(tables.get("summary")),
+            *if_any(tables.get("summary"), _all_figures),
             *_every_setting(standings),
             _settings(league),
         ),
@@ -127,11 +129,7 @@ def _grids(table: pl.DataFrame) -> tuple[str, ...]:
 def _time_and_error(standings: Standings) -> Section:
     """Return the section with the standings of the main entries, and their picture if there are no others."""
     table, league = standings.main.table, standings.league
-    points = table.select(
-        "name",
-        **{f"error{end}": f"forced_error{end}" for end in ("", "_low", "_high")},
-        **{f"time{end}": f"decision_time_s{end}" for end in ("", "_low", "_high")},
-    )
+    points = table.select("name", **TIME_AND_ERROR)
     frame = table.select(
         "name",
         *with_limits_of(["forced_error"], table.columns),
@@ -169,10 +167,8 @@ def _costs(table: pl.DataFrame) -> Section:
     return Section("What it costs, and what a robot knows", (costs,))
 
 
-def _maps(standings: Standings, maps: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section on the maps of the main entries; none if no robots keep maps."""
-    if maps is None or maps.is_empty():
-        return ()
+def _maps(standings: Standings, maps: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section on the maps of the main entries."""
     shown = maps.filter(pl.col("name").is_in(standings.main.table["name"].to_list()))
     return (Section("Maps", (map_table(shown, {"name": ENTRY}),)),)
 
@@ -198,7 +194,7 @@ def _side_by_side(differences: pl.DataFrame, *index: str) -> pl.DataFrame:
               if name in differences.columns]  # fmt: skip
     frame = frame.unique(maintain_order=True)
     for figure in ("forced_error", "decision_time_s"):
-        of_figure = differences.filter(pl.col("figure") == figure)
+        of_figure = differences.filter(figure=figure)
         names = {
             value: value.replace("difference", figure).replace("p_holm", f"{figure}_p") for value in values
         }
@@ -224,7 +220,7 @@ def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
         "reached in some bootstrap draws."
     )
     levels = _levels(fronts)
-    compared = fronts.filter(pl.col("reached") == REACHES).drop("reached")
+    compared = fronts.filter(reached=REACHES).drop("reached")
     columns = {
         "level": Column("forced error", share=True, decimals=0),
         "time_s": Column("time", "s", decimals=0),
@@ -294,10 +290,8 @@ def _every_setting(standings: Standings) -> tuple[Section, ...]:
     return (Section("All settings", (Table(frame, FIGURES, name="standings"),), folded=True),)
 
 
-def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section that compares the robots' confidence with how often they are right; none without beliefs."""
-    if beliefs is None or beliefs.is_empty():
-        return ()
+def _beliefs(beliefs: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section that compares the robots' confidence with how often they are right."""
     words = (
         "Robots that decided: their mean confidence, and the share of them that were right. Floors are those that the "
         "strategy expects (its own prior of the fill ratio), or have tiles that vibrate independently. "
@@ -330,14 +324,12 @@ def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
     return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
 
 
-def _faults(curves: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the sections on faulty robots: the numbers tolerated, and all figures; none without faults.
+def _faults(curves: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the sections on faulty robots: the numbers tolerated, and all figures.
 
     Args:
         curves: from ``fault_curves``.
     """
-    if curves is None or curves.is_empty():
-        return ()
     kinds = curves["kind"].unique(maintain_order=True)
     words = (
         "Forced error of the working robots of the smallest swarm, on random floors on both sides of 1/2; runs are "
@@ -374,7 +366,7 @@ def _tolerated(curves: pl.DataFrame) -> pl.DataFrame:
 
 def _fault_figure(curves: pl.DataFrame, kind: str) -> Figure:
     words = kind.replace("_", " ")
-    of_kind = curves.filter(pl.col("kind") == kind)
+    of_kind = curves.filter(kind=kind)
     marks = of_kind.select(
         x="name",
         series=pl.Series([f"{count(faulty, 'robot')} {words}" for faulty in of_kind["faulty"]]),
@@ -422,10 +414,8 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame, kinds: int) -> tu
     )
 
 
-def _all_figures(summary: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section with all figures of the main entries; none without ``Standings.summary``."""
-    if summary is None:
-        return ()
+def _all_figures(summary: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section with all figures of the main entries, from ``Standings.summary``."""
     formats = figure_columns()
     shown = [name for name in summary.columns if name in formats and name not in SIZES]
     means = summary.group_by(name=LABEL, maintain_order=True).agg(pl.col(shown).mean())
@@ -467,3 +457,41 @@ def _settings(league: League) -> Section:
     frame = pl.DataFrame(rows, schema=["name", "strategy", "settings", "tuned"], orient="row")
     columns = {"name": ENTRY, "settings": Column(prose=True)}
     return Section("Settings", (Table(frame, columns, name="settings", folded=True),))
+
+
+COLUMNS: Final = {
+    "is_chosen": Column("chosen"),
+    "forced_error": Column("forced error", share=True),
+    "decision_time_s": Column("decision time", "s", decimals=0),
+    "settings": Column(prose=True),
+}
+
+
+def tune_document(tuned: Tuned) -> Document:
+    """Return the document of a tuning."""
+    settings = pl.when(pl.col("settings") == "").then(pl.lit(NO_FIELDS)).otherwise("settings")
+    table = tuned.table.with_columns(settings=settings)
+    chosen = table.filter("is_chosen").drop("name", "is_chosen").sort("strategy", "forced_error")
+    return Document(
+        title="Settings for a league",
+        answer=tuple(_found(name, chosen.filter(strategy=name)) for name in tuned.settings),
+        warnings=("The figures favour the settings that were lucky: play a league with a seed of no round.",),
+        parts=(
+            Table(chosen, COLUMNS, name="settings"),
+            Text(tuned.how, "aside"),
+            Section(
+                "All settings of the last round",
+                (Table(table.drop("strategy"), COLUMNS, name="finalists"),),
+                folded=True,
+            ),
+        ),
+    )
+
+
+def _found(name: str, chosen: pl.DataFrame) -> str:
+    """Say where the chosen settings of a strategy lie."""
+    errors, times = (
+        span([100 * error for error in chosen["forced_error"]], 1),
+        span(chosen["decision_time_s"], 0),
+    )
+    return f"{name}: {count(chosen.height, 'setting')} along its front, {errors} % forced error in {times} s."

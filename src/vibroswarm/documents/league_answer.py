@@ -38,7 +38,7 @@ def answers(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> tuple[s
 def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
     """Say which strategies are fastest at each forced error that at least two of them reach."""
     for (level,), at_level in fronts.group_by("level", maintain_order=True):
-        reached = at_level.filter(pl.col("reached") == REACHES).sort("time_s")
+        reached = at_level.filter(reached=REACHES).sort("time_s")
         if reached.height < 2:
             continue
         group = reached.filter("in_group")
@@ -59,7 +59,7 @@ def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
             (OPEN, "inconclusive whether they reach it"),
             (NOT, "do not reach it"),
         ):
-            names = at_level.filter(pl.col("reached") == kind)["strategy"]
+            names = at_level.filter(reached=kind)["strategy"]
             if len(names):
                 words.append(f"{title}: {listed(names)}")
         yield "; ".join(words) + "."
@@ -82,7 +82,7 @@ def _alike(group: pl.DataFrame, name: str, behind: str) -> str:
 def _best(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
     """Say which entries err least, and which are fastest of those that do not guess."""
     for figure, start in (("forced_error", "Smallest forced error"), ("decision_time_s", "Fastest")):
-        group = best.filter((pl.col("figure") == figure) & pl.col("in_group"))
+        group = best.filter("in_group", figure=figure)
         if group.is_empty():
             continue
         first, *others = group["name"]
@@ -115,7 +115,7 @@ def _compared(differences: pl.DataFrame) -> str:
     names = differences["name"].unique(maintain_order=True)
     lists: dict[str, list[str]] = {}
     for name in names:
-        error, time = _signs(differences.filter(pl.col("name") == name))
+        error, time = _signs(differences.filter(name=name))
         if error * time < 0:
             lists.setdefault("faster but less accurate, or slower but more accurate", []).append(name)
         elif error + time:
@@ -144,10 +144,10 @@ def _floor_by_floor(floors: pl.DataFrame) -> str:
     Args:
         floors: ``Standings.floor_differences``.
     """
-    certain = floors.filter((pl.col("figure") == "forced_error") & (pl.col("p_holm") < CERTAIN))
+    certain = floors.filter(pl.col("p_holm") < CERTAIN, figure="forced_error")
     parts = []
     for name in certain["name"].unique(maintain_order=True):
-        found = certain.filter(pl.col("name") == name)["difference"]
+        found = certain.filter(name=name)["difference"]
         numbers = {"fewer": int((found < 0).sum()), "more": int((found > 0).sum())}
         parts.append(f"{name} {', '.join(f'{word} on {n}' for word, n in numbers.items() if n)}")
     tested = floors.select("pattern", "fill_ratio").unique().height
@@ -168,11 +168,9 @@ def _too_confident(beliefs: pl.DataFrame | None) -> Iterable[str]:
     """
     if beliefs is None or beliefs.is_empty():
         return
-    too_confident = beliefs.filter(
-        pl.col("settings") == AS_PLAYED, pl.col("right_high") < pl.col("confidence_low")
-    )
+    too_confident = beliefs.filter(pl.col("right_high") < pl.col("confidence_low"), settings=AS_PLAYED)
     found = []
     for prior, words in ((OWN, "on floors from their own prior"), (COMMON, "on floors of independent tiles")):
-        names = too_confident.filter(pl.col("prior") == prior)["name"]
+        names = too_confident.filter(prior=prior)["name"]
         found.append(f"{words}: {', '.join(names) or 'none found'}")
     yield f"Robots that are right less often than their confidence says, {'; '.join(found)}."

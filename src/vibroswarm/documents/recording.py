@@ -23,9 +23,8 @@ from vibroswarm.core.numbers import (
     stated_percent,
     with_limits,
 )
-from vibroswarm.documents.cell_figures import answers_table
+from vibroswarm.documents.cell_figures import answers_table, estimate_of, flat_row
 from vibroswarm.documents.knowledge import told
-from vibroswarm.documents.session_estimates import estimate_of
 from vibroswarm.plots.run import write_run_picture
 from vibroswarm.recordings.assemble_recording import count_lines
 from vibroswarm.recordings.recording import Recording
@@ -42,7 +41,7 @@ from vibroswarm.recordings.threshold import Recommendation, Threshold
 from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Section, Table, Text
 
 
 def import_document(recording: Recording, pages: Sequence[str], computed: Sequence[str] = ()) -> Document:
@@ -51,19 +50,18 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
     Args:
         pages: file names of the pages of the sessions. computed: sentences on energies computed from acceleration.
     """
-    parts: list[Part] = [
-        *map(Text, computed),
-        _sessions(recording),
-        _settings(recording),
-        Section("What was read", (Text("\n".join(count_lines(recording)), "code"),)),
-    ]
-    if not recording.logs_beliefs:
-        parts.append(Text(f"Beliefs are not in the logs; the pages show a replay {_heard(recording)}."))
+    unlogged = f"Beliefs are not in the logs; the pages show a replay {_heard(recording)}."
     return Document(
         title="Recording",
         answer=(f"{_outcomes(recording)} {recording.floor_words}",),
         warnings=_presumed_threshold(recording, recording.scenario),
-        parts=tuple(parts),
+        parts=(
+            *map(Text, computed),
+            _sessions(recording),
+            _settings(recording),
+            Section("What was read", (Text("\n".join(count_lines(recording)), "code"),)),
+            *([] if recording.logs_beliefs else [Text(unlogged)]),
+        ),
         made_by={"robots": ", ".join(map(str, recording.names)), "stated": ", ".join(recording.stated)},
         data=_import_data(recording, pages, computed),
     )
@@ -341,12 +339,7 @@ def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> dict[str, Any]
 
 def _outcome_rows(found: Sequence[SessionOutcome]) -> pl.DataFrame:
     """Return a row for each session and strategy, with the shares of draws by consensus in columns of their own."""
-    rows = []
-    for outcome in found:
-        values = asdict(outcome)
-        shares = values.pop("consensus")
-        rows.append(values | {f"consensus_{name}": share for name, share in shares.items()})
-    return pl.DataFrame(rows, infer_schema_length=None)
+    return pl.DataFrame([flat_row(asdict(one), "consensus") for one in found], infer_schema_length=None)
 
 
 def threshold_document(found: Recommendation) -> Document:
@@ -377,7 +370,9 @@ def threshold_document(found: Recommendation) -> Document:
             *(() if found.law is None else (_law(found.law),)),
         ),
         data={
-            "thresholds": pl.DataFrame([_flat(one) for one in every], infer_schema_length=None),
+            "thresholds": pl.DataFrame(
+                [flat_row(one.as_dict(), *_NESTED) for one in every], infer_schema_length=None
+            ),
             "edge_profile": found.profile,
         },
     )
@@ -466,19 +461,17 @@ def _can_be_decided(one: Threshold) -> str:
 
 def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
     """Return a row for each rule: the threshold, its error rates, and whether the floor can be decided with it."""
-    rows = []
-    for one in thresholds:
-        share = one.share_by_session
-        rows.append(
-            {
-                "rule": one.rule,
-                "value": _value(one),
-                "still": _both(one.all_samples.false_positive, one.inner_samples.false_positive),
-                "vibrating": _both(one.all_samples.false_negative, one.inner_samples.false_negative),
-                "ones": with_limits(estimate_of(share), "%"),
-                "says": _can_be_decided(one),
-            }
-        )
+    rows = [
+        {
+            "rule": one.rule,
+            "value": _value(one),
+            "still": _both(one.all_samples.false_positive, one.inner_samples.false_positive),
+            "vibrating": _both(one.all_samples.false_negative, one.inner_samples.false_negative),
+            "ones": with_limits(estimate_of(one.share_by_session), "%"),
+            "says": _can_be_decided(one),
+        }
+        for one in thresholds
+    ]
     columns = {
         "value": Column("theta_E"),
         "still": Column("still read as vibrating"),
@@ -516,15 +509,8 @@ def _profile(profile: pl.DataFrame, at: Threshold) -> Table:
     return Table(pl.DataFrame(rows), columns, caption, "edge_profile")
 
 
-def _flat(found: Threshold) -> dict[str, Any]:
-    """Return the numbers of a threshold as one row."""
-    values = found.as_dict()
-    nested = {
-        name: values.pop(name) for name in ("all_samples", "inner_samples", "share_by_session", "decidable")
-    }
-    return values | {
-        f"{group}_{name}": value for group, inner in nested.items() for name, value in inner.items()
-    }
+_NESTED: Final = ("all_samples", "inner_samples", "share_by_session", "decidable")
+"""Numbers of a threshold that have names of their own."""
 
 
 def write_pages(recording: Recording, folder: Path) -> list[str]:
@@ -547,6 +533,7 @@ def write_pages(recording: Recording, folder: Path) -> list[str]:
         write_run_picture(recording, folder / f"{name}.png", run)
         title = str(recording.sessions[run]["log"]) + ("" if logged else replayed)
         page = record_of(with_replayed, run, title=title)
-        write_page(replace(page, gated=page.gated and has_gate), folder / f"{name}.html")
+        rule = page.rule if has_gate else {**page.rule, "gated": False}
+        write_page(replace(page, rule=rule), folder / f"{name}.html")
         names.append(f"{name}.html")
     return names

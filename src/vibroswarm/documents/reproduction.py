@@ -17,7 +17,7 @@ from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
 from vibroswarm.paper.item import Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of, command_of_all
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, Tone
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, Tone, with_content
 from vibroswarm.simulation import versions
 
 ROWS_IN_SIGHT: Final = 12
@@ -189,17 +189,17 @@ def _item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> Se
     pictures = list(one.item.pictures(one.tables, settings))
     in_sight = ROWS_IN_SIGHT if pictures else ROWS_WITHOUT_PICTURES
     tables = _tables(one, settings)
-    parts: list[Part] = [
+    long = tuple(table for table in tables if table.frame.height > in_sight)
+    others = tuple(picture.figure for picture in pictures if picture.folded)
+    parts: tuple[Part, ...] = (
         *about,
         *_claims_of_item(one, decided, settings),
         *(table for table in tables if table.frame.height <= in_sight),
         *(picture.figure for picture in pictures if not picture.folded),
-    ]
-    if long := tuple(table for table in tables if table.frame.height > in_sight):
-        parts.append(Section("All numbers", long, folded=True))
-    if others := tuple(picture.figure for picture in pictures if picture.folded):
-        parts.append(Section("Pictures of the other presets", others, folded=True, side_by_side=True))
-    return Section(title, tuple(parts), wide=True, side_by_side=len(pictures) > 1)
+        Section("All numbers", long, folded=True),
+        Section("Pictures of the other presets", others, folded=True, side_by_side=True),
+    )
+    return Section(title, with_content(parts), wide=True, side_by_side=len(pictures) > 1)
 
 
 def _claims_of_item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> list[Table]:

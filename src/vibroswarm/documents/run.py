@@ -1,8 +1,9 @@
-"""The document of one run, or of the runs of a result: who decided what, when, and how sure."""
+"""The document of one run, or of the runs of a result: who decided what, when, how sure; and the folder of a run."""
 
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -26,18 +27,22 @@ from vibroswarm.analysis.verdict import (
     strategy_name,
     verdict,
 )
+from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.numbers import count, first_of, number, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
 from vibroswarm.observation.decision_boundary import expected_classes_on
+from vibroswarm.plots.picture import save_figure
 from vibroswarm.plots.reports import draw_run_reports
-from vibroswarm.plots.run import draw_run
+from vibroswarm.plots.run import draw_run, maps_figure, write_run_picture
 from vibroswarm.result import Result
+from vibroswarm.run_page.write import why_no_page, write_run_page
 from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
+from vibroswarm.study.summary import write_table
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""
@@ -153,7 +158,7 @@ def _verdict_data(found: Verdict) -> dict[str, pl.DataFrame]:
 def _failed_parts(result: Result, run: int) -> dict[str, pl.DataFrame]:
     """Return the tables of faults and failures of a run, those that the result has."""
     tables = {"faults": result.faults, "failures": result.failures}
-    return {name: frame.filter(pl.col("run") == run) for name, frame in tables.items() if frame is not None}
+    return {name: frame.filter(run=run) for name, frame in tables.items() if frame is not None}
 
 
 def _outcome(found: Verdict) -> tuple[str, ...]:
@@ -201,7 +206,7 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
     """Return sentences on the shares of the classes that robots read, and with what they compare them."""
     sensor, arena = result.scenario.sensor, result.scenario.arena
     if max(sensor.kinds, sensor.readings) > 2:
-        read = result.observations.filter(pl.col("run") == run)["observation"].to_numpy()
+        read = result.observations.filter(run=run)["observation"].to_numpy()
         counts = np.bincount(read, minlength=sensor.readings)
         expected = expected_classes_on(
             sensor, result.floor(run).at(found.end_s), (arena.width_m, arena.height_m)
@@ -230,7 +235,7 @@ def fault_sentences(result: Result, run: int) -> list[str]:
     """Return a list of one sentence on which robots had which faults in a run; empty if robots cannot fail."""
     if result.faults is None:
         return []
-    of_run = result.faults.filter(pl.col("run") == run)
+    of_run = result.faults.filter(run=run)
     robots = result.scenario.swarm.robots
     if of_run.is_empty():
         return [f"Faults: none of {count(robots, 'robot')} failed."]
@@ -263,7 +268,7 @@ def _answers_over_time(result: Result, run: int) -> pl.DataFrame:
     """Return how right the answers of a run were over time, in one row; without columns if its floor stays."""
     if not result.scenario.change.is_given:
         return pl.DataFrame()
-    return answers_in(result).filter(pl.col("run") == run).drop("run")
+    return answers_in(result).filter(run=run).drop("run")
 
 
 def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
@@ -280,7 +285,7 @@ def _gate_unreached(result: Result, run: int, found: Verdict) -> tuple[str, ...]
     """Return a sentence on the gate of a simulated run if no robot had enough observations to decide by its end."""
     if result.seed is None or found.undecided < len(found.robots):
         return ()
-    robots = result.robots.filter(pl.col("run") == run)
+    robots = result.robots.filter(run=run)
     said = gate_unreached(result.scenario, robots.select(counted(result.scenario)).item())
     return (said,) if said else ()
 
@@ -387,10 +392,31 @@ def _map(result: Result, run: int) -> list[Part]:
         return []
     # One row per tile: `vibrating` is the belief that the tile vibrates, `vibrates` is 1 if it does. In the map that is
     # made from the samples of all robots, the column `robot` is null.
-    pooled = floor_maps(result).filter(pl.col("robot").is_null() & (pl.col("run") == run))
+    pooled = floor_maps(result).filter(pl.col("robot").is_null(), run=run)
     right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
     words = (
         f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
         "%; ! marks a tile whose believed kind is wrong:"
     )
     return [Text(words), Text(tile_lines(pooled), "code"), Table(pooled, name="map", folded=True)]
+
+
+def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
+    """Write a result with its page and maps, and with ``pictures`` their pictures, into the folder ``out``.
+
+    The folder is written completely or not at all; an older result in it is replaced. The page is written only if it
+    can show the result (``why_no_page``), and maps only if the robots' strategy keeps a map of the floor.
+    """
+    with whole_folder(out, replace=True) as part:
+        result.write_into(part)
+        if why_no_page(result) is None:
+            write_run_page(result, part / "run.html")
+        maps = floor_maps(result) if keeps_floor_map(result.scenario) else None
+        if maps is not None:
+            write_table(maps, part / "maps")
+        if pictures:
+            write_run_picture(result, part / "run.png")
+            if reports_over_time(result).height:
+                save_figure(lambda: draw_run_reports(result, style="page").figure, part / "reports.png")
+            if maps is not None:
+                save_figure(lambda: maps_figure(maps), part / "maps.png")

@@ -14,6 +14,7 @@ import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
@@ -124,11 +125,15 @@ PRINTED: Final = "printed.json"
 """Name of the file with what a command printed."""
 
 
-class Printed(NamedTuple):
-    """What a command printed: the content of ``printed.json``."""
+class Shown(NamedTuple):
+    """What a folder holds."""
 
-    command: str
-    document: Document
+    documents: tuple[Document, ...] = ()
+    """The state of a study or search, if there is one, and the results."""
+    command: str = ""
+    """The command whose results were saved; empty: not known."""
+    state: Mapping[str, Any] = MappingProxyType({})
+    """Of a study or search: how much is done, for JSON; otherwise empty."""
 
 
 def hash_of(*parts: object) -> str:
@@ -140,7 +145,7 @@ def hash_of(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def read_printed(folder: Path) -> Printed | None:
+def read_printed(folder: Path) -> Shown | None:
     """Read ``printed.json`` of a folder; None if the folder has no such file.
 
     Raises:
@@ -151,4 +156,4 @@ def read_printed(folder: Path) -> Printed | None:
         return None
     values = read_manifest(path, "document")
     command, document = entry(values, "command", str, path), entry(values, "document", dict, path)
-    return Printed(command, document_from(document, str(path)))
+    return Shown((document_from(document, str(path)),), command)

@@ -1,4 +1,4 @@
-"""The document of a search: the winner or the Pareto front, and whether it was luck.
+"""The documents of a search (the winner or the Pareto front, and was it luck?), of a sensitivity, of a comparison.
 
 The believed score of a candidate is the one by which the search chose it; the true score is that on fresh runs, which
 played no part in the choice (``optimize.validation``). A start is a given point that is compared with the winner.
@@ -6,14 +6,16 @@ played no part in the choice (``optimize.validation``). A start is a given point
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import columns_of, plain
-from vibroswarm.core.numbers import count, count_of, listed, number, whole, with_limits
+from vibroswarm.core.numbers import Estimate, count, count_of, listed, number, percent, whole, with_limits
 from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.objects import values_table
 from vibroswarm.documents.search_tables import (
@@ -25,10 +27,12 @@ from vibroswarm.documents.search_tables import (
     frame_of,
     front_table,
     history_of,
+    parts_of,
     truth_tables,
     value_table,
 )
 from vibroswarm.documents.search_words import (
+    aim,
     aims,
     beaten,
     best_sentence,
@@ -42,7 +46,9 @@ from vibroswarm.documents.search_words import (
     warnings_of,
 )
 from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.scenario_comparison import Checked
 from vibroswarm.optimize.search_files import file_text
+from vibroswarm.optimize.sensitivity import Sensitivity
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import MIN_FRESH_RUNS, Front, Scored, Truth
 from vibroswarm.plots.front import draw_front
@@ -50,8 +56,8 @@ from vibroswarm.plots.labels import setting_words
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
-from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Document, Figure, Part, Section, Text
+from vibroswarm.scenario.scenario import Scenario, changes
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
 from vibroswarm.simulation import versions
 
 QUOTE: Final = (
@@ -343,3 +349,120 @@ def search_state_document(about: dict[str, Any], *, is_validated: bool) -> Docum
             *([] if is_validated else [resume]),
         ),
     )
+
+
+def sensitivity_document(found: Sensitivity) -> Document:
+    """Return the document of the Sobol indices of the fields of a search."""
+    frame = pl.DataFrame([vars(index) for index in found.fields])
+    columns = {
+        "name": Column("field"),
+        "total": Column("with interactions", decimals=2),
+        "first": Column("alone", decimals=2),
+    }
+    caption = "Shares of the variance of the mean cost over the space (Sobol indices), with 95 % bootstrap intervals."
+    shown = frame.select("name", "total", "total_low", "total_high", "first", "first_low", "first_high")
+    made = pl.DataFrame({
+        "points": [found.points], "replicates": [found.replicates], "runs": [found.runs],
+        "noise_share": [found.noise_share],
+    })  # fmt: skip
+    words = (
+        f"{count(found.runs, 'run')} at {count(found.points, 'point')}, {found.replicates} each; "
+        f"none failed. Noise of the runs, {percent(found.noise_share, 0)} of the variance of the "
+        "points' mean costs, is removed."
+    )
+    return Document(
+        title="Sensitivity",
+        answer=tuple(_effects(found)),
+        parts=(Table(shown, columns, caption, "fields"), Text(words, "aside")),
+        data={"fields": frame, "design": made},
+    )
+
+
+def _effects(found: Sensitivity) -> Iterator[str]:
+    """Name the field that matters most, and those without significant effect."""
+    most = found.fields[0]
+    if math.isnan(most.total):
+        yield "No effect can be estimated: the noise of the runs is as large as all effects, or the cost does not vary."
+        return
+    if most.total_low > 0:
+        share = with_limits(Estimate(most.total, most.total_low, most.total_high), decimals=2)
+        yield f"Largest effect on the cost: {most.name}, {share} of the variance with its interactions."
+    # `not ... > 0` also holds for nan, which the limits are if the noise of the runs hides all effects.
+    if without_effect := [index.name for index in found.fields if not index.total_low > 0]:
+        yield (
+            f"No significant effect: {', '.join(without_effect)}. Four times the --budget makes intervals half as wide."
+        )
+
+
+ASKED: Final = ("arena", "floor", "change", "task")
+"""Sections that say what is inspected and asked."""
+
+
+def checked_document(found: Checked) -> Document:
+    """Return the document of a comparison."""
+    unit, scenarios = found.objective.unit, (found.first, found.second)
+    failed = [
+        f"{count(one.failed, 'run')} of {one.name} FAILED (in no figure)." for one in scenarios if one.failed
+    ]
+    difference, again = (with_limits(each, sign=True) for each in (found.difference, found.replicate))
+    words = (
+        f"{found.first.name} - {found.second.name}, {aim(found.objective)}: {difference} on "
+        f"{count(found.first.score.n, 'fresh run')} of each, in pairs; {again} on other seeds."
+    )
+    figures = frame_of([paired.as_row() for paired in found.figures])
+    case_names = [str(k + 1) for k in range(len(found.first.cases))]
+    return Document(
+        title=f"{found.first.name} against {found.second.name}",
+        answer=(found.says, words),
+        knew=told(found.scenarios),
+        warnings=(*_different_questions(found), *failed),
+        parts=(_scores(found), *parts_of(scenarios, case_names, unit), _figures(figures, found)),
+        made_by={"objective": found.objective.words},
+        data={"differences": _differences(found), "figures": figures},
+    )
+
+
+def _different_questions(found: Checked) -> tuple[str, ...]:
+    """Warn if the scores are not of the same surface or question: not the settings alone make their difference."""
+    differing = [name for name in changes(*found.scenarios) if name.partition(".")[0] in ASKED]
+    if not differing:
+        return ()
+    return (f"The two differ in {listed(differing)} too; --search FILE sets its cases in both.",)
+
+
+def _scores(found: Checked) -> Table:
+    rows = [
+        {"name": one.name, **columns_of("score", one.score), "runs": one.score.n, "failed": one.failed}
+        for one in (found.first, found.second)
+    ]
+    columns = {
+        "name": Column("scenario"),
+        "score": Column("score", found.objective.unit),
+        "failed": Column("failed runs", wide=True),
+    }
+    return Table(frame_of(rows), columns, name="scores")
+
+
+def _differences(found: Checked) -> pl.DataFrame:
+    """Tabulate the difference of the scores on each block of seeds, and whether the second confirms the first."""
+    return frame_of(
+        [
+            {"seeds": seeds, **columns_of("difference", each), "pairs": each.n, "confirmed": found.confirmed}
+            for seeds, each in (("first", found.difference), ("second", found.replicate))
+        ]
+    )
+
+
+def _figures(figures: pl.DataFrame, found: Checked) -> Table:
+    """Tabulate the differences of other figures."""
+    numbers = ["first", "second", "difference", "difference_low", "difference_high"]
+    declared = [BY_COLUMN[name] for name in figures["figure"]]
+    titles = [f"{one.title}, {'%' if one.is_share else one.unit}".rstrip(", ") for one in declared]
+    factors = pl.Series([100.0 if one.is_share else 1.0 for one in declared])
+    shown = figures.select(pl.Series("figure", titles), pl.col(numbers) * factors)
+    columns = {
+        "first": Column(found.first.name, decimals=1),
+        "second": Column(found.second.name, decimals=1),
+        "difference": Column(sign=True, decimals=1),
+    }
+    return Table(shown, columns, "First - second, run by run, with 95 % intervals.", "figures")

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
 from vibroswarm.core.folders import check_written, kind_of
 from vibroswarm.core.tables import MAX_BYTES, read_frame
 from vibroswarm.core.untrusted_files import check_plain, parsed_toml, read_bytes, read_text
-from vibroswarm.documents.saved import PRINTED, Printed, read_printed
+from vibroswarm.documents.saved import PRINTED, Shown, read_printed
 from vibroswarm.errors import InputError
 from vibroswarm.show.document import Document
 
@@ -159,17 +159,6 @@ def _frame(path: Path) -> pl.DataFrame:
         raise InputError(f"cannot be read: {first_line}", field=str(path)) from None
 
 
-class Shown(NamedTuple):
-    """What a folder holds."""
-
-    state: dict[str, Any]
-    """Of a study or search: how much is done, for JSON; otherwise empty."""
-    documents: tuple[Document, ...]
-    """The state, if there is one, and the results."""
-    command: str = ""
-    """The command whose results were saved; empty: not known."""
-
-
 def shown_folder(folder: Path) -> Shown:
     """Return what a folder holds: the state of a study or search, and the results.
 
@@ -195,15 +184,16 @@ def shown_folder(folder: Path) -> Shown:
     return found
 
 
-def _of_kind(folder: Path, kind: str | None, printed: Printed | None) -> Shown:
+def _of_kind(folder: Path, kind: str | None, printed: Shown | None) -> Shown:
     """Return what a folder of a kind holds; ``printed``: what its command has saved."""
-    command, saved = ("", ()) if printed is None else (printed.command, (printed.document,))
+    saved = printed or Shown()
     if kind == "search":
         from vibroswarm.documents.search import search_state_document
         from vibroswarm.optimize.steps import held
 
         about = held(folder)
-        return Shown(about, (search_state_document(about, is_validated=printed is not None), *saved), command)
+        state = search_state_document(about, is_validated=printed is not None)
+        return saved._replace(documents=(state, *saved.documents), state=about)
     if kind == "study":
         from vibroswarm.documents.study_folder import results_or_need, state_document, study_state
         from vibroswarm.study.store import Store
@@ -212,10 +202,10 @@ def _of_kind(folder: Path, kind: str | None, printed: Printed | None) -> Shown:
         about, needed = study_state(store), ""
         if printed is None:
             results, needed = results_or_need(store)
-            saved = () if results is None else (results,)
-        state = about | ({"results_need": needed} if needed else {})
-        return Shown(state, (state_document(about, needed), *saved), command)
-    return Shown({}, saved or (_result_document(folder, kind),), command)
+            saved = Shown(() if results is None else (results,))
+        about |= {"results_need": needed} if needed else {}
+        return saved._replace(documents=(state_document(about, needed), *saved.documents), state=about)
+    return printed or Shown((_result_document(folder, kind),))
 
 
 def _result_document(folder: Path, kind: str | None) -> Document:

@@ -21,7 +21,7 @@ MOST_DRAWN = 4
 def spectrum_document(found: Spectra) -> Document:
     """Return what vibrates at which frequency, and how sure that is."""
     groups = {name: [one for one in found.spectra if one.group == name] for name in WORDS}
-    parts: list[Part] = [
+    parts: tuple[Part, ...] = (
         Text(
             f"{count(found.samples, 'sample')} of {count(found.stops, 'stop')}: the last "
             f"{number(1000 * found.signal_s, 0)} ms of each, at {number(found.rate_hz, 1)} Hz; {found.axis}. Lines "
@@ -29,29 +29,24 @@ def spectrum_document(found: Spectra) -> Document:
         ),
         lines_table([found.whole], "lines"),
         Figure("spectrum", partial(_drawn, found, [found.whole]), "Spectrum of all samples"),
-    ]
-    for name, spectra in groups.items():
-        if spectra:
-            parts.append(
-                Section(
-                    WORDS[name],
-                    (
-                        lines_table(spectra, f"lines_by_{name}"),
-                        Figure(
-                            f"spectrum_by_{name}",
-                            partial(_drawn, found, spectra[:MOST_DRAWN]),
-                            first_of(MOST_DRAWN, len(spectra), "group"),
-                        ),
-                    ),
-                )
-            )
+        *(_group(found, name, spectra) for name, spectra in groups.items() if spectra),
+    )
     return Document(
         title="Spectrum of vibration",
         answer=(_answer(found),),
         warnings=tuple(f"{words[0].upper()}{words[1:]}." for words in found.warnings),
-        parts=tuple(parts),
+        parts=parts,
         data={"spectra": spectra_frame(found)},
     )
+
+
+def _group(found: Spectra, name: str, spectra: list[Spectrum]) -> Section:
+    drawn = Figure(
+        f"spectrum_by_{name}",
+        partial(_drawn, found, spectra[:MOST_DRAWN]),
+        first_of(MOST_DRAWN, len(spectra), "group"),
+    )
+    return Section(WORDS[name], (lines_table(spectra, f"lines_by_{name}"), drawn))
 
 
 def _answer(found: Spectra) -> str:

@@ -11,6 +11,7 @@ import math
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import polars as pl
@@ -42,7 +43,17 @@ from vibroswarm.documents.study_words import (
     traded,
     warnings_of,
 )
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
+from vibroswarm.show.document import (
+    Column,
+    Document,
+    Part,
+    Section,
+    Table,
+    Text,
+    if_any,
+    limits_of,
+    with_content,
+)
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References
 from vibroswarm.study.study_outputs import Comparison
@@ -55,12 +66,23 @@ MOST_SENTENCES: Final = 12
 def study_document(outcome: Outcome) -> Document:
     """Return what a study says; without ``Outcome.references`` their table is left out."""
     head, compared = _differences_parts(outcome)
+    tables = outcome.tables
     sections = (
         _outcome_section(outcome),
         Section("Decisions over time", tuple(time_figures(outcome)), wide=True),
-        Section("Compared run by run", (*compared, *_compared_parts(outcome))),
-        _equal_error_section(outcome),
-        Section("Time against error", (*_reference_parts(outcome), *front_figures(outcome)), wide=True),
+        Section(
+            "Compared run by run",
+            (*compared, *if_any(tables.get("comparisons"), partial(_compared_parts, outcome))),
+        ),
+        Section("At equal error", if_any(tables.get("equal_error"), _equal_error_parts), wide=True),
+        Section(
+            "Time against error",
+            (
+                *if_any(tables.get("references"), partial(_reference_parts, outcome.references)),
+                *front_figures(outcome),
+            ),
+            wide=True,
+        ),
         Section(
             "How the robots sampled",
             (_sampling_table(outcome), *sampling_figures(outcome)),
@@ -73,7 +95,7 @@ def study_document(outcome: Outcome) -> Document:
         answer=_answer(outcome),
         knew=told(one.cell.scenario for one in outcome.cells),
         warnings=tuple(warnings_of(outcome)),
-        parts=(Text(question(outcome)), *head, *(section for section in sections if section.parts)),
+        parts=(Text(question(outcome)), *head, *with_content(sections)),
         made_by=_made_by(outcome),
         data=_data(outcome),
     )
@@ -83,8 +105,12 @@ def comparison_document(comparison: Comparison) -> Document:
     """Return what the comparisons of a study's cells say, without its figures."""
     outcome = comparison.outcome
     head, compared = _differences_parts(outcome)
-    sections = Section("Compared run by run", tuple(compared)), _equal_error_section(outcome)
     data = _data(outcome)
+    equal_error = if_any(outcome.tables.get("equal_error"), _equal_error_parts)
+    sections = (
+        Section("Compared run by run", tuple(compared)),
+        Section("At equal error", equal_error, wide=True),
+    )
     return Document(
         title=question(outcome),
         answer=_answer(outcome, math.inf),
@@ -92,7 +118,7 @@ def comparison_document(comparison: Comparison) -> Document:
         warnings=tuple(warnings_of(outcome)),
         parts=(
             *head,
-            *(section for section in sections if section.parts),
+            *with_content(sections),
             *([] if outcome.answers else [_outcome_table(outcome)]),
         ),
         made_by=_made_by(outcome),
@@ -105,18 +131,18 @@ def _answer(outcome: Outcome, most: float = MOST_SENTENCES) -> tuple[str, ...]:
 
     If comparisons or cells are left out, a last sentence states their number.
     """
-    if not outcome.answers:
-        lines = [cell_sentence(one) for number, one in enumerate(outcome.cells) if number < most]
-        left = len(outcome.cells) - len(lines)
-        return (*lines, *([f"... and {count(left, 'more cell')}, below."] if left else []))
-    lines, shown = [], [answer for number, answer in enumerate(outcome.answers) if number < most]
-    for answer in shown:
-        lines += [
-            sentence(answer),
-            *([] if answer.matched is None else [at_equal_error(answer, answer.matched)]),
-        ]
-    left = len(outcome.answers) - len(shown)
-    return (*lines, *([f"... and {count(left, 'more comparison')}, below."] if left else []))
+    described: list[Answer | CellOutcome] = [*outcome.answers] or [*outcome.cells]
+    lines = [words for number, one in enumerate(described) if number < most for words in _sentences(one)]
+    left = len(described) - min(len(described), most)
+    what = "more comparison" if outcome.answers else "more cell"
+    return (*lines, *([f"... and {count(int(left), what)}, below."] if left else []))
+
+
+def _sentences(one: Answer | CellOutcome) -> list[str]:
+    """Return what a comparison says, as it is and at equal error, or what a cell does."""
+    if isinstance(one, CellOutcome):
+        return [cell_sentence(one)]
+    return [sentence(one), *([] if one.matched is None else [at_equal_error(one, one.matched)])]
 
 
 def _differences_parts(outcome: Outcome) -> tuple[list[Part], list[Part]]:
@@ -188,7 +214,7 @@ def _outcome_section(outcome: Outcome) -> Section:
     parts = (
         _outcome_table(outcome),
         *_tables_of_some_cells(outcome),
-        *_reported_parts(outcome),
+        *if_any(outcome.reported, _reported_parts),
         *([Text(levels)] if levels else []),
         Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True),
         *outcome_figures(outcome),
@@ -287,11 +313,8 @@ def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
     return tables
 
 
-def _reported_parts(outcome: Outcome) -> list[Part]:
-    """Tabulate what robots reported at the end; nothing if they report nothing."""
-    table = outcome.reported
-    if table.is_empty():
-        return []
+def _reported_parts(table: pl.DataFrame) -> list[Part]:
+    """Tabulate what robots reported at the end (``Outcome.reported``)."""
     is_array = pl.col("index").max().over("cell", "report") > 0
     place = pl.when(is_array).then(pl.col("index").cast(pl.String)).otherwise(pl.lit(""))
     headings = [report_heading(*each) for each in table.select("report", place, "unit").iter_rows()]
@@ -341,11 +364,8 @@ _AGAIN_WORDS: Final = (
 )
 
 
-def _compared_parts(outcome: Outcome) -> list[Part]:
+def _compared_parts(outcome: Outcome, table: pl.DataFrame) -> list[Part]:
     """Return how comparisons are made, a table for each figure, and their figures."""
-    table = outcome.tables.get("comparisons")
-    if table is None:
-        return []
     figures = dict.fromkeys(table["figure"])
     tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in figures)
     title, words = "How they compare", _COMPARED_WORDS
@@ -379,7 +399,7 @@ def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
         words = pl.col("confirmed").replace_strict({True: "confirmed", False: "not confirmed"}, default=None)
         # A dash: not repeated, as runs of the second block failed.
         table = table.with_columns(confirmed=words)
-    rows = table.filter(pl.col("figure") == figure.by_run).select(with_limits_of(columns, table.columns))
+    rows = table.filter(figure=figure.by_run).select(with_limits_of(columns, table.columns))
     caption = f"{figure.title[0].upper()}{figure.title[1:]}: first - second."
     return Table(rows, columns, caption=caption, name=f"compared-{figure.by_run}", folded=True)
 
@@ -393,11 +413,8 @@ _EQUAL_ERROR_WORDS: Final = (
 )
 
 
-def _equal_error_section(outcome: Outcome) -> Section:
-    """Tabulate the comparisons at equal error and at equal time; without any, the section has no parts."""
-    frame = outcome.tables.get("equal_error")
-    if frame is None:
-        return Section("At equal error", ())
+def _equal_error_parts(frame: pl.DataFrame) -> tuple[Part, ...]:
+    """Tabulate the comparisons at equal error and at equal time."""
     columns = {
         "name": Column("compared"),
         "error": Column("at the forced error", share=True),
@@ -412,7 +429,7 @@ def _equal_error_section(outcome: Outcome) -> Section:
         "runs": Column("runs"),
     }
     table = Table(frame.select(with_limits_of(columns, frame.columns)), columns, name="equal_error")
-    return Section("At equal error", (Text(_EQUAL_ERROR_WORDS), table), wide=True)
+    return Text(_EQUAL_ERROR_WORDS), table
 
 
 _REFERENCE_WORDS: Final = (
@@ -443,14 +460,11 @@ _REFERENCE_COLUMNS: Final = {
 }
 
 
-def _reference_parts(outcome: Outcome) -> tuple[Part, ...]:
-    """Return the table of references by cell, and what they are; nothing without references.
+def _reference_parts(references: Sequence[References], table: pl.DataFrame) -> tuple[Part, ...]:
+    """Return the table of references by cell, and what they are.
 
     Cells with few stored runs have fewer runs than the caption gives.
     """
-    table, references = outcome.tables.get("references"), outcome.references
-    if table is None:
-        return ()
     # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
     runs = max(reference.runs for reference in references)

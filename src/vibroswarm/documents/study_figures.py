@@ -17,6 +17,7 @@ from scipy.special import betainc
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, drawn_of, first_of, stated
+from vibroswarm.documents.cell_figures import TIME_AND_ERROR
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
@@ -259,10 +260,12 @@ def _spread(outcome: Outcome, style: str) -> Picture:
 
     A run without consensus has no such time (null); it is counted as "without consensus".
     """
-    frames = []
-    for cell_outcome in outcome.cells:
-        _, runs = outcome.result.tables(cell_outcome.cell.number)
-        frames.append(runs.select(cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"))
+    frames = [
+        outcome.result.tables(one.cell.number)[1].select(
+            cell=pl.lit(name_of(one.cell)), value="consensus_time_s"
+        )
+        for one in outcome.cells
+    ]
     return draw_boxes(
         pl.concat(frames),
         label="consensus time (s)",
@@ -294,13 +297,7 @@ def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
 
     The forced error is the share of robots that are wrong, or undecided and leaning to the wrong side.
     """
-    ends = ("", "_low", "_high")
-    frame = table.filter(pl.col("cell").is_in(cells)).select(
-        "runs",
-        name="label",
-        **{f"time{end}": f"decision_time_s{end}" for end in ends},
-        **{f"error{end}": f"forced_error{end}" for end in ends},
-    )
+    frame = table.filter(pl.col("cell").is_in(cells)).select("runs", name="label", **TIME_AND_ERROR)
     return draw_front(frame, error_label="forced error", percent=True, style=style)
 
 
@@ -311,7 +308,7 @@ def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
         figure = BY_COLUMN[name]
         scale, unit = (100.0, "percentage points") if figure.is_share else (1.0, figure.unit)
         # the differences in the study's own runs, not in a second block from another seed
-        frame = table.filter(pl.col("figure") == name).select(
+        frame = table.filter(figure=name).select(
             "wins", "ties", "losses", comparison="name", runs="pairs", difference=scale * pl.col("difference"),
             low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),
         )  # fmt: skip

@@ -208,9 +208,9 @@ def _seen(tracking: Tracking, doubts: Sequence[Doubt]) -> list[Section]:
     frames = tracking.detections.time_s.size
     rows = []
     for name, edge in zip(names, np.nan_to_num(tracking.detections.edge_px()).tolist(), strict=True):
-        own = gaps.filter(pl.col("robot") == name)
-        seen = tracking.positions.filter(pl.col("robot") == name).height / frames
-        stops = tracking.stops.filter(pl.col("robot") == name).height
+        own = gaps.filter(robot=name)
+        seen = tracking.positions.filter(robot=name).height / frames
+        stops = tracking.stops.filter(robot=name).height
         longest = float((own["end_s"] - own["start_s"]).max()) if own.height else 0.0  # type: ignore[arg-type]
         rows.append((name, seen, own.height, longest, stops, edge))
     table = pl.DataFrame(

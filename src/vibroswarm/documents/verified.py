@@ -29,11 +29,7 @@ def verified_document(verified: Verified) -> Document:
             f"NOT VERIFIED: {runs} {were} simulated again, and {whole(differing)} came out differently.",
         )
     table = verified.runs.filter(~verified.runs["same"]).select("cell", "run", "tables")
-    columns = {
-        "cell": Column("cell"),
-        "run": Column("run"),
-        "tables": Column("tables that differ", prose=True),
-    }
+    columns = {"tables": Column("tables that differ", prose=True)}
     if not any(verified.runs["cell"]):
         table = table.drop("cell")
     return Document(

@@ -86,7 +86,7 @@ def draw_incidence(
     figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title)
     few_ticks(axes.xaxis, sizes)
     end = max(most(frame["time_s"]), t_end or 0.0)
-    parts = [thinned(_checked(frame.filter(pl.col("series") == name).sort("time_s"))) for name in series]
+    parts = [thinned(_checked(frame.filter(series=name).sort("time_s"))) for name in series]
     looks = looks_of(series)
     for index, part in enumerate(parts):
         _curve(axes, sizes, part, looks[index], index=index, series=len(series), end=end)
@@ -264,7 +264,7 @@ def draw_belief(
     around = sizes.font_pt * (4 if title else 2.5) / 72  # height of the axis label and the title
     figure = new_figure(sizes, height_in=panel_in * len(series) + around, title=title)
     panels = figure.subplots(len(series), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    parts = [thinned(frame.filter(pl.col("series") == name).sort("time_s")) for name in series]
+    parts = [thinned(frame.filter(series=name).sort("time_s")) for name in series]
     for axes, part, name in zip(panels, parts, series, strict=True):
         _panel(axes, sizes, part, pairs, thresholds, boundary)
         axes.set_ylabel(label)

@@ -246,7 +246,7 @@ def draw_along(
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(style, *labels, title=title)
     few_ticks(axes.xaxis, style)
-    parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
+    parts = [frame.filter(series=name).sort("x") for name in series]
     looks = looks_of(series)
     are_constant = [
         name in constant if constant else is_constant(part) for name, part in zip(series, parts, strict=True)

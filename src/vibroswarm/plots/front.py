@@ -151,7 +151,7 @@ def _points(axes: Any, style: Style, known: pl.DataFrame, looks: dict[str, Look]
     many = known.height > VECTORS_UP_TO
     line = style.line_pt
     for front, plain_colour, order in ((False, FAINT, 2), (True, SERIES[0], 3)):
-        of_kind = known.filter(pl.col("front") == front)
+        of_kind = known.filter(front=front)
         parts = of_kind.partition_by("name", maintain_order=True) if looks else [of_kind]
         for part in parts:
             look = looks.get(part["name"][0]) if part.height else None

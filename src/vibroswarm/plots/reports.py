@@ -39,7 +39,7 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
     told = reports_over_time(result, run)
     told = told.with_columns(pl.when(pl.col("value").abs() < LARGEST).then("value"))  # others cannot be drawn
     headings = report_headings(result, told["name"].unique().to_list())
-    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
+    truth = result.runs.filter(run=run)["fill_ratio"][0]
     return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)
 
 
@@ -75,7 +75,7 @@ def draw_reports(
     down = math.ceil(len(names) / ACROSS)
     figure = new_figure(sizes, height_in=0.62 * sizes.height_in * down + 0.4, title=title)
     for axes, name in zip(panels_of(figure, len(names), ACROSS, sharex=True), names, strict=True):
-        _draw_panel(axes, frame.filter(pl.col("name") == name), sizes.line_pt)
+        _draw_panel(axes, frame.filter(name=name), sizes.line_pt)
         if name in estimates and truth is not None:
             axes.axhline(truth, color=INK, lw=sizes.line_pt * 0.8, ls=(0, (4, 2)))
         axes.set_title(headings.get(name, name.replace("_", " ")), fontsize=sizes.small_pt)

@@ -129,7 +129,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     scale = 6.4 / max(width, height)  # inches per metre
     # Neither side of the arena gets less than 2.4 in, so that title and legend have room also with a narrow arena.
     # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height.
-    floor, end_s = result.floor(run), result.runs.filter(pl.col("run") == run)["end_s"][0]
+    floor, end_s = result.floor(run), result.runs.filter(run=run)["end_s"][0]
     small = _small_floors(floor, end_s)
     figure = Figure(
         figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + (2.8 if small else 1.2)),
@@ -262,7 +262,7 @@ def _draw_paths(axes: Axes, result: Result, run: int) -> None:
     """
     if result.segments is None:
         return
-    ends = result.ends.filter(pl.col("run") == run)
+    ends = result.ends.filter(run=run)
     for robot, end_s in ends.select("robot", "end_s").iter_rows():
         times = np.arange(0.0, end_s, 1.0 / POINTS_PER_S)
         path = pose(result.segments, run, robot, times)
@@ -277,9 +277,7 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
     """
     from matplotlib.path import Path as Outline
 
-    samples = result.motion.filter(pl.col("run") == run).join(
-        result.observations, on=["run", "robot", "sample"]
-    )
+    samples = result.motion.filter(run=run).join(result.observations, on=["run", "robot", "sample"])
     observation, tile = samples["observation"].to_numpy(), samples["tile"].to_numpy()
     # a sample beside the floor has tile -1, and cannot be misread
     kinds = kinds_at(result.floor(run), tile, samples["time_s"].to_numpy())
@@ -324,8 +322,8 @@ def _draw_robots(axes: Axes, result: Result, run: int) -> None:
 
     The shape and colour of a robot show its decision. A robot whose decision is not logged is drawn as undecided.
     """
-    ends = result.ends.filter(pl.col("run") == run)
-    decisions = dict(result.robots.filter(pl.col("run") == run).select("robot", "decision").iter_rows())
+    ends = result.ends.filter(run=run)
+    decisions = dict(result.robots.filter(run=run).select("robot", "decision").iter_rows())
     # The first robot with a decision takes the label of this decision, so that the legend has each label once.
     answers = enumerate(answers_of(result.scenario))
     words = {-1: "robot: undecided"} | {decision: f"robot: {answer}" for decision, answer in answers}
@@ -358,7 +356,7 @@ def draw_run(result: Result, run: int = 0, *, caption: str = "", style: str = "c
     Raises:
         InputError: the result has no run of that number.
     """
-    samples = result.motion.filter(pl.col("run") == run).select("robot", "sample", "x_m", "y_m")
+    samples = result.motion.filter(run=run).select("robot", "sample", "x_m", "y_m")
     return Picture(run_figure(result, run), samples, caption or f"Floor, paths and samples of run {run}.")
 
 
@@ -394,7 +392,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     from matplotlib.colors import LinearSegmentedColormap, to_rgb
     from matplotlib.figure import Figure
 
-    of_run = maps.filter(pl.col("run") == run)
+    of_run = maps.filter(run=run)
     each = of_run["robot"].drop_nulls().unique().sort().to_list()
     robots = each[:MOST_MAPS]
     maps_drawn = 1 + len(robots)

@@ -131,7 +131,7 @@ def draw_parameters(
         raise InputError("lies outside 0 to 1; give shares of the bounds", field="share")
     figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title)
     for index, name in enumerate(series):
-        part = frame.filter(pl.col("series") == name).sort("iteration")
+        part = frame.filter(series=name).sort("iteration")
         line = series_handle(sizes, look(index))
         line.set_data(part["iteration"], part["share"])
         line.set_markevery(max(part.height // 8, 1))  # about eight marks per curve

@@ -47,7 +47,7 @@ def draw_spectrum(
     figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)
     looks = looks_of(series)
     for name, look in zip(series, looks, strict=True):
-        part = frame.filter(pl.col("series") == name).sort("hz")
+        part = frame.filter(series=name).sort("hz")
         axes.plot(
             part["hz"],
             part["amplitude"],

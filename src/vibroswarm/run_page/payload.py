@@ -15,50 +15,32 @@ Numeric columns are packed: their bytes are encoded in base64.
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import radians
 from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.special import betainc
 
 from vibroswarm.analysis.message_log import MessageLog
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import check_choice
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
-from vibroswarm.scenario.fault_draws import fault_words
-from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.tasks.fill_ratio import ON_THE_BOUNDARY
 
-COLUMNS = {
-    "motion": ("robot", "sample", "stop_start_s", "time_s", "x_m", "y_m", "heading_rad"),
-    "segments": ("robot", "start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s", "kind"),
-    "observations": ("robot", "sample", "tile", "energy", "observation"),
-    "inference": (
-        "robot",
-        "sample",
-        "message",
-        "alpha",
-        "beta",
-        "messages_received",
-        "belief_below",
-        "decision",
-    ),
-    "robots": (
-        "robot",
-        "decision",
-        "decision_time_s",
-        "belief_at_decision",
-        "alpha",
-        "beta",
-        "samples",
-        "sent",
-        "messages_received",
-    ),
-}
-"""The columns that the page reads from each table, which may have more."""
+ROBOT_COLUMNS = (
+    "robot",
+    "decision",
+    "decision_time_s",
+    "belief_at_decision",
+    "alpha",
+    "beta",
+    "samples",
+    "sent",
+    "messages_received",
+)
+"""Columns of the table of robots that the page has."""
 
 OUTCOMES = ("right", "wrong", "split", "incomplete", "truth_undefined")
 """Outcomes of the swarm: all robots decided rightly, or all wrongly; their decisions differ (``split``); a robot is
@@ -75,49 +57,21 @@ class MapsOverTime(NamedTuple):
     pooled map alone."""
 
 
-class ReportOverTime(NamedTuple):
-    """A value that robots report after each sample."""
-
-    name: str
-    """Its name and unit."""
-    values: NDArray[np.float32]
-    """(samples,), sorted by robot and sample; nan: none yet."""
-    truth: float | None
-    """The number that it estimates, if it does."""
-
-
-class Estimates(NamedTuple):
-    """What robots say to a task that asks for a number, in words."""
-
-    asked: str
-    """The number that the task asks for, such as "share of tiles that vibrate"."""
-    true: str
-    """The right number."""
-    told: str
-    """The range of the robots' estimates; empty if there are none."""
-    sure: str
-    """A sentence on how good they are."""
-    of_robots: tuple[str, ...]
-    """The estimate of each robot."""
-
-
 @dataclass(frozen=True, eq=False)
 class RunRecord:
     """One run for a page. Lengths in m, times in s, angles in rad.
 
-    The tables may have more columns than ``COLUMNS``. Arena coordinates begin at the lower left corner of the walls; x
-    points right, y up.
+    The tables are those of a result, of this run alone. Arena coordinates begin at the lower left corner of the walls;
+    x points right, y up.
 
     Raises:
-        InputError: a table lacks a column, or ``consensus`` is unknown.
+        InputError: ``consensus`` is unknown.
     """
 
     title: str
     """Heading of the page; any text."""
-    arena_width_m: float
-    """Width of the arena, m: x of its right wall."""
-    arena_height_m: float
-    """Height of the arena, m: y of its upper wall."""
+    arena: Mapping[str, float]
+    """Its ``width_m`` and ``height_m``: x of its right wall and y of its upper wall, m."""
     floor: Floor
     """The tiles, in arena coordinates."""
     t_end_s: float
@@ -144,63 +98,25 @@ class RunRecord:
     """Belief, decision and messages of a robot after each of its samples."""
     robots: pl.DataFrame
     """One row per robot: its outcome."""
-    min_observations: int = 0
-    """Observations that a robot needs before it may decide."""
-    gate: str = "total"
-    """What ``min_observations`` counts, as the scenario's ``decision.gate``."""
-    gate_counts_current: bool = False
-    """Whether ``min_observations`` counts the current sample too."""
-    gated: bool = True
-    """Whether the strategy waits for ``min_observations`` before it decides."""
-    credible_threshold: float = 0.95
-    """p_c: belief in an answer at which a robot decides."""
-    decides_by_belief: bool = True
-    """Whether the strategy compares beliefs with p_c; others decide by rules of their own."""
-    decision_boundary: float = 0.5
-    """Boundary of the fill ratio between decisions 0 and 1."""
-    readings_boundary: float | None = None
-    """Share of ones that robots compare their readings with; None: ``decision_boundary``."""
+    rule: Mapping[str, Any]
+    """How robots decide, as the page's scripts read it (``write.rule_of``)."""
+    body: Mapping[str, Any]
+    """A robot's body and its rays, as the page's scripts read them (``write.body_of``)."""
     expected_ones: float | None = None
-    """Expected share of ones on this floor, shown instead of the fill ratio if ``readings_boundary`` differs from
-    ``decision_boundary``; None: the fill ratio."""
-    prior_alpha: int = 1
-    """First parameter of the prior, see ``prior_beta``."""
-    prior_beta: int = 1
-    """Parameters of the prior Beta(prior_alpha, prior_beta) of the share of ones."""
+    """Expected share of ones on this floor, shown instead of the fill ratio if robots compare their readings with
+    another share than the boundary; None: the fill ratio."""
     tick_s: float = 0.02
     """The robots' control period, s."""
-    body_radius_m: float = 0.015
-    """Radius of a robot's body, m."""
-    ray_forward_m: float = 0.008
-    """Distance in front of the robot's centre at which rays start, m."""
-    ray_sides_m: tuple[float, ...] = (0.0, 0.0075, -0.0075)
-    """For each ray, the distance to the left at which it starts, m."""
-    ray_angles_rad: tuple[float, ...] = (0.0, radians(27), -radians(27))
-    """For each ray, its angle to the robot's heading, rad."""
-    ray_range_m: float = 0.15
-    """Length of the rays, m."""
-    ray_disc_radius_m: float = 0.0055
-    """Radius of other robots as seen by rays, m."""
-    avoidance_threshold_m: float = 0.055
-    """Distance at which a robot avoids an obstacle, m."""
     truth: int | None = None
-    """The right decision, None if neither is; used only with ``answers``, since else the fill ratio gives it."""
+    """The right decision, None if neither is; used only if the question is not about the fill ratio, which gives it."""
     notes: tuple[str, ...] = ()
     """Sentences to be read before the question, such as that robots knew their true places."""
-    answers: tuple[str, ...] | None = None
-    """Meaning of decisions 0, 1 and so on, if the question is not about the fill ratio."""
-    estimates: Estimates | None = None
-    """The robots' estimates; None if the task asks for a decision."""
-    asked_anew: bool = False
-    """Whether what is right depends on each robot's own last answer."""
-    decides: str = "once"
-    """Whether robots decide once, or hold an "opinion" that may change (``strategies.base.Strategy.decides``)."""
-    opinions: bool = False
-    """Whether robots count conclusions of others as readings (``analysis.verdict.holds_opinions``)."""
+    estimates: Mapping[str, Any] | None = None
+    """What robots say to a task that asks for a number, in words; None: it asks for a decision."""
     kinds: int = 2
     """Number of kinds of tile, or of classes of readings if they are more."""
-    faults: tuple[tuple[int, str, float, bool], ...] = ()
-    """For each fault: robot, kind in words, time at which it begins (s), whether it stops the robot for good."""
+    faults: tuple[Mapping[str, Any], ...] = ()
+    """For each fault: robot, ``fault`` in words, ``from_s``, and whether it ``stops`` the robot for good."""
     details: dict[str, str] = field(default_factory=dict)
     """Further texts in the page's footer, by name."""
     places: pl.DataFrame | None = None
@@ -208,24 +124,20 @@ class RunRecord:
     and, if known, the smoothed place of an earlier sample (``LAGGED_COLUMNS``)."""
     maps: MapsOverTime | None = None
     """The robots' maps of the floor; None: they keep none."""
-    reports: tuple[ReportOverTime, ...] = ()
-    """What robots report over time, of each value that is shown."""
+    reports: tuple[Mapping[str, Any], ...] = ()
+    """What robots report, of each value that is shown: its ``name`` and unit; its ``values`` after each sample, packed,
+    sorted by robot and sample (nan: none yet); and the ``truth``, the number that it estimates, if it does."""
     reported: int = 0
     """Number of values that robots report; those that ``reports`` lacks are not shown."""
     radio: MessageLog | None = None
     """The run's messages; None: every robot hears all messages, or it is not known which robots heard them."""
 
     def __post_init__(self) -> None:
-        """Check the columns of the tables, and the consensus.
+        """Check the consensus.
 
         Raises:
-            InputError: a table lacks a column, or ``consensus`` is unknown.
+            InputError: it is unknown.
         """
-        for table, columns in COLUMNS.items():
-            frame: pl.DataFrame = getattr(self, table)
-            missing = [name for name in columns if name not in frame.columns]
-            if missing:
-                raise InputError(f"the table has no column {', '.join(missing)}", field=table)
         check_choice(self.consensus, "consensus", OUTCOMES)
 
     @property
@@ -234,11 +146,10 @@ class RunRecord:
 
         For a question that is not about the fill ratio, it is ``truth``.
         """
-        if self.answers is not None:
+        if self.rule["answers"] is not None:
             return self.truth
-        if abs(self.fill_ratio - self.decision_boundary) < ON_THE_BOUNDARY:
-            return None
-        return int(self.fill_ratio > self.decision_boundary)
+        beyond = self.fill_ratio - self.rule["boundary"]
+        return None if abs(beyond) < ON_THE_BOUNDARY else int(beyond > 0.0)
 
 
 TIME_QUANTUM_S = 0.001
@@ -321,8 +232,8 @@ def payload(record: RunRecord) -> dict[str, Any]:
 
     Samples and places are packed columns (``packed_column``), sorted by robot and sample; a missing message is
     ``UNKNOWN``, any other missing value nan. The radio's messages are packed too, and the maps, with beliefs rounded to
-    1/255. Trajectories are rounded, thinned and packed (``packed_track``). The prior's belief is computed (``_rule``).
-    Everything else has the record's values.
+    1/255. Trajectories are rounded, thinned and packed (``packed_track``). Everything else has
+    the record's values.
     """
     samples = _joined(record)
     return {
@@ -331,12 +242,12 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "strategy": record.strategy,
         "seed": None if record.seed is None else int(record.seed),
         "run": int(record.run),
-        "arena": {"width_m": float(record.arena_width_m), "height_m": float(record.arena_height_m)},
+        "arena": dict(record.arena),
         "floor": _floor(record),
         **({"kinds": record.kinds} if record.kinds > 2 else {}),
-        "body": _body(record),
+        "body": dict(record.body),
         "time": {"tick_s": float(record.tick_s), "end_s": float(record.t_end_s)},
-        "rule": _rule(record),
+        "rule": dict(record.rule),
         "truth": {
             "fill_ratio": float(record.fill_ratio),
             "ones": float(record.fill_ratio if record.expected_ones is None else record.expected_ones),
@@ -344,44 +255,26 @@ def payload(record: RunRecord) -> dict[str, Any]:
         },
         "notes": list(record.notes),
         "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
-        "estimates": None if record.estimates is None else record.estimates._asdict(),
-        "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
+        "estimates": None if record.estimates is None else dict(record.estimates),
+        "robots": record.robots.select(ROBOT_COLUMNS).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(samples).items()},
         "places": None if record.places is None else _places(samples, record.places),
         "maps": None if record.maps is None else _maps(record.maps),
-        **({"reports": _reports(record), "reported": record.reported} if record.reports else {}),
+        **({"reports": list(record.reports), "reported": record.reported} if record.reports else {}),
         "poses": _poses(record),
-        "faults": [
-            {"robot": robot, "fault": words, "from_s": from_s, "stops": stops}
-            for robot, words, from_s, stops in record.faults
-        ],
+        "faults": list(map(dict, record.faults)),
         "radio": None if record.radio is None else _radio(record.radio),
         "details": [[str(name), str(text)] for name, text in record.details.items()],
     }
-
-
-def _reports(record: RunRecord) -> list[dict[str, Any]]:
-    return [
-        {"name": name, "values": packed_column(values), "truth": truth}
-        for name, values, truth in record.reports
-    ]
-
-
-def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]:
-    """Convert a run's table of faults to the field ``faults`` of ``RunRecord``.
-
-    Returns: for each fault: robot, kind in words, time at which it begins (s), whether it stops the robot for good.
-    """
-    return tuple(
-        (row["robot"], fault_words(row["fault"]), row["from_s"], row["fault"] in MOTION_FAULTS)
-        for row in faults.to_dicts()
-    )
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:
     """Return the floor for the page; its tiles at time 0 are text of their kinds, row by row from the top."""
     floor = record.floor
     rows, columns = floor.tiles.shape
+    patches = [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.surface.patches]
+    # time (s), tile and new kind of each change, in the order of time
+    changes = list(zip(*(column.tolist() for column in floor.changes), strict=True))
     return {
         "name": floor.name,
         "rows": rows,
@@ -392,55 +285,8 @@ def _floor(record: RunRecord) -> dict[str, Any]:
         "bottom_m": float(floor.bottom_m),
         "tiles": "".join(rows_of(floor.tiles)),
         "has_values": floor.surface.values is not None,
-        **({"patches": _patches(floor)} if floor.surface.patches else {}),
-        **({"changes": _changes(floor)} if floor.is_changing else {}),
-    }
-
-
-def _patches(floor: Floor) -> list[tuple[float, float, float, float, bool, float]]:
-    """Return centre, width and height (m) of each patch, whether it is a disc, and its contrast."""
-    return [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.surface.patches]
-
-
-def _changes(floor: Floor) -> list[tuple[float, int, int]]:
-    """Return time (s), tile and new kind of each change, in the order of time."""
-    return list(zip(*(column.tolist() for column in floor.changes), strict=True))
-
-
-def _body(record: RunRecord) -> dict[str, Any]:
-    """Return the geometry of a robot's body and rays for the page."""
-    return {
-        "radius_m": float(record.body_radius_m),
-        "ray_forward_m": float(record.ray_forward_m),
-        "ray_sides_m": [float(side) for side in record.ray_sides_m],
-        "ray_angles_rad": [float(angle) for angle in record.ray_angles_rad],
-        "ray_range_m": float(record.ray_range_m),
-        "ray_disc_radius_m": float(record.ray_disc_radius_m),
-        "avoidance_threshold_m": float(record.avoidance_threshold_m),
-    }
-
-
-def _rule(record: RunRecord) -> dict[str, Any]:
-    """Return the decision rule for the page: thresholds, boundaries, prior, gate and answers."""
-    prior = (record.prior_alpha, record.prior_beta)
-    tested = record.decision_boundary if record.readings_boundary is None else record.readings_boundary
-    return {
-        "credible_threshold": float(record.credible_threshold),
-        "boundary": float(record.decision_boundary),
-        "tested": float(tested),
-        "prior_alpha": prior[0],
-        "prior_beta": prior[1],
-        # Belief before the first sample: P(share of ones < tested).
-        "prior_belief": float(betainc(*prior, tested)),
-        "min_observations": int(record.min_observations),
-        "gate": record.gate,
-        "gate_counts_current": record.gate_counts_current,
-        "gated": record.gated,
-        "by_belief": record.decides_by_belief,
-        "answers": None if record.answers is None else list(record.answers),
-        "asked_anew": record.asked_anew,
-        "decides": record.decides,
-        "opinions": record.opinions,
+        **({"patches": patches} if patches else {}),
+        **({"changes": changes} if floor.is_changing else {}),
     }
 
 

@@ -14,12 +14,14 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from scipy.special import betainc
 
 from vibroswarm.analysis.floor_maps import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import (
+    Verdict,
     estimates_in_words,
     holds_opinions,
     strategy_name,
@@ -33,15 +35,10 @@ from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.run_page.payload import (
-    Estimates,
-    MapsOverTime,
-    ReportOverTime,
-    RunRecord,
-    fault_rows,
-    payload,
-)
+from vibroswarm.run_page.payload import MapsOverTime, RunRecord, packed_column, payload
 from vibroswarm.scenario.change_fields import change_words
+from vibroswarm.scenario.fault_draws import fault_words
+from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.static_analysis import fields_read
@@ -173,30 +170,41 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
-    floor_at_end = floor.at(summary["end_s"])
+    floor_at_end, size_m = floor.at(summary["end_s"]), (scenario.arena.width_m, scenario.arena.height_m)
+    rule = rule_of(scenario)
+    found = None if scenario.task.name == "fill_ratio" else verdict(result, run)
+    if found is not None:
+        rule |= {"answers": list(found.answers), "asked_anew": found.asked_anew}
     return RunRecord(
         title=title or f"{count(scenario.swarm.robots, 'robot')} on {floor.name}",
+        arena=dict(zip(("width_m", "height_m"), size_m, strict=True)),
         floor=floor,
         t_end_s=summary["end_s"],
+        strategy=strategy_name(scenario.strategy.name),
         seed=result.seed,
         run=run,
         # That of the table of runs is the number that the task asks for, if it asks for one.
-        fill_ratio=floor_at_end.fill_ratio_within(scenario.arena.width_m, scenario.arena.height_m),
+        fill_ratio=floor_at_end.fill_ratio_within(*size_m),
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
         truth=summary["truth"],
         segments=result.segments.filter(of_run),
         **{name: getattr(result, name).filter(of_run) for name in RECORDED_TABLES},
-        faults=() if result.faults is None else fault_rows(result.faults.filter(of_run)),
+        rule=rule,
+        body=body_of(scenario),
+        tick_s=scenario.tick_s,
+        expected_ones=expected_ones_on(scenario.sensor, floor_at_end, size_m)
+        if rule["tested"] != rule["boundary"]
+        else None,
+        kinds=max(scenario.sensor.kinds, scenario.sensor.readings),
+        estimates=None if found is None else _estimates_in(found),
+        faults=() if result.faults is None else _faults_in(result.faults.filter(of_run)),
         places=None if result.places is None else result.places.filter(of_run),
         maps=_maps_of(result, run, summary["end_s"]),
         radio=_radio_of(result, run),
         **_reports_of(result, run),
         notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
         details=_details_of(result),
-        **_rules_of(scenario, floor_at_end),
-        **_asked(result, run),
-        **_bodies_of(scenario),
     )
 
 
@@ -204,64 +212,72 @@ RECORDED_TABLES: Final = ("motion", "observations", "inference", "robots")
 """Tables of a result of which the page holds the rows of its run."""
 
 
-def _rules_of(scenario: Scenario, floor_at_end: Floor) -> dict[str, Any]:
-    """Return how robots read and decide, by name of the record's field."""
-    decision = scenario.decision
-    boundary, tested = decision.decision_boundary, readings_boundary(scenario)
-    size_m = (scenario.arena.width_m, scenario.arena.height_m)
-    strategy = strategy_of(scenario.strategy.name)
+def rule_of(scenario: Scenario) -> dict[str, Any]:
+    """Return how robots decide on the fill ratio, by the names that the page's scripts read.
+
+    ``prior_belief`` is the belief before the first sample: P(share of ones < tested).
+    """
+    decision, strategy = scenario.decision, strategy_of(scenario.strategy.name)
+    prior, tested = (decision.prior_alpha, decision.prior_beta), readings_boundary(scenario)
     read = fields_read(strategy)
     return {
-        "strategy": strategy_name(scenario.strategy.name),
-        "decides": strategy.decides,
-        "opinions": holds_opinions(scenario),
+        "credible_threshold": decision.credible_threshold,
+        "boundary": decision.decision_boundary,
+        "tested": float(tested),
+        "prior_alpha": prior[0],
+        "prior_beta": prior[1],
+        "prior_belief": float(betainc(*prior, tested)),
         "min_observations": decision.min_observations,
         "gate": decision.gate,
         "gate_counts_current": decision.gate_counts_current,
         "gated": "min_observations" in read,
-        "credible_threshold": decision.credible_threshold,
-        "decides_by_belief": "credible_threshold" in read,
-        "decision_boundary": boundary,
-        "readings_boundary": tested,
-        "expected_ones": expected_ones_on(scenario.sensor, floor_at_end, size_m)
-        if tested != boundary
-        else None,
-        "prior_alpha": decision.prior_alpha,
-        "prior_beta": decision.prior_beta,
-        "kinds": max(scenario.sensor.kinds, scenario.sensor.readings),
+        "by_belief": "credible_threshold" in read,
+        "answers": None,
+        "asked_anew": False,
+        "decides": strategy.decides,
+        "opinions": holds_opinions(scenario),
     }
 
 
-def _asked(result: Result, run: int) -> dict[str, Any]:
-    """Return what the task asks for, if that is not the majority, and what the robots estimate."""
-    if result.scenario.task.name == "fill_ratio":
-        return {}
-    found = verdict(result, run)
-    estimates = None
-    if found.estimated:
-        of_robots = (
-            "\u2013" if robot.estimate is None else number(robot.estimate, 3) for robot in found.robots
-        )
-        true = number(found.fill_ratio, digits=4)
-        estimates = Estimates(found.estimated, true, *estimates_in_words(found), tuple(of_robots))
-    return {"answers": found.answers, "estimates": estimates, "asked_anew": found.asked_anew}
-
-
-def _bodies_of(scenario: Scenario) -> dict[str, Any]:
-    """Return the arena, the robots' bodies and their rays, by name of the record's field."""
+def body_of(scenario: Scenario) -> dict[str, Any]:
+    """Return the geometry of a robot's body and rays, by the names that the page's scripts read."""
     rays = scenario.rays
     return {
-        "arena_width_m": scenario.arena.width_m,
-        "arena_height_m": scenario.arena.height_m,
-        "tick_s": scenario.tick_s,
-        "body_radius_m": scenario.robot.body_radius_m,
+        "radius_m": scenario.robot.body_radius_m,
         "ray_forward_m": rays.forward_m,
-        "ray_sides_m": tuple(rays.side_m),
-        "ray_angles_rad": tuple(math.radians(angle) for angle in rays.angle_deg),
+        "ray_sides_m": list(rays.side_m),
+        "ray_angles_rad": [math.radians(angle) for angle in rays.angle_deg],
         "ray_range_m": rays.range_m,
         "ray_disc_radius_m": rays.disc_radius_m,
         "avoidance_threshold_m": scenario.walk.avoidance_threshold_mm / 1000.0,
     }
+
+
+def _estimates_in(found: Verdict) -> dict[str, Any] | None:
+    """Return what robots say to a task that asks for a number, in words; None if it asks for a decision.
+
+    Those are the number that is asked for, the right one, the range of the estimates (empty if there are none), a
+    sentence on how good they are, and the estimate of each robot.
+    """
+    if not found.estimated:
+        return None
+    told, sure = estimates_in_words(found)
+    each = ["\u2013" if robot.estimate is None else number(robot.estimate, 3) for robot in found.robots]
+    true = number(found.fill_ratio, digits=4)
+    return {"asked": found.estimated, "true": true, "told": told, "sure": sure, "of_robots": each}
+
+
+def _faults_in(faults: pl.DataFrame) -> tuple[dict[str, Any], ...]:
+    """Return the faults of a run, by the names that the page's scripts read."""
+    return tuple(
+        {
+            "robot": row["robot"],
+            "fault": fault_words(row["fault"]),
+            "from_s": row["from_s"],
+            "stops": row["fault"] in MOTION_FAULTS,
+        }
+        for row in faults.to_dicts()
+    )
 
 
 def _details_of(result: Result) -> dict[str, Any]:
@@ -320,17 +336,17 @@ def _reports_of(result: Result, run: int) -> dict[str, Any]:
         return {}
     every_name = told["name"].unique(maintain_order=True).to_list()
     names = every_name[:MOST_REPORTS]
-    samples = result.motion.filter(pl.col("run") == run).sort("robot", "sample").select("robot", "time_s")
+    samples = result.motion.filter(run=run).sort("robot", "sample").select("robot", "time_s")
     wide = told.pivot("name", index=["robot", "time_s"], values="value")
     values = samples.join(wide, on=["robot", "time_s"], how="left", maintain_order="left")
     headings, estimates = report_headings(result, names), estimates_of(result)
-    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
+    truth = result.runs.filter(run=run)["fill_ratio"][0]
     reports = tuple(
-        ReportOverTime(
-            headings[name],
-            values[name].fill_null(math.nan).to_numpy().astype(np.float32),
-            truth if name in estimates else None,
-        )
+        {
+            "name": headings[name],
+            "values": packed_column(values[name].fill_null(math.nan).to_numpy().astype(np.float32)),
+            "truth": truth if name in estimates else None,
+        }
         for name in names
     )
     return {"reports": reports, "reported": len(every_name)}

@@ -6,7 +6,7 @@ is decided by who shows it: ``terminal``, ``page``, ``notebook`` and ``data``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -259,6 +259,16 @@ def walk(parts: tuple[Part, ...]) -> Iterator[Part]:
         yield part
         if isinstance(part, Section):
             yield from walk(part.parts)
+
+
+def if_any(found: Sized | None, make: Callable[[Any], Iterable[Part]]) -> tuple[Part, ...]:
+    """Return the parts that ``make`` makes of a table or list; none if there is none, or it has no rows."""
+    return () if found is None or len(found) == 0 else tuple(make(found))
+
+
+def with_content(parts: Iterable[Part]) -> tuple[Part, ...]:
+    """Return parts without the sections that have no parts."""
+    return tuple(part for part in parts if not isinstance(part, Section) or part.parts)
 
 
 def without_pictures(document: Document) -> Document:
