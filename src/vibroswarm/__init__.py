@@ -16,7 +16,7 @@ listen_to_ctrl_c()
 
 import lazy_loader  # noqa: E402 - it must not be a file of the working folder
 
-from vibroswarm.core.displayed import above  # noqa: E402 - as above
+from vibroswarm.core.notebook_view import above  # noqa: E402 - as above
 
 
 def _as_html(value: object) -> str:

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from vibroswarm import Result, Scenario, preset, simulate
-from vibroswarm.analysis.claimed_rates import claims_warnings
 from vibroswarm.analysis.decidability import decidability
+from vibroswarm.analysis.robot_knowledge import claims_warnings
 from vibroswarm.documents.knowledge import told
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.deliveries import timeline_of

@@ -29,7 +29,7 @@ from vibroswarm.inference.outcomes import (
 )
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
-from vibroswarm.league.tables import league_tables
+from vibroswarm.league.words import league_tables
 from vibroswarm.optimize.objective import NAMES, Objective
 from vibroswarm.optimize.outcomes import from_tables
 from vibroswarm.result import Result

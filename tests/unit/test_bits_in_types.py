@@ -58,8 +58,7 @@ ALLOWED = {
     "asks for the number of kinds, to say or refuse what holds for two": """documents/league documents/run
         documents/study inference/outcomes league/entries league/standings league/words plots/run result_validation
         scenario/validation study/baselines tasks/mean view/server run_page/payload""",
-    "the share read as kind 1, a figure": """analysis/sampling analysis/verdict core/tables paper/cells
-        run_page/write study/summary""",
+    "the share read as kind 1, a figure": "analysis/sampling analysis/verdict core/tables run_page/write",
     "colours": "plots/style",
     "the task changed: told, or not": "analysis/answers_over_time",
     "false alarms and misses; task.costs has those of more answers": "optimize/costs",

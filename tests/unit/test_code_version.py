@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-import vibroswarm.core.code_version
 from vibroswarm.core.code_version import code_hash, syntax_hash
-from vibroswarm.core.jit import cache_folder, compiles
+from vibroswarm.core.jit import cache_folder, compiles, source_hash
 
 BEFORE = '''"""What this is."""
 
@@ -73,7 +72,7 @@ def test_it_is_kept_and_a_damaged_file_is_written_again() -> None:
     folder = cache_folder()
     assert folder is not None
     found = code_hash()
-    path = folder / vibroswarm.core.code_version.HASH_FILE
+    path = folder / f"syntax-hash-{source_hash()}.txt"
     assert path.read_text(encoding="ascii") == found
     path.write_bytes(b"\xff half a fi")
     code_hash.cache_clear()

@@ -481,8 +481,8 @@ def test_a_league_of_shares_chooses_a_sensor_and_a_task_and_says_so() -> None:
 
 
 def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
-    from vibroswarm.league.best import GUESS, guess_level
     from vibroswarm.league.entries import floors_of_kinds
+    from vibroswarm.league.fronts import GUESS, guess_level
 
     floors = floors_of_kinds((0.4, 0.36, 0.24))
     assert [floor.source for floor in floors] == [
@@ -513,7 +513,7 @@ def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
 
 def test_who_always_gives_the_cheap_answer_guesses() -> None:
     from vibroswarm.inference.outcomes import costs_of, forced_errors
-    from vibroswarm.league.best import GUESS, guess_level
+    from vibroswarm.league.fronts import GUESS, guess_level
 
     truth, nothing = np.array([0.0, 1.0]), np.full(2, np.nan)
     for costs in ([[0.0, 1.0], [0.1, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 1.0], [4.0, 0.0]]):

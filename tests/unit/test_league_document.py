@@ -17,7 +17,7 @@ from vibroswarm.league.belief_calibration import belief_calibration
 from vibroswarm.league.entries import AIM, GUESSING, default_strategies, entries_of, floors_of
 from vibroswarm.league.fault_curves import fault_curves
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.league.tables import league_tables
+from vibroswarm.league.words import league_tables
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Section

@@ -9,10 +9,11 @@ import pytest
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.sampling import walk_figures
-from vibroswarm.paper.cells import FIRST_RUNS, READ, WALKED, Cell, CellResult, digest_of, summarise
+from vibroswarm.paper.cells import FIRST_RUNS, READ, Cell, CellResult, digest_of, summarise
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
+from vibroswarm.study.batch_table import WALK, arrays_of
 
 RUNS, ROBOTS = 24, 4
 VALUES = {
@@ -46,7 +47,8 @@ def rows(results: list[Result]) -> pl.DataFrame:
 
 @pytest.fixture(scope="module")
 def came(rows: pl.DataFrame) -> list[CellResult]:
-    return summarise(CELLS, rows.sample(fraction=1.0, shuffle=True, seed=1), NUMBERS, RUNS, ROBOTS)
+    shuffled = rows.sample(fraction=1.0, shuffle=True, seed=1)
+    return summarise(CELLS, *arrays_of(shuffled, NUMBERS, RUNS, ROBOTS))
 
 
 def test_rows_are_those_of_the_summary_whatever_their_order(
@@ -70,7 +72,7 @@ def test_figures_are_those_of_each_run(came: list[CellResult], results: list[Res
         walk = walk_figures(result.motion, result.observations, 25)
         for name, values in one.figures.items():
             if name != "estimate":
-                there = (walk if name in WALKED else table)[name].cast(pl.Float64).to_numpy()
+                there = (walk if name in WALK else table)[name].cast(pl.Float64).to_numpy()
                 np.testing.assert_array_equal(values, there)
         estimate = result.robots.group_by("run", maintain_order=True).agg(
             (pl.col("alpha") / (pl.col("alpha") + pl.col("beta"))).mean()
@@ -99,4 +101,4 @@ def test_a_digest_is_of_every_value(results: list[Result], came: list[CellResult
 
 def test_a_row_too_few_is_told(rows: pl.DataFrame) -> None:
     with pytest.raises(ValueError, match="one row for each is needed"):
-        summarise(CELLS, rows[:-1], NUMBERS, RUNS, ROBOTS)
+        summarise(CELLS, *arrays_of(rows[:-1], NUMBERS, RUNS, ROBOTS))

@@ -20,7 +20,7 @@ INSIDE = {
     "simulation.versions": "what a saved table was computed with",
     "scenario.scenario.differences": "the options that make a cell's scenario from its preset",
     "inference.outcomes": "cells are summed up from arrays, since frames of a million runs took most of the time",
-    "study.batch_table.arrays_of": "the same",
+    "study.batch_table.WALK": "the columns of how robots walked that a study saves",
     "study.cell_comparison.second_seed": "fresh runs have the seed that a study's own confirmation has",
     "study.executors.processors": "the number of threads that studies use by default",
     "observation.decision_boundary.expected_ones": "the mean over random floors, where decidability takes one floor",

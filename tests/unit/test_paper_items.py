@@ -23,6 +23,7 @@ from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Section
 from vibroswarm.simulation import simulate
+from vibroswarm.study.batch_table import arrays_of
 
 RUNS = 4
 SETTINGS = Settings(runs=RUNS)
@@ -35,7 +36,7 @@ def template() -> CellResult:
     result = simulate(cell.scenario, 1, RUNS)
     runs = result.runs.join(walk_figures(result.motion, result.observations, 25).drop("samples"), on="run")
     rows = result.robots.join(runs, on="run").with_columns(cell=0).select(READ)
-    (results,) = summarise([cell], rows, [0], RUNS, cell.scenario.swarm.robots)
+    (results,) = summarise([cell], *arrays_of(rows, [0], RUNS, cell.scenario.swarm.robots))
     return results
 
 

@@ -74,12 +74,13 @@ def test_a_strategy_with_another_threshold_gains_nothing_and_a_better_one_what_i
         soft = {name: (front[0.7][name] + front[0.8][name]) / 2 for name in hidden_threshold.FIGURES}
         found = hidden_threshold.match(front, soft)
         assert found is not None
-        assert found.thresholds == pytest.approx((0.75, 0.75), abs=0.02)
-        same.append((found.figures["wrong_share"] - soft["wrong_share"]).mean())
+        figures, thresholds = found
+        assert thresholds == pytest.approx([0.75, 0.75], abs=0.02)
+        same.append((figures["wrong_share"] - soft["wrong_share"]).mean())
         less = {**soft, "wrong_share": soft["wrong_share"] - 0.04}
         again = hidden_threshold.match(front, less)
         assert again is not None
-        better.append((again.figures["wrong_share"] - less["wrong_share"]).mean())
+        better.append((again[0]["wrong_share"] - less["wrong_share"]).mean())
     assert abs(np.mean(same)) < 4 * np.std(same) / np.sqrt(60) + 1e-6
     assert np.mean(better) == pytest.approx(0.04, abs=0.002)
 

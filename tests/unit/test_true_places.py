@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from vibroswarm import Study, preset, simulate, strategies
-from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.analysis.robot_knowledge import true_places_notes
 from vibroswarm.analysis.verdict import confidence, presumed, verdict
 from vibroswarm.cli import main
 from vibroswarm.documents.notebook import html_of

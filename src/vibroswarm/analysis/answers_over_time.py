@@ -31,7 +31,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.displayed import viewed
+from vibroswarm.core.notebook_view import viewed
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import Array, truth_of_robot, truth_over_time
 from vibroswarm.result import Result

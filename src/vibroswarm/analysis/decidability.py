@@ -44,7 +44,7 @@ from scipy.special import ndtr, ndtri
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import ForJson, check_level, wilson_limits
-from vibroswarm.core.displayed import viewed
+from vibroswarm.core.notebook_view import viewed
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor

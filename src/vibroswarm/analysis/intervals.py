@@ -31,8 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv, ndtr, ndtri, stdtrit
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
-from vibroswarm.core.displayed import viewed
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, shown
 
 DRAWS: Final = 1999

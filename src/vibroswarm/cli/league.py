@@ -128,8 +128,7 @@ def league(
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
     from vibroswarm.league.fault_curves import KINDS
-    from vibroswarm.league.tables import check_tests, studies_of_tests
-    from vibroswarm.league.words import league_of, played, tests_of
+    from vibroswarm.league.words import league_of, played, studies_of_tests, tests_of
 
     asked = league_of(
         runs=runs, seed=scenario.seed, **vars(entries), **floors_of(scenario), **words_of(scenario)
@@ -137,8 +136,7 @@ def league(
     if asked.note:
         say(asked.note)
     warned(asked.league.base)
-    belief_runs, fault_runs = tests_of(asked, tests.belief_runs, tests.fault_runs)
-    check_tests(asked.league, reference, belief_runs, fault_runs, tests.faults)
+    belief_runs, fault_runs = tests_of(asked, reference, **vars(tests))
     study = (
         asked.league.study
     )  # refuses a floor on which no decision is right, before `--force` removes the folder

@@ -1,8 +1,7 @@
 """The version of the code that made a result: a hash of its syntax, unaffected by comments and docstrings.
 
-The folder of cached kernels is named by ``jit.source_hash``, a hash of the files with their comments, which takes
-10 ms. The syntax hash takes half a second. It is therefore saved as a file in that folder, where it stays valid:
-changed files have another folder.
+A hash of the files' bytes takes 10 ms, and that of their syntax half a second. The second is therefore saved under the
+first, as a file in the folder of cached kernels.
 """
 
 from __future__ import annotations
@@ -17,43 +16,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.core.jit import (
-    PACKAGE,
-    cache_folder,
-    compiles,
-    hash_of_sources,
-    simulation_sources,
-    source_hash,
-)
+from vibroswarm.core.jit import PACKAGE, cache_folder, compiles, hash_of_files, simulation_sources
 from vibroswarm.errors import InputError, RunError
 
 DIGITS: Final = 16
 """Number of hexadecimal digits of the hash."""
-HASH_FILE: Final = "syntax-hash.txt"
-"""Name of the file in the folder of cached kernels in which the hash is saved."""
 IMPLIED: Final = frozenset({"ctx", "kind", "type_comment"})
 """Fields of syntax trees that follow from the others or mean nothing to Python."""
 
 
 @cache
 def code_hash() -> str:
-    """Return 16 hexadecimal digits that identify all code that a simulation may depend on.
-
-    The hash is read from its file in the folder of cached kernels. If there is no valid file, the hash is computed and
-    saved there.
-    """
-    folder = cache_folder() if compiles() else None
-    if folder is None:
-        return syntax_hash(PACKAGE, simulation_sources())
-    path = folder / HASH_FILE
-    digest = _saved(path)
-    if digest is None:
-        digest = syntax_hash(PACKAGE, simulation_sources())
-        # The folder is named by the hash of the sources as this process first saw them. If the sources have changed
-        # since, ``digest`` describes the new sources and must not be saved in this folder.
-        if hash_of_sources() == source_hash():
-            _save(path, digest)
-    return digest
+    """Return 16 hexadecimal digits that identify all code that a simulation may depend on."""
+    return saved_syntax_hash(PACKAGE, simulation_sources())
 
 
 def saved_syntax_hash(package: Path, sources: Sequence[Path]) -> str:
@@ -61,10 +36,7 @@ def saved_syntax_hash(package: Path, sources: Sequence[Path]) -> str:
     folder = cache_folder() if compiles() else None
     if folder is None:
         return syntax_hash(package, sources)
-    of_bytes = hashlib.sha256()
-    for source in sources:
-        of_bytes.update(bytes(source.relative_to(package)) + hashlib.sha256(source.read_bytes()).digest())
-    path = folder / f"syntax-hash-{of_bytes.hexdigest()[:DIGITS]}.txt"
+    path = folder / f"syntax-hash-{hash_of_files(package, sources)}.txt"
     digest = _saved(path)
     if digest is None:
         digest = syntax_hash(package, sources)

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.atomic_io import MANIFEST, write_files
-from vibroswarm.core.untrusted_files import entry, read_json
+from vibroswarm.core.untrusted_files import entry, read_json, texts
 from vibroswarm.errors import InputError, check_format, shown
 
 REPORT: Final = "report.html"
@@ -112,6 +112,18 @@ def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
     if seal is not None and seal != _seal_found(values):
         raise InputError(f"{DAMAGED}: its values were changed", field=str(file))
     return dict(values)
+
+
+def read_definition(folder: Path, kind: str) -> dict[str, Any]:
+    """Read the manifest of a study or a search, whose ``hash`` is a text, and whose ``versions`` are texts by name.
+
+    Raises:
+        InputError: as of ``read_manifest``, or these are missing or something else.
+    """
+    values, path = read_manifest(folder, kind), folder / MANIFEST
+    entry(values, "hash", str, path)
+    texts(entry(values, "versions", dict, path), "versions", path)
+    return values
 
 
 DAMAGED: Final = "is damaged, not what was written"

@@ -20,7 +20,7 @@ import platform
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib.util import find_spec
@@ -72,15 +72,15 @@ LAYERS_ABOVE: Final = (
 @cache
 def source_hash() -> str:
     """Return a hash of all sources that a simulation may depend on, as they were at this process's first call."""
-    return hash_of_sources()
+    return hash_of_files(PACKAGE, simulation_sources())
 
 
-def hash_of_sources() -> str:
-    """Return a hash (16 hexadecimal digits) of the names and contents of ``simulation_sources``, as they are now."""
+def hash_of_files(folder: Path, files: Iterable[Path]) -> str:
+    """Return a hash (16 hexadecimal digits) of the contents of files, and of their names in a folder."""
     digest = hashlib.sha256()
-    for source in simulation_sources():
-        name = source.relative_to(PACKAGE)
-        digest.update(name.as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    for file in files:
+        name = file.relative_to(folder)
+        digest.update(name.as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 

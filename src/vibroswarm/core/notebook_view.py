@@ -1,18 +1,46 @@
 """Show a public object in an interactive session: on one short line, and as HTML in a notebook.
 
-The line shows the object's class, and as many of its public values as fit.
+The line shows the object's class, and as many of its public values as fit. The HTML, and the work that methods of
+studies offer, come from layers above; the package's root adds their functions (``above``), so that nothing here
+imports upwards.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sized
+from collections.abc import Callable, Mapping, Sized
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-from vibroswarm.core.displayed import html_view
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import shown
+
+Kind = TypeVar("Kind", bound=type)
+
+above: dict[str, Callable[..., Any]] = {}
+"""The functions, by name."""
+
+
+def html_view(value: object) -> str:
+    """Return the HTML that a notebook shows for a public object; texts from scenarios and files are escaped."""
+    return str(above["html"](value))
+
+
+def viewed(kind: Kind) -> Kind:
+    """Give a named tuple the view of ``NotebookView``, which cannot be its base."""
+    kind._repr_html_ = html_view  # type: ignore[attr-defined]
+    return kind
+
+
+def document_of(value: object) -> Any:
+    """Return the document of a result (``vibroswarm.show.document.Document``)."""
+    return above["document"](value)
+
+
+def study_verbs() -> Any:
+    """Return ``vibroswarm.study.study_outputs``, the functions behind methods of ``Study`` and ``StudyResult``."""
+    return above["study verbs"]()
+
 
 MOST_CHARACTERS: Final = 180
 """Length up to which values are added to an object's line; parentheses and ``...`` are not counted."""

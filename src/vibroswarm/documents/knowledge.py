@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from vibroswarm.analysis.claimed_rates import claims_notes
-from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.analysis.robot_knowledge import claims_notes, true_places_notes
 from vibroswarm.core.numbers import count, listed, stated
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import known

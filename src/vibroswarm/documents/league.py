@@ -17,8 +17,8 @@ from vibroswarm.league.entries import MAIN_AIM
 from vibroswarm.league.fault_curves import MARGIN, borne
 from vibroswarm.league.fronts import NOT, OPEN, REACHES
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.league.tables import league_tables
 from vibroswarm.league.tuning import Tuned
+from vibroswarm.league.words import league_tables
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat

@@ -12,9 +12,8 @@ import polars as pl
 
 from vibroswarm.core.numbers import Estimate, count, listed, number, percent, span, with_limits
 from vibroswarm.league.belief_calibration import AS_PLAYED, COMMON, OWN
-from vibroswarm.league.best import guess_level, guesses
 from vibroswarm.league.entries import GUESSING, default_strategies
-from vibroswarm.league.fronts import LESS, NOT, OPEN, REACHES
+from vibroswarm.league.fronts import LESS, NOT, OPEN, REACHES, guess_level, guesses
 from vibroswarm.league.standings import Standings
 
 CERTAIN: Final = 0.05

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import inner
+from vibroswarm.core.notebook_view import viewed
 
 Numbers = Any
 """A number, or an array of numbers."""

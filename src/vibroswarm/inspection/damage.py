@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
+from vibroswarm.core.notebook_view import viewed
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
 from vibroswarm.observation.energy_model import MOST, energy_of, likelihood_at, mean_density

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.displayed import viewed
+from vibroswarm.core.notebook_view import viewed
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, check_kind, number_of, plain_value, whole_number_of
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places

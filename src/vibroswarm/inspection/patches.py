@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import kernel
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, check_kind, number_of, shown
 from vibroswarm.inspection.samples import Floats, Samples
 

@@ -16,8 +16,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
-from vibroswarm.core.displayed import viewed
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.displayed import viewed
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at

@@ -30,8 +30,8 @@ from vibroswarm.analysis.intervals import columns_of, share_interval, student_te
 from vibroswarm.analysis.paired import difference
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import costs_of, forced_errors
-from vibroswarm.league.best import guess_level
 from vibroswarm.league.entries import Entry, floors_of
+from vibroswarm.league.fronts import guess_level
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.fault_fields import FAULTS

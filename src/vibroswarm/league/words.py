@@ -14,7 +14,8 @@ from typing import Any, NamedTuple, Unpack
 import polars as pl
 
 from vibroswarm.core.stages import SILENT, Stages
-from vibroswarm.errors import InputError, in_file
+from vibroswarm.errors import InputError, check_choice, in_file
+from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration, belief_league
 from vibroswarm.league.entries import (
     FILLS,
     PATTERNS,
@@ -28,11 +29,13 @@ from vibroswarm.league.entries import (
     frozen_settings,
     main_entries,
     read_settings,
+    reference_in,
     varied_by,
 )
-from vibroswarm.league.fault_curves import KINDS
+from vibroswarm.league.fault_curves import FOLDER, KINDS, fault_curves, league_with_faults, most_faulty
+from vibroswarm.league.fronts import best_table, front_table
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.league.tables import check_tests, further_tables, league_tables
+from vibroswarm.scenario.fault_fields import FAULTS
 from vibroswarm.scenario.scenario import Scenario, parse_settings
 from vibroswarm.study.scenario_words import (
     ScenarioWords,
@@ -41,6 +44,7 @@ from vibroswarm.study.scenario_words import (
     scenario_of,
     several,
 )
+from vibroswarm.study.spec import Study
 
 
 class Players(NamedTuple):
@@ -206,25 +210,93 @@ def played(
 
     Args:
         folder: where runs are saved; None: nowhere. reference: as of ``league_tables``.
-        belief_runs, fault_runs: of the tests; 0: none. Of several kinds of tile there are none. faults: kinds; None:
-            the usual ones. stages: told what is done. mixed, where: as of ``study.run.run``.
+        belief_runs, fault_runs, faults: as of ``tests_of``. stages: told what is done. mixed, where: as of
+            ``study.run.run``.
+    Returns: the tables of ``league_tables``, and those of the tests, "beliefs" and "faults"; each of these is missing
+        if none of its runs are wanted.
     """
-    runs_of_tests = tests_of(asked, belief_runs, fault_runs)
-    check_tests(asked.league, reference, *runs_of_tests, faults)
+    belief_runs, fault_runs = tests_of(asked, reference, belief_runs, fault_runs, faults)
     with stages.runs("simulating") as progress:
         standings = asked.league.play(folder, progress=progress, mixed=mixed, **where)
-    tables = league_tables(standings, reference) | further_tables(
-        asked.basic,
-        folder,
-        stages.runs,
-        belief_runs=runs_of_tests[0],
-        fault_runs=runs_of_tests[1],
-        kinds=faults or KINDS,
-        **where,
-    )
+    tables = league_tables(standings, reference)
+    if belief_runs:
+        saved = None if folder is None else folder / BELIEFS
+        with stages.runs("comparing beliefs") as progress:
+            tables["beliefs"] = belief_calibration(
+                asked.basic, saved, runs=belief_runs, progress=progress, **where
+            )
+    if fault_runs:
+        saved = None if folder is None else folder / FOLDER
+        kinds = faults or KINDS
+        with stages.runs("with faulty robots") as progress:
+            tables["faults"] = fault_curves(
+                asked.basic, saved, kinds=kinds, runs=fault_runs, progress=progress, **where
+            )
     return standings, tables
 
 
-def tests_of(asked: Asked, belief_runs: int, fault_runs: int) -> tuple[int, int]:
-    """Return the runs of both tests; 0 of several kinds of tile: beliefs, and opposite messages, are those of two."""
-    return (belief_runs, fault_runs) if asked.league.base.sensor.kinds == 2 else (0, 0)
+def league_tables(standings: Standings, reference: str | None = None) -> dict[str, pl.DataFrame]:
+    """Compute the tables of a league that need no further runs.
+
+    Args:
+        reference: label of the entry with which others are compared, or name of its strategy; by default the first.
+    Returns: "fronts" (from ``front_table``), "best" (from ``best_table``), "standings" and "floors" of ``Standings``;
+        of its ``main`` entries "differences" and "floor_differences"; and "maps" if robots keep maps.
+    Raises:
+        InputError: there is no such entry.
+    """
+    main, maps = standings.main, standings.maps
+    return {
+        "fronts": front_table(standings),
+        "best": best_table(standings),
+        "standings": standings.table,
+        "differences": main.differences(reference),
+        "floor_differences": main.floor_differences(reference),
+        "floors": standings.floor_table,
+    } | ({"maps": maps} if maps.height else {})
+
+
+def tests_of(
+    asked: Asked, reference: str | None, belief_runs: int, fault_runs: int, faults: Sequence[str] | None
+) -> tuple[int, int]:
+    """Return the runs of both tests; 0 of several kinds of tile: beliefs, and opposite messages, are those of two.
+
+    Args:
+        belief_runs, fault_runs: that are wanted; 0: none. faults: kinds that were asked for; None: the usual ones, of
+            which a swarm of one robot has none.
+    Raises:
+        InputError: the reference does not play, or the tests do not fit the league.
+    """
+    league = asked.league
+    if league.base.sensor.kinds != 2:
+        belief_runs, fault_runs = 0, 0
+    reference_in(main_entries(league.entries), reference, "--reference")
+    for kind in faults or ():
+        check_choice(kind, "--faults", FAULTS)
+    if faults and not fault_runs:
+        raise InputError(
+            "there are no runs with faults: with --fault-runs 0, or on several kinds of tile",
+            field="--faults",
+        )
+    if faults and fault_runs and min(league.robots) == 1:
+        raise InputError(
+            "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
+        )
+    if (belief_runs or fault_runs) and league.boundaries != {0.5}:
+        raise InputError(
+            "must be 0.5 to compare beliefs and faults; add --belief-runs 0 --fault-runs 0",
+            field="decision.decision_boundary",
+        )
+    return belief_runs, fault_runs
+
+
+def studies_of_tests(
+    basic: League, belief_runs: int, fault_runs: int, kinds: Sequence[str] = KINDS
+) -> dict[str, Study]:
+    """Return the studies of the tests that ``played`` makes, by the name of their folder in that of the league."""
+    leagues = {}
+    if belief_runs:
+        leagues[BELIEFS] = belief_league(basic, belief_runs)
+    if fault_runs and (most := most_faulty(basic)):
+        leagues[FOLDER] = league_with_faults(basic, kinds, most, fault_runs)
+    return {name: league.study for name, league in leagues.items() if league.entries}

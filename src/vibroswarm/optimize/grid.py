@@ -39,9 +39,8 @@ from vibroswarm.optimize.validation import Scored, Truth, scored_of
 from vibroswarm.study.factors import flat
 from vibroswarm.study.run import run as run_study
 from vibroswarm.study.runner import Progress
-from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.spec import Cell, Study, as_toml
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.study_text import as_toml
 
 PAPER: Final[dict[str, list[Any]]] = {
     "strategy.soft.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],

@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, Never
+from typing import Never
 
 import numpy as np
 import polars as pl
@@ -341,15 +341,9 @@ class _Loop:
         )
 
 
-class RecordedRun(NamedTuple):
-    """A run that a step of a search has recorded."""
-
-    candidate: int
-    """Key of the candidate."""
-    piece: Piece
-    """What simulates this run alone."""
-    figures: NDArray[np.float64]
-    """Its figures, (cases, columns)."""
+RecordedRun = tuple[int, Piece, NDArray[np.float64]]
+"""A run that a step of a search has recorded: key of the candidate, what simulates this run alone, and its figures,
+(cases, columns)."""
 
 
 class _EndOfSteps(Exception):  # noqa: N818  (nothing went wrong)
@@ -375,7 +369,7 @@ class _Replay(_Loop):
             figures = rows.select(r"^figure_\d+$").to_numpy().reshape(len(runs), len(self.search.cases), -1)
             good = rows.filter(pl.col("case") == 0)["failed"].is_null()
             self.collected += [
-                RecordedRun(ask.key, piece, of_run)
+                (ask.key, piece, of_run)
                 for piece, of_run, is_good in zip(runs, figures, good, strict=True)
                 if is_good
             ]

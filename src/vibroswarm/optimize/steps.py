@@ -51,12 +51,13 @@ from vibroswarm.core.folders import (
     has_manifest,
     manifest_text,
     matching,
+    read_definition,
     read_described,
     read_manifest,
     write_described,
 )
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
-from vibroswarm.core.untrusted_files import entry, texts
+from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError, warn_once
 from vibroswarm.optimize.evaluate import Result, RunFigures
 from vibroswarm.optimize.objective import Rows
@@ -249,20 +250,18 @@ class SearchFolder:
             InputError: the folder holds another search, has another format, a damaged manifest or a damaged definition,
                 or was begun by other versions of the programs and ``mixed`` is false.
         """
-        path = self.folder / MANIFEST
-        saved_hash = entry(read_manifest(self.folder, "search"), "hash", str, path)
-        made_by, saved = versions_of(self.folder), saved_search(self.folder)
+        manifest, saved = read_definition(self.folder, "search"), saved_search(self.folder)
         # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
         other = search.with_settings(fresh=saved.settings.fresh)
-        if saved_hash not in (search.hash, other.hash):
+        if manifest["hash"] not in (search.hash, other.hash):
             different = differences(saved, other)
             raise InputError(
                 f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
                 field=str(self.folder),
             )
-        check_registered([made_by], self.folder, *search.code_used)
+        check_registered([manifest["versions"]], self.folder, *search.code_used)
         if not mixed:
-            check_begun_by(made_by, self.folder)
+            check_begun_by(manifest["versions"], self.folder)
 
 
 def saved_search(folder: Path) -> Search:
@@ -271,10 +270,8 @@ def saved_search(folder: Path) -> Search:
     Raises:
         InputError: the search or the manifest is damaged, or the search is not the one that the manifest names.
     """
-    path = folder / MANIFEST
-    manifest, search = read_manifest(folder, "search"), Search.read(folder / SEARCH)
-    saved_hash, made_by = entry(manifest, "hash", str, path), entry(manifest, "versions", dict, path)
-    check_definition(folder / SEARCH, search.hash, saved_hash, made_by)
+    manifest, search = read_definition(folder, "search"), Search.read(folder / SEARCH)
+    check_definition(folder / SEARCH, search.hash, manifest["hash"], manifest["versions"])
     return search
 
 
@@ -407,5 +404,5 @@ def versions_of(folder: Path) -> dict[str, str]:
     Raises:
         InputError: the manifest is not that of a search, or damaged.
     """
-    values = read_manifest(folder, "search")
-    return texts(entry(values, "versions", dict, folder / MANIFEST), "versions", folder / MANIFEST)
+    versions_there: dict[str, str] = read_definition(folder, "search")["versions"]
+    return versions_there

@@ -200,10 +200,10 @@ def _of_search(folder: Path) -> _Part:
             damaged.append(str(error))
 
     def again(chosen: Sequence[RecordedRun]) -> Iterator[tuple[str, int, bool, str]]:
-        for one in chosen:
-            found = do_piece(one.piece, search.objectives)
-            same = not isinstance(found, str) and np.array_equal(found[0], one.figures)
-            yield f"candidate {one.candidate}", one.piece.first, same, "" if same else "steps"
+        for candidate, piece, figures in chosen:
+            found = do_piece(piece, search.objectives)
+            same = not isinstance(found, str) and np.array_equal(found[0], figures)
+            yield f"candidate {candidate}", piece.first, same, "" if same else "steps"
 
     return _Part(recorded_runs(search, folder), again, [versions_of(folder)], damaged)
 

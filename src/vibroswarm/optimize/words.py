@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from vibroswarm.core.stages import SILENT, Stages
 from vibroswarm.errors import InputError, whole_number_of
@@ -114,18 +114,6 @@ def grid_of(
     return Grid(study, grid.objective if cost is None else Objective(cost)), fresh
 
 
-class Searched(NamedTuple):
-    """What ``vibroswarm optimize`` finds."""
-
-    found: Found
-    truth: Truth | None
-    """The winner on fresh runs; None with several objectives."""
-    front: Front | None
-    """The Pareto front on fresh runs; None with one objective."""
-    versions: list[dict[str, str]]
-    """What made the folder; empty without one."""
-
-
 def searched(
     search: Search,
     folder: Path | None = None,
@@ -134,12 +122,14 @@ def searched(
     stages: Stages = SILENT,
     mixed: bool = False,
     **where: Any,
-) -> Searched:
+) -> tuple[Found, Truth | None, Front | None, list[dict[str, str]]]:
     """Run a search, score its winner or its Pareto front on fresh runs, and write its files.
 
     Args:
         folder: where it is saved, and continued; None: nowhere. progress: told the state of the search. stages: told
             how many fresh runs are done. mixed, where: as of ``run_search``.
+    Returns: the search; its winner on fresh runs, None with several objectives; the Pareto front on fresh runs, None
+        with one objective; and what made the folder, empty without one.
     Raises:
         InputError: the search or the folder is wrong.
     """
@@ -148,17 +138,7 @@ def searched(
     truth, front = validated(found, folder, counting(stages), **where)
     if folder is not None:
         write_search(found, folder, front)
-    return Searched(found, truth, front, [] if folder is None else made_by(folder))
-
-
-class GridSearched(NamedTuple):
-    """What ``vibroswarm optimize --method grid`` finds."""
-
-    nodes: Nodes
-    truth: Truth
-    """The best cell on fresh runs."""
-    versions: list[dict[str, str]]
-    """What made the folder; empty without one."""
+    return found, truth, front, [] if folder is None else made_by(folder)
 
 
 def grid_searched(
@@ -169,8 +149,11 @@ def grid_searched(
     stages: Stages = SILENT,
     mixed: bool = False,
     **where: Any,
-) -> GridSearched:
-    """Run a grid, score its cell of lowest cost on fresh runs, and write its files; as ``searched`` does."""
+) -> tuple[Nodes, Truth, list[dict[str, str]]]:
+    """Run a grid, score its cell of lowest cost on fresh runs, and write its files; as ``searched`` does.
+
+    Returns: the cells; the best one on fresh runs; and what made the folder, empty without one.
+    """
     with stages.runs("simulating") as progress:
         result = run_study(grid.study, folder, progress=progress, mixed=mixed, **where)
     nodes = scores_of(grid, result)
@@ -178,7 +161,7 @@ def grid_searched(
         truth = truth_of_grid(nodes, fresh, progress=progress, **where)
     if folder is not None:
         write_grid(nodes, folder)
-    return GridSearched(nodes, truth, [] if folder is None else made_by(folder))
+    return nodes, truth, [] if folder is None else made_by(folder)
 
 
 def counting(stages: Stages) -> Callable[[str, int], AbstractContextManager[Callable[[int], None]]]:

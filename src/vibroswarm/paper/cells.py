@@ -26,7 +26,7 @@ from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.scenario.scenario import Scenario, differences, preset
-from vibroswarm.study.batch_table import arrays_of
+from vibroswarm.study.batch_table import WALK
 from vibroswarm.study.cell_comparison import second_seed
 from vibroswarm.study.executors import processors
 from vibroswarm.study.run import run
@@ -42,11 +42,8 @@ FIRST_RUNS: Final = 10
 Figures = Mapping[str, NDArray[np.float64]]
 """Figures of each run of a cell, by name, (runs,) each."""
 
-WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
-"""Figures of how robots walked and what they read, see ``analysis.sampling``; nan in runs in which they are undefined,
-such as runs in which no robot sampled."""
 READ: Final = (
-    "cell", *ROBOTS, "fill_ratio", "truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED,
+    "cell", *ROBOTS, "fill_ratio", "truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALK,
 )  # fmt: skip
 """Columns of a study's rows that are summarised: of robots, then those that all robots of a run have in common."""
 
@@ -116,7 +113,7 @@ class CellResult:
     row: dict[str, Any]
     """Summary of the cell's figures with their limits, by name, see ``row_of``."""
     figures: Figures
-    """Figures of each run, (runs,) each: ``analysis.figures`` and ``WALKED``."""
+    """Figures of each run, (runs,) each: ``analysis.figures`` and ``WALK``."""
     digest: str
     """SHA-256 of the table of robots of all runs."""
     first: pl.DataFrame
@@ -177,8 +174,7 @@ def run_cells(
                 progress((before + weight * now.share) / sum(weights))
 
             result = run(study, folder / study.hash, workers=workers, progress=report_progress)
-            *_, group_runs = group_key
-            summaries.append(reader.submit(_summaries, result, list(group.values()), group_runs, workers))
+            summaries.append(reader.submit(_summaries, result, list(group.values()), workers))
             if workers == 1:  # only one thread may compute at a time
                 wait(summaries)
             before += weight
@@ -193,47 +189,39 @@ def on_threads(function: Callable[[T], R], items: Iterable[T], workers: int | No
         return list(pool.map(function, items))
 
 
-def _summaries(
-    result: StudyResult, cells: list[Cell], runs: int, workers: int | None
-) -> dict[str, CellResult]:
+def _summaries(result: StudyResult, cells: list[Cell], workers: int | None) -> dict[str, CellResult]:
     """Summarise all cells of a study; return the results by the cells' keys.
 
     Args:
-        cells: the cells; the index is the cell's number in the study. runs: number of runs of each cell.
-        workers: number of threads; None: one for each processor.
+        cells: the cells; the index is the cell's number in the study. workers: number of threads; None: one for each
+            processor.
     """
     by_key: dict[str, CellResult] = {}
     with ThreadPoolExecutor(workers or processors()) as pool:
-        for block, rows in result.blocks(READ):
-            numbers, robots = [cell.number for cell in block], block[0].scenario.swarm.robots
-            own = [cells[number] for number in numbers]
-            results = summarise(own, rows, numbers, runs, robots, pool.map)
+        for block, of_robots, of_runs in result.arrays(READ):
+            own = [cells[cell.number] for cell in block]
+            results = summarise(own, of_robots, of_runs, pool.map)
             by_key |= {cell.key: cell_result for cell, cell_result in zip(own, results, strict=True)}
     return by_key
 
 
 def summarise(
     cells: Sequence[Cell],
-    rows: pl.DataFrame,
-    numbers: Sequence[int],
-    runs: int,
-    robots: int,
+    of_robots: Columns,
+    of_runs: Columns,
     map_: Callable[..., Iterable[CellResult]] = map,
 ) -> list[CellResult]:
     """Summarise cells whose swarms have the same size; return the results in the order of ``cells``.
 
     Args:
-        cells: the cells. rows: rows of a study for all runs of these cells, in any order, with the columns ``READ``.
-        numbers: number of each cell in the study, ascending. runs: runs of each cell. robots: robots of each run.
+        cells: the cells. of_robots, of_runs: the columns ``READ`` of their robots, (cells, runs, robots) each, and of
+            their runs, (cells, runs) each.
         map_: function that maps over the cells, such as the ``map`` of a pool of threads.
     """
-    # Columns of robots, (cells, runs, robots), and of runs, (cells, runs).
-    of_robots, of_runs = arrays_of(rows.select(READ), numbers, runs, robots)
     t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
     swarms = Swarms.of_arrays(of_robots, of_runs, t_end_s)
-    shape = (len(cells), runs)
-    figures = {name: values.reshape(shape) for name, values in figures_of(swarms).items()}
-    figures |= {name: of_runs[name] for name in ("truth", *WALKED)}
+    figures = {name: values.reshape(of_runs["truth"].shape) for name, values in figures_of(swarms).items()}
+    figures |= {name: of_runs[name] for name in ("truth", *WALK)}
 
     def cell_result(k: int) -> CellResult:
         """Return the result of the k-th cell."""
@@ -271,7 +259,7 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
         row |= columns_of(name, interval(name, figures, t_end_s=t_end_s))
     # avoidance per sample, and distance between samples
-    return row | means_of({name: figures[name] for name in WALKED[:2]})
+    return row | means_of({name: figures[name] for name in ("avoid_per_sample_s", "distance_m")})
 
 
 def means_of(figures: Figures) -> dict[str, float | None]:

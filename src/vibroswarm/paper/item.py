@@ -27,6 +27,7 @@ from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import MANIFEST, whole_folder, write_files
 from vibroswarm.core.code_version import saved_syntax_hash
 from vibroswarm.core.folders import about_file, manifest_text, read_described
+from vibroswarm.core.jit import hash_of_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent
 from vibroswarm.core.tables import parquet_bytes, read_frame
@@ -35,7 +36,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors import is_random
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.decision_boundary import expected_ones
-from vibroswarm.paper.cells import WALKED, Cell, CellResults
+from vibroswarm.paper.cells import Cell, CellResults
 from vibroswarm.paper.claim_values import Row, frame, mean, share
 from vibroswarm.paper.columns import COLUMNS, scenario_of
 from vibroswarm.paper.real_data import real_floor
@@ -43,6 +44,7 @@ from vibroswarm.plots import Picture as Drawn
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Figure
 from vibroswarm.simulation import versions
+from vibroswarm.study.batch_table import WALK
 
 Tables = dict[str, pl.DataFrame]
 """Tables of an item, by name."""
@@ -152,10 +154,10 @@ class Work:
             label: names the value for people.
             name: name of the figure. first, second: keys of the cells.
             check: whether to check that the column can answer the question; if it cannot, the row states why. Figures
-                of how robots walk (``WALKED``) are never checked, because they can be compared on any floor.
+                of how robots walk (``WALK``) are never checked, because they can be compared on any floor.
         """
         values = self.difference(name, first, second)
-        cannot = self.cannot(first, second) if check and name not in WALKED else None
+        cannot = self.cannot(first, second) if check and name not in WALK else None
         # Wrong decisions may be rare, and the limits of ``share`` hold for rare events too.
         if name == "wrong_share":
             return share(value_name, column, label, values, cannot=cannot)
@@ -340,7 +342,7 @@ def _side_m(floor: Floor) -> float:
 
 @cache
 def code_hash() -> str:
-    """Return 16 hexadecimal digits that change with the sources and data files that items compute with.
+    """Return hexadecimal digits that change with the sources and data files that items compute with.
 
     Comments and docstrings of the sources do not change them.
     The sources of the simulation are left out, because ``fingerprint`` covers them by ``versions``.
@@ -349,11 +351,7 @@ def code_hash() -> str:
     packages = ("analysis", "calibrate", "recordings", "optimize", "paper", "study")
     paths = sorted(path for package in packages for path in (top / package).rglob("*"))
     sources = saved_syntax_hash(top, [path for path in paths if path.suffix == ".py"])
-    digest = hashlib.sha256(sources.encode())
-    for path in paths:
-        if path.suffix in (".json", ".toml"):
-            digest.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
+    return sources + hash_of_files(top, [path for path in paths if path.suffix in (".json", ".toml")])
 
 
 def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:

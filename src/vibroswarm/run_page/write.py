@@ -19,7 +19,7 @@ from scipy.special import betainc
 from vibroswarm.analysis.floor_maps import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
-from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.analysis.robot_knowledge import true_places_notes
 from vibroswarm.analysis.verdict import (
     Verdict,
     estimates_in_words,

@@ -52,8 +52,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from vibroswarm.core.displayed import viewed
 from vibroswarm.core.jit import read_only
+from vibroswarm.core.notebook_view import viewed
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in

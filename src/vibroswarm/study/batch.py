@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -91,17 +91,14 @@ class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
     """The study was stopped while a batch was running."""
 
 
-class BatchOutcomes(NamedTuple):
-    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them. A row stands for one scenario."""
+BatchOutcomes = tuple[Sequence[Sequence[int]], Columns, Columns, Mapping[str, list[pl.DataFrame]]]
+"""Outcomes of some runs of some cells. Rows stand for scenarios.
 
-    cells: Sequence[Sequence[int]]
-    """For each row, the numbers of the cells with its scenario: one cell, or several with equal scenarios."""
-    robots: Columns
-    """Columns of the robots, (rows, runs, robots) each."""
-    runs: Columns
-    """Columns of the runs, (rows, runs) each, or (runs,) if all rows share the values."""
-    further: Mapping[str, list[pl.DataFrame]]
-    """The tables of ``FURTHER`` that cells have, by name, a frame for each cell that has some."""
+- for each row, the numbers of the cells with its scenario: one cell, or several with equal scenarios
+- columns of the robots, (rows, runs, robots) each
+- columns of the runs, (rows, runs) each, or (runs,) if all rows share the values
+- the tables of ``FURTHER`` that cells have, by name, a frame for each cell that has some
+"""
 
 
 def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Iterator[BatchOutcomes]:
@@ -213,7 +210,7 @@ class _SharedMotion:
         if with_samples:
             further[SAMPLES_TABLE] = self._samples(scenarios, cells, readings)
         further[FAILED_TABLE] = failed_rows(self.motion.failures, cells, common.run.t_end_s)
-        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, further)
+        return cells, robot_columns(finals, truth), of_runs, further
 
     def _answers(self, scenario: Scenario, floors: dict[int, Floor], log: Log) -> pl.DataFrame:
         """Return how right the answers were over time, from the state after each sample."""
@@ -416,9 +413,9 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     further = defaultdict[str, list[pl.DataFrame]](list)
     for low in range(work.first, work.last, runs_at_a_time):
         part = replace(work, first=low, last=min(low + runs_at_a_time, work.last))
-        for outcomes in simulate_batch(part, cancelled):
-            rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
-            for name, frames in outcomes.further.items():
+        for cells_of_rows, robots, runs, more in simulate_batch(part, cancelled):
+            rows.put(cells_of_rows, low, robots, runs)
+            for name, frames in more.items():
                 further[name] += frames
     tables = {"robots": rows.table()}
     for name, schema in FURTHER.items():

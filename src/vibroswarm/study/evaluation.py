@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vibroswarm.core.displayed import document_of
 from vibroswarm.core.folders import PICTURES, REPORT
+from vibroswarm.core.notebook_view import document_of
 from vibroswarm.core.stages import SILENT, Stages
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.show.data import document_data

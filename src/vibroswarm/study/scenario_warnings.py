@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibroswarm import strategies, tasks
-from vibroswarm.analysis.claimed_rates import claims_warnings
+from vibroswarm.analysis.robot_knowledge import claims_warnings
 from vibroswarm.floors.floor import sides_inside
 from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.edge_response import edge_warnings

@@ -11,7 +11,7 @@ import polars as pl
 
 from vibroswarm.analysis.figures import columns_of, interval, run_figures
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.core.displayed import viewed
+from vibroswarm.core.notebook_view import viewed
 from vibroswarm.inference.outcomes import Array, costs_of
 from vibroswarm.study.batch_table import tables_of
 from vibroswarm.study.plan import Group

@@ -33,6 +33,7 @@ from vibroswarm.core.folders import (
     has_manifest,
     manifest_text,
     matching,
+    read_definition,
     read_described,
     read_manifest,
     write_described,
@@ -47,8 +48,7 @@ from vibroswarm.study.batch import Batch, BatchResult, check_shard
 from vibroswarm.study.executors import check_begun_by
 from vibroswarm.study.plan import Group, Range, missing, plan_of
 from vibroswarm.study.registered_code import check_registered
-from vibroswarm.study.spec import MOST_RUNS, Study
-from vibroswarm.study.study_text import as_toml
+from vibroswarm.study.spec import MOST_RUNS, Study, as_toml
 
 FAILURE: Final = {"batch": str, "group": int, "first": int, "last": int, "seed": int, "why": str}
 """Keys of a failure and their types."""
@@ -173,10 +173,8 @@ class Store:
             InputError: the folder holds no study, a study of another format, or a damaged one.
         """
         folder = Path(folder)
-        path = folder / MANIFEST
-        manifest = read_manifest(folder, "study")
-        saved_hash = entry(manifest, "hash", str, path)
-        made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
+        manifest = read_definition(folder, "study")
+        saved_hash = manifest["hash"]
         text = read_text(folder / MARKER, "a study")
         with in_file(folder / MARKER):
             study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
@@ -185,7 +183,7 @@ class Store:
                 f"{DAMAGED}; restore it (--runs changes the number of runs)", field=str(folder / MARKER)
             )
         same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
-        check_definition(folder / MARKER, study.hash, saved_hash, made_by, same_text=same_text)
+        check_definition(folder / MARKER, study.hash, saved_hash, manifest["versions"], same_text=same_text)
         store = cls(folder, study, hash=saved_hash)
         if shards:
             store.refresh()

@@ -1,6 +1,6 @@
 """What ``Study`` and ``StudyResult`` offer an interactive session: running, summary, comparison, picture, report.
 
-The functions here do the work of their methods (``core.displayed.study_verbs``).
+The functions here do the work of their methods (``core.notebook_view.study_verbs``).
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.core.atomic_io import OURS, whole_folder
-from vibroswarm.core.displayed import document_of
 from vibroswarm.core.folders import PICTURES, REPORT
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, document_of
 from vibroswarm.core.numbers import count
 from vibroswarm.core.progress_line import ProgressLine, is_watched
 from vibroswarm.errors import InputError, check_choice, check_keywords

@@ -23,9 +23,9 @@ from vibroswarm.analysis.agreement import is_followed
 from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, run_figures
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
-from vibroswarm.core.displayed import study_verbs
-from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.notebook_view import NotebookView, study_verbs
 from vibroswarm.core.numbers import count, whole
+from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError, check_choice, check_flags, nearest, path_of, shown, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
@@ -41,7 +41,6 @@ from vibroswarm.study.batch_table import (
     arrays_of,
     tables_of,
 )
-from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.settled import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
@@ -501,7 +500,7 @@ class StudyResult(NotebookView):
             InputError: pandas or pyarrow is not installed, there is no such table, the study does not save samples, or
                 no run of the selected cells is stored (only the table ``cells`` needs none).
         """
-        return pandas_of(self._table(table))
+        return _pandas_of(self._table(table))
 
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
         """Convert a table to an xarray Dataset.
@@ -518,7 +517,7 @@ class StudyResult(NotebookView):
         """
         of_table = {"runs": ["run"], "robots": ["run", "robot"], "samples": ["run", "robot", "sample"]}
         # A cell is given by its varied values.
-        return dataset_of(self._table(table).drop("cell"), [*self.study.varied, *of_table.get(table, [])])
+        return _dataset_of(self._table(table).drop("cell"), [*self.study.varied, *of_table.get(table, [])])
 
     def summary(self) -> pl.DataFrame:
         """Return one row per selected cell that has runs (``Outcome.table``): varied values, figures and their limits.
@@ -636,3 +635,33 @@ def _column(name: str, values: list[Any]) -> pl.Series:
         # A column without any value becomes a column of text; otherwise polars finds the type (``dtype=None``).
         return pl.Series(name, values, dtype=pl.String if not kinds else None)
     return pl.Series(name, [v if v is None or isinstance(v, str) else json.dumps(v) for v in values])
+
+
+def _pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
+    """Convert a table to pandas.
+
+    Raises:
+        InputError: pandas or pyarrow is not installed.
+    """
+    for library in ("pandas", "pyarrow"):  # the ``to_pandas`` of polars needs both
+        needed(library, "frames", "to_pandas")
+    return frame.to_pandas()
+
+
+def _dataset_of(table: pl.DataFrame, index: Sequence[str]) -> xr.Dataset:
+    """Convert a table to an xarray Dataset.
+
+    Args:
+        index: the columns that become its dimensions, in order; empty: the only dimension is ``index``.
+    Raises:
+        InputError: several rows have the same place in the dimensions, or xarray, pandas or pyarrow is not installed.
+    """
+    xarray = needed("xarray", "frames", "to_xarray")
+    frame = _pandas_of(table)
+    for name in frame.select_dtypes("category"):  # xarray has no categories
+        frame[name] = frame[name].astype(str)
+    indexed = frame.set_index(list(index)) if index else frame
+    if not indexed.index.is_unique:
+        raise InputError("several cells have the same varied values", field="to_xarray")
+    dataset: xr.Dataset = xarray.Dataset.from_dataframe(indexed)
+    return dataset

@@ -29,15 +29,12 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References
+from vibroswarm.study.batch_table import WALK
 from vibroswarm.study.cell_comparison import KEPT, Compared, compared_columns, comparison_table, comparisons
 from vibroswarm.study.equal_error import at_equal_error, why_not_at_equal_error
 from vibroswarm.study.settled import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
-
-WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
-"""Columns of the store about how the robots of a run sampled, see ``analysis.sampling``."""
-
 
 OF_SOME: Final = ("reported", "comparisons", "equal_error", "references")
 """Tables that only some summaries have."""
@@ -217,7 +214,7 @@ def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tup
         (
             figures,
             times_by_run(robots, t_end_s),
-            runs.select(WALK),
+            runs.select(*WALK),
             robots.select(most=counted(cell.scenario)),
         )
         for figures, robots, runs in result.parts(number)

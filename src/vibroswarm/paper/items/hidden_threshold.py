@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -99,15 +99,6 @@ def tuned_weights() -> dict[str, Any]:
     }
 
 
-class Matched(NamedTuple):
-    """Results without feedback at the mean time of soft feedback, mixed from two thresholds p_c."""
-
-    figures: dict[str, Array]
-    """The mixed figures a_r of each run by name, (runs,) each."""
-    thresholds: tuple[float, ...]
-    """For each half of the runs, the mean of the two mixed thresholds, weighted by the mixing share."""
-
-
 def compute(work: Work) -> Tables:
     """Return the fronts of all variants, the gains of soft feedback, and the claims' measured values.
 
@@ -129,13 +120,14 @@ def compute(work: Work) -> Tables:
         matched = None if variant == "none" else match(front, soft)
         if matched is None:
             continue
-        gains = {name: matched.figures[name] - soft[name] for name in FIGURES}
+        without, thresholds = matched
+        gains = {name: without[name] - soft[name] for name in FIGURES}
         rows.append(
             {
                 "robots": robots,
                 "strategy": variant,
                 "p_c": threshold,
-                "mean p_c": float(np.mean(matched.thresholds)),
+                "mean p_c": float(np.mean(thresholds)),
                 **means_of(gains),
             }
         )
@@ -167,7 +159,9 @@ def _over_floors(work: Work, robots: int, variant: str, threshold: float) -> dic
     }
 
 
-def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Matched | None:
+def match(
+    front: dict[float, dict[str, Array]], soft: dict[str, Array]
+) -> tuple[dict[str, Array], list[float]] | None:
     """Mix two thresholds without feedback so that the mean time is that of soft feedback, see the head of this module.
 
     For each half of the runs, the two thresholds and the mixing share m are chosen on the other half.
@@ -176,8 +170,9 @@ def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Match
         front: figures without feedback, by threshold p_c and name, (runs,) each.
         soft: figures with soft feedback, by name, (runs,) each; at least two runs.
     Returns:
-        The mixed figures; None if, in one of the halves, the mean time of soft feedback is shorter or longer than all
-        mean times of the front.
+        The mixed figures a_r of each run by name, (runs,) each, and for each half of the runs the mean of the two mixed
+        thresholds, weighted by the mixing share. None if, in one of the halves, the mean time of soft feedback is
+        shorter or longer than all mean times of the front.
     """
     runs = soft["decision_time_s"].size
     figures = {name: np.empty(runs) for name in FIGURES}
@@ -201,7 +196,7 @@ def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Match
             mixed = (1.0 - share) * front[first][name] + share * front[second][name]
             figures[name][half::2] = mixed[half::2]
         thresholds.append((1.0 - share) * first + share * second)
-    return Matched(figures, tuple(thresholds))
+    return figures, thresholds
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

@@ -17,7 +17,7 @@ nothing follows for other robots.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -46,13 +46,12 @@ SAMPLES, SIMILARITY = "predicted-samples-over-recorded", "predicted-similarity-l
 """Names of the measured values."""
 
 
-class Predicted(NamedTuple):
-    """Predictions of one held-out session."""
+Predicted = tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]
+"""Predictions of one held-out session.
 
-    samples: NDArray[np.float64]
-    """Number of samples of each simulated session, divided by the recorded number, minus 1."""
-    similarity: dict[str, NDArray[np.float64]]
-    """By feature, the similarity of each simulated session to the held-out one, minus that of the study's simulator."""
+- number of samples of each simulated session, divided by the recorded number, minus 1
+- by feature, the similarity of each simulated session to the held-out one, minus that of the study's simulator
+"""
 
 
 def predict(
@@ -78,7 +77,7 @@ def predict(
             [at_equal_counts(feature, own, one, count, drawn) for one in source] for source in (ours, others)
         )
         similarity[feature] = np.array(near) - float(np.mean(far))
-    return Predicted(np.array([one.height / held_out.height - 1.0 for one in simulated]), similarity)
+    return np.array([one.height / held_out.height - 1.0 for one in simulated]), similarity
 
 
 def rows_of(predicted: dict[int, Predicted]) -> Iterator[Row]:
@@ -87,9 +86,9 @@ def rows_of(predicted: dict[int, Predicted]) -> Iterator[Row]:
     Args:
         predicted: by number of the held-out session.
     """
-    for session, one in predicted.items():
-        yield mean(SAMPLES, COLUMN, f"session {session + 1}", one.samples)
-        for feature, values in one.similarity.items():
+    for session, (samples, similarity) in predicted.items():
+        yield mean(SAMPLES, COLUMN, f"session {session + 1}", samples)
+        for feature, values in similarity.items():
             yield mean(SIMILARITY, COLUMN, f"{WORDS[feature]}, session {session + 1}", values)
 
 

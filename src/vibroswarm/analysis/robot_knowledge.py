@@ -1,4 +1,4 @@
-"""Robots that are wrong about their sensor: sentences that say so where they go by what it claims."""
+"""What robots think they know, in sentences: true places, as no real robot does, or wrong rates of their sensor."""
 
 from __future__ import annotations
 
@@ -13,6 +13,21 @@ from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import claimed_rates, claims_differ, rates
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.static_analysis import told
+
+
+def true_places_notes(scenarios: Iterable[Scenario]) -> list[str]:
+    """Return a list of one sentence, the first to print of a result, if its robots used their true places.
+
+    The sentence names the strategies of these robots. The list is empty if no strategy reads places, or if robots
+    estimate them.
+
+    Args:
+        scenarios: those behind the result; several if they are shown together.
+    """
+    names = dict.fromkeys(one.strategy.name for one in scenarios if one.reads_true_places)
+    if not names:
+        return []
+    return [f"{', '.join(names)} with true places: an upper bound, as real robots must estimate theirs."]
 
 
 def claims_notes(scenarios: Iterable[Scenario]) -> list[str]:
