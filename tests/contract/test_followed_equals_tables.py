@@ -309,7 +309,9 @@ def test_few_scenarios_are_in_memory_at_a_time_where_their_robots_have_large_arr
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Values do not depend on it, and a thread caches no more closed loops than have room."""
-    places = Draw(strategy="places").scenario(run__t_end_s=60.0, decision__min_observations=1)
+    places = Draw(strategy="places").scenario(
+        run__t_end_s=60.0, decision__min_observations=1, network__name="ideal"
+    )
     cases = [
         places.with_values({"decision.credible_threshold": level}) for level in (0.6, 0.7, 0.8, 0.9, 0.95)
     ]

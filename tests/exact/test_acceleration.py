@@ -216,7 +216,12 @@ def test_closed_loop_and_tables_are_equal() -> None:
             "change.to": ["random:0.2", "random:0.8"],
         }
     )
-    places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
+    places = {
+        "strategy.name": "places",
+        "strategy.places.energies": True,
+        "strategy.places.min_samples": 5,
+        "network.name": "loss",  # whose kernel ``test_places_options`` needs too
+    }
     assert list(in_pieces([("bits", changing), ("energies", changing.with_values(places))])) == []
 
 

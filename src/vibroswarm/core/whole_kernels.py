@@ -182,7 +182,10 @@ class LowerPart(typed_passes.NativeLowering):
         """Run Numba's pass with a library of another kind, and make no machine code."""
         state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)
         state.targetctx.get_executable = _no_entry  # the context is a copy for this function alone
-        return bool(super().run_pass(state))
+        changes = bool(super().run_pass(state))
+        # Types of all expressions, which would keep them alive; Numba too drops them, where it saves a function.
+        state.cr.fndesc.typemap = state.cr.fndesc.calltypes = None
+        return changes
 
 
 def _no_entry(library: Any, fndesc: Any, env: Any) -> Any:
@@ -216,6 +219,8 @@ IDLE: Final = (
 )
 """Passes that change no function of this package, and are left out there: none has closures, lists, or arithmetic with
 whole arrays, and none calls what Numba takes in by itself."""
+UNREAD: Final = (typed_passes.AnnotateTypes,)
+"""Passes whose results nobody reads, left out for all: a text of each function's types, for ``inspect_types``."""
 
 
 class _OurCompiler(compiler.CompilerBase):
@@ -234,7 +239,8 @@ class _OurCompiler(compiler.CompilerBase):
         """Return the one list of passes; the flags of this function are on top of Numba's stack by now."""
         _under_way.append(ConfigStack.top_or_none())
         numbas: Any = compiler.DefaultPassBuilder
-        passes, left_out = _Passes("vibroswarm"), IDLE if is_ours(self.state.func_id.modname) else ()
+        passes = _Passes("vibroswarm")
+        left_out = (*UNREAD, *IDLE) if is_ours(self.state.func_id.modname) else UNREAD
         for define in (
             numbas.define_untyped_pipeline,
             numbas.define_typed_pipeline,
