@@ -190,7 +190,7 @@ def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) ->
     finish = simulated._ScenarioRuns.finish
 
     def then_note(course: Any, r: int) -> None:
-        reached.append(course.loop.buffer.time_s[: course.loop.bounds[1]].max())
+        reached.append(course.loop.rows.time_s[: course.loop.bounds[1]].max())
         finish(course, r)
 
     monkeypatch.setattr(simulated._ScenarioRuns, "finish", then_note)

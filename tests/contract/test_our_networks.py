@@ -107,7 +107,7 @@ def test_kernels_do_what_plain_python_does(network: str) -> None:
     """Tick by tick, with the functions of the network uncompiled."""
     params = {"bursts": {"bad_share": 0.3}, "range": {"range_m": 0.4}, "tree": {"frame_ms": 20.0}}
     scenario = over(network, robots=6, **params.get(network, {})).with_values({"run.t_end_s": 40.0})
-    assert list(equals_plain(iter([(network, scenario)]))) == []
+    assert list(equals_plain(scenario)) == []
 
 
 def logs(scenario: Scenario, runs: int, seed: int = 5) -> list[MessageLog]:

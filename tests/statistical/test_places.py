@@ -129,7 +129,7 @@ def test_a_map_decides_sooner_and_shuffled_places_lose_the_gain() -> None:
     assert 150.0 < true_s < 300.0  # 230 s in 1000 runs
     assert true_s < good_s < 450.0  # 338 s
     assert max(true_wrong, good_wrong) < 0.25  # 9 % and 12 %
-    order = np.random.default_rng(1).permutation(timeline.robot.size)
+    order = np.random.default_rng(1).permutation(timeline.rows.robot.size)
     shuffled = replace(timeline, x_m=timeline.x_m[order].copy(), y_m=timeline.y_m[order].copy())
     for column in (shuffled.x_m, shuffled.y_m):
         column.flags.writeable = False

@@ -67,7 +67,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
     seed = _check_maps(result)
     scenario = result.scenario
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
-    robots, runs = scenario.swarm.robots, timeline.runs.tolist()
+    robots, runs = scenario.swarm.robots, timeline.rows.runs.tolist()
     by_robot, pooled = beliefs_of(
         replay_to_end(scenario, seed, timeline, *classes_and_values(result.observations)).arrays,
         len(runs),

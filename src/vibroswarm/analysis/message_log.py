@@ -158,7 +158,7 @@ def _last_read_tick(timeline: Timeline, silent_tick: NDArray[np.int64]) -> NDArr
     """
     last = np.minimum(timeline.stops.walked_tick, silent_tick - 1)
     for i in range(last.size):
-        own = timeline.robot == i
+        own = timeline.rows.robot == i
         stop_tick, sample_tick = timeline.stops.stop_tick[own], timeline.stops.tick[own]
         # A robot stands from ``stop_tick`` to its sample. If its radio dies then, it last read before the stop.
         standing = (stop_tick <= last[i]) & (last[i] <= sample_tick)

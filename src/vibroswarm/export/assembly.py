@@ -22,7 +22,7 @@ from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
 from vibroswarm.robot.line_sensing import LineProgram, Wave, empty_wave
-from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, empty_mixture
+from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture, empty_mixture
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, readings
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.fields import Sensor
@@ -89,8 +89,6 @@ class RobotParts:
     """Which class they read of the numbers of their own sensor; None if it measures one value."""
     blind_ms: float
     """How long the robot ignores its rays after a turn; 0: it never does."""
-    estimates: int = len(ESTIMATE)
-    """Length of the array that holds the estimate of a robot's place."""
 
     @property
     def reads_classes(self) -> bool:

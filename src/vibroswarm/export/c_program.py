@@ -37,7 +37,7 @@ from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.export.source import plain
 from vibroswarm.robot.features import Peak
 from vibroswarm.robot.line_sensing import LineProgram, Wave
-from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
+from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import arrays_of, fields_of
@@ -271,7 +271,7 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "sense": structs["SenseState"],
         "place": structs.get("Mixture"),
         "wave": structs.get("Wave"),
-        "estimate": CArray(REAL, (parts.estimates,)),
+        "estimate": CArray(REAL, (len(ESTIMATE),)),
     }
     of_localisation = (
         "place", "estimate", "move_start_s", "move_turned_deg", "move_ray_m", "move_after_drive",

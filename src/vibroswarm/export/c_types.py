@@ -173,17 +173,14 @@ def struct_of_class(
     return Struct(name, declared, tuple(fields) or EMPTY, mutable, omitted)
 
 
-def struct_of_row(
-    name: str, fields: Mapping[str, type], *, mutable: bool = True, source: Any = None
-) -> Struct:
+def struct_of_row(name: str, fields: Mapping[str, type], *, mutable: bool = True) -> Struct:
     """Return the struct of a strategy's row (state, message or parameters) with these fields.
 
     Args:
-        name: of the struct in C. fields: Python types by name. mutable: whether fields can be changed in place. source:
-            the Python class that constructs such a row, if there is one.
+        name: of the struct in C. fields: Python types by name. mutable: whether fields can be changed in place.
     """
     found = tuple((field_name, OF_PYTHON[kind]) for field_name, kind in fields.items())
-    return Struct(name, source, found or EMPTY, mutable)
+    return Struct(name, None, found or EMPTY, mutable)
 
 
 def struct_of_arrays(name: str, declared: type, sizes: Mapping[str, int]) -> Struct:

@@ -28,7 +28,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.changes import NO_CHANGES, Changes
-from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface
+from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface, rectangle
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
@@ -401,17 +401,11 @@ def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
         copied = np.array(values, order="C")
         if copied.max() < KIND_LIMIT:
             return copied
-    try:
-        grid = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError("a floor is a rectangle of numbers, the kinds of its tiles", field="floor") from None
-    if grid.ndim != 2 or grid.size == 0:
-        raise InputError(f"a floor is a rectangle of tiles, not of shape {grid.shape}", field="floor")
-    wrong = ~((grid >= 0) & (grid < KIND_LIMIT) & (grid == np.floor(grid)))
-    if wrong.any():
-        row, column = (int(i[0]) for i in np.nonzero(wrong))
-        raise InputError(
-            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; {KINDS_IN_WORDS}",
-            field="floor",
-        )
+    grid = rectangle(
+        values,
+        "floor",
+        "a floor",
+        lambda of: (of >= 0) & (of < KIND_LIMIT) & (of == np.floor(of)),
+        KINDS_IN_WORDS,
+    )
     return np.ascontiguousarray(grid, dtype=np.uint8)

@@ -177,9 +177,7 @@ def read_palette(path: Path | str, colours: Sequence[str], size: Size | None = N
             field=name,
         )
     rows, columns = size or levels.shape
-    if rows > levels.shape[0] or columns > levels.shape[1]:
-        raise InputError(f"has fewer pixels than {rows} x {columns} tiles", field=name)
-    shares = [_means((kinds == kind).astype(np.int64), (rows, columns)) for kind in range(len(colours))]
+    shares = [_means((kinds == kind).astype(np.int64), (rows, columns), name) for kind in range(len(colours))]
     return as_tiles(np.argmax(shares, axis=0))
 
 
@@ -317,13 +315,7 @@ def brightness_of(
                 field=name,
             )
         size = (levels.shape[0], levels.shape[1])
-    if size[0] > levels.shape[0] or size[1] > levels.shape[1]:
-        raise InputError(
-            f"has only {levels.shape[0]} x {levels.shape[1]} pixels for the {size[0]} x {size[1]} of "
-            "--tiles; give at most as many tiles as pixels",
-            field=name,
-        )
-    return np.asarray(_means(levels, size) / full)
+    return np.asarray(_means(levels, size, name) / full)
 
 
 def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
@@ -385,9 +377,19 @@ def _grey(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
     return np.asarray(picture.convert("L")), 255
 
 
-def _means(levels: NDArray[Any], size: Size) -> NDArray[np.float64]:
-    """Return the mean level of each part, (rows, columns); borders are rounded down, sums are integers."""
+def _means(levels: NDArray[Any], size: Size, name: str) -> NDArray[np.float64]:
+    """Return the mean level of each part, (rows, columns); borders are rounded down, sums are integers.
+
+    Raises:
+        InputError: there are fewer pixels than parts; ``name`` is that of the picture.
+    """
     height, width = levels.shape
+    if size[0] > height or size[1] > width:
+        raise InputError(
+            f"has only {height} x {width} pixels for the {size[0]} x {size[1]} of --tiles; give at most as many tiles "
+            "as pixels",
+            field=name,
+        )
     tops = np.arange(size[0]) * height // size[0]
     lefts = np.arange(size[1]) * width // size[1]
     sums = np.add.reduceat(np.add.reduceat(levels, tops, axis=0, dtype=np.int64), lefts, axis=1)

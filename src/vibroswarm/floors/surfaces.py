@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -71,26 +71,44 @@ def kind_of_name(name: str) -> str:
     return first if colon and first in (PATCHES, *VALUES) else ""
 
 
+def rectangle(
+    values: ArrayLike,
+    field: str,
+    what: str,
+    are_right: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+    words: str,
+) -> NDArray[np.float64]:
+    """Return the numbers of a floor, (rows, columns).
+
+    Args:
+        field, what: field and thing that have them, for errors. are_right: which numbers may be there. words: the same
+            in words.
+    Raises:
+        InputError: they are no rectangle of such numbers.
+    """
+    try:
+        grid = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} is a rectangle of numbers; {words}", field=field) from None
+    if grid.ndim != 2 or grid.size == 0:
+        raise InputError(f"{what} is a rectangle, not of shape {grid.shape}", field=field)
+    wrong = ~are_right(grid)
+    if wrong.any():
+        row, column = (int(index[0]) for index in np.nonzero(wrong))
+        raise InputError(
+            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; {words}", field=field
+        )
+    return grid
+
+
 def steps_of(values: ArrayLike, field: str = "floor.values") -> Steps:
     """Return values as steps.
 
     Raises:
         InputError: they are no rectangle of numbers from 0 to 1.
     """
-    try:
-        grid = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError("a floor of values is a rectangle of numbers from 0 to 1", field=field) from None
-    if grid.ndim != 2 or grid.size == 0:
-        raise InputError(f"a floor of values is a rectangle, not of shape {grid.shape}", field=field)
-    wrong = ~((grid >= 0.0) & (grid <= 1.0))
-    if wrong.any():
-        row, column = (int(index[0]) for index in np.nonzero(wrong))
-        raise InputError(
-            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; a value is from 0 (still) to 1 "
-            "(vibrating)",
-            field=field,
-        )
+    words = "a value is from 0 (still) to 1 (vibrating)"
+    grid = rectangle(values, field, "a floor of values", lambda of: (of >= 0.0) & (of <= 1.0), words)
     return np.rint(grid * STEPS).astype(np.uint8)
 
 

@@ -7,7 +7,7 @@ which robots have decided, and where a strategy wants to steer them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple, TypeGuard
 
 import numpy as np
@@ -31,11 +31,10 @@ from vibroswarm.motion.event.world import World
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.energy_model import is_sensed, weighed
+from vibroswarm.observation.energy_model import is_sensed, readings_of, weighed
 from vibroswarm.observation.observe import (
     Ground,
     SensedFloor,
-    classes_of,
     energies_at,
     read,
     reads_energies,
@@ -48,57 +47,23 @@ from vibroswarm.scenario.scenario import Scenario
 
 
 class SampleBuffer(NamedTuple):
-    """The samples of a run so far, in order of time; (capacity,) each unless stated."""
+    """The samples of a run so far, in order of time: what the replay reads, and what only their recording needs."""
 
-    robot: NDArray[np.uint16]
-    sample: NDArray[np.uint32]
-    """Index of the sample among the robot's samples."""
-    time_s: NDArray[np.float64]
-    tick: NDArray[np.int64]
-    """Tick of the sample, at the end of its stop."""
+    rows: Rows
+    stops: Stops
+    readings: Readings
     previous: NDArray[np.int32]
-    """Previous row of the same robot; -1: none."""
-    stop_tick: NDArray[np.int64]
-    """Tick at which the robot stopped for the sample."""
-    following: NDArray[np.int32]
-    """Next row of the same robot; -1: none yet."""
-    heard: NDArray[np.int32]
-    """(capacity, 3): which messages the robot has heard, as in ``deliveries.Timeline.heard``."""
-    observation: NDArray[np.uint8]
-    """Bit that the robot read."""
-    x_m: NDArray[np.float64]
-    y_m: NDArray[np.float64]
-    heading_rad: NDArray[np.float64]
+    """(capacity,): previous row of the same robot; -1: none."""
     latest: NDArray[np.int32]
     """(robots,): last row of each robot; -1: none."""
     own: NDArray[np.int32]
     """(robots,): number of samples of each robot."""
-    first: NDArray[np.int32]
-    """(robots,): first row of each robot; -1: none yet."""
 
 
-def empty_sample_buffer(robots: int, capacity: int) -> SampleBuffer:
-    """Allocate a buffer for ``capacity`` samples, without setting its contents.
-
-    ``ClosedLoop.begin`` sets the arrays with an entry per robot, and ``record_samples`` the rows of the other arrays.
-    """
-    return SampleBuffer(
-        robot=np.empty(capacity, dtype=np.uint16),
-        sample=np.empty(capacity, dtype=np.uint32),
-        time_s=np.empty(capacity),
-        tick=np.empty(capacity, dtype=np.int64),
-        previous=np.empty(capacity, dtype=np.int32),
-        stop_tick=np.empty(capacity, dtype=np.int64),
-        following=np.empty(capacity, dtype=np.int32),
-        heard=np.empty((capacity, 3), dtype=np.int32),
-        observation=np.empty(capacity, dtype=np.uint8),
-        x_m=np.empty(capacity),
-        y_m=np.empty(capacity),
-        heading_rad=np.empty(capacity),
-        latest=np.empty(robots, dtype=np.int32),
-        own=np.empty(robots, dtype=np.int32),
-        first=np.empty(robots, dtype=np.int32),
-    )
+def _columns(buffer: SampleBuffer) -> list[NDArray[Any]]:
+    """Return the arrays of a buffer that are written."""
+    rows, stops, readings, *rest = buffer
+    return [*rows, *stops, *readings._replace(uniforms=np.empty(0)), *rest]
 
 
 @kernel
@@ -119,24 +84,25 @@ def record_samples(
             buffer so far. seed, run: address of the sensors' noise.
         tick_ms: control period.
     """
+    into, stops, readings = buffer.rows, buffer.stops, buffer.readings
     for n in range(rows.size):
         row, k = rows[n], filled
         i, number = signed(row.robot), signed(row.sample)
-        buffer.robot[k], buffer.sample[k] = row.robot, row.sample
-        buffer.tick[k], buffer.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
-        _, reading, _, _ = read(ground, row.x_m, row.y_m, buffer.time_s[k], seed, run, i, number)
-        buffer.x_m[k], buffer.y_m[k], buffer.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
-        buffer.observation[k], buffer.previous[k] = reading, buffer.latest[i]
-        buffer.stop_tick[k], buffer.following[k] = row.stop_tick, -1
+        into.robot[k], into.sample[k] = row.robot, row.sample
+        stops.tick[k], into.time_s[k] = row.tick, row.tick * tick_ms / 1000.0
+        _, reading, _, _ = read(ground, row.x_m, row.y_m, into.time_s[k], seed, run, i, number)
+        readings.x_m[k], readings.y_m[k], readings.heading_rad[k] = row.x_m, row.y_m, row.heading_rad
+        readings.observation[k], buffer.previous[k] = reading, buffer.latest[i]
+        stops.stop_tick[k], stops.following[k] = row.stop_tick, -1
         if buffer.latest[i] >= 0:
-            buffer.following[buffer.latest[i]] = k
+            stops.following[buffer.latest[i]] = k
         else:
-            buffer.first[i] = k
+            stops.first[i] = k
         # A robot reads messages while it walks, not while it stands: last at stop_tick - 1. A message is read one tick
         # after it was sent, at the earliest, so the robot has read those sent up to stop_tick - 2.
         until, last_own, own = row.stop_tick - 2, buffer.latest[i], buffer.own[i]
         # 0: first row of the run, as the buffer holds a single run
-        write_heard(buffer.heard[k], buffer.heard, buffer.previous, buffer.tick, 0, k, until, last_own, own)
+        write_heard(into.heard[k], into.heard, buffer.previous, stops.tick, 0, k, until, last_own, own)
         buffer.latest[i] = k
         buffer.own[i] += 1
         filled += 1
@@ -241,7 +207,6 @@ class ClosedLoop:
             capacity: number of samples that there is room for.
         """
         scenario, robots = self.scenario, self.walked_tick.size
-        self.buffer = empty_sample_buffer(robots, capacity)
         # The columns that ``OnlineLocalisation.locate`` writes: the estimate, then draws of the place if they are read.
         width = len(ESTIMATE) + width_of(draws_read(scenario))
         self.estimates = np.zeros((capacity if self.localisation else 0, width))
@@ -253,35 +218,45 @@ class ClosedLoop:
         agents = self.replayer.swarm.agents
         self.decision: NDArray[np.int64] = agents["decision"]
         self.decision_time_s: NDArray[np.float64] = agents["decided_s"]
-        buffer = SampleBuffer(*(read_only(column) for column in self.buffer))
-        self.readings = Readings(
-            observation=buffer.observation,
-            x_m=buffer.x_m,
-            y_m=buffer.y_m,
-            heading_rad=buffer.heading_rad,
+        rows = Rows(
+            bounds=self.bounds,
+            runs=self.runs,
+            robot=np.empty(capacity, dtype=np.uint16),
+            sample=np.empty(capacity, dtype=np.uint32),
+            time_s=np.empty(capacity),
+            heard=np.empty((capacity, 3), dtype=np.int32),
+            # not used: ``to_end`` is never requested here
+            heard_at_end=np.zeros((robots, 3), dtype=np.int32),
+        )
+        stops = Stops(
+            tick=np.empty(capacity, dtype=np.int64),
+            stop_tick=np.empty(capacity, dtype=np.int64),
+            following=np.empty(capacity, dtype=np.int32),
+            first=np.empty(robots, dtype=np.int32),
+            walked_tick=self.walked_tick,
+            known_tick=self.known_tick,
+        )
+        readings = Readings(
+            observation=np.empty(capacity, dtype=np.uint8),
+            x_m=np.empty(capacity),
+            y_m=np.empty(capacity),
+            heading_rad=np.empty(capacity),
             uniforms=NO_VALUES,  # the kernel computes the numbers when it needs them
-            estimates=read_only(self.estimates),
-            weighed=read_only(self.weighed),
+            estimates=self.estimates,
+            weighed=self.weighed,
         )
-        self.rows = Rows(
-            bounds=read_only(self.bounds),
-            runs=read_only(self.runs),
-            robot=buffer.robot,
-            sample=buffer.sample,
-            time_s=buffer.time_s,
-            heard=buffer.heard,
-            heard_at_end=read_only(
-                np.zeros((robots, 3), dtype=np.int32)
-            ),  # not used: ``to_end`` is never requested here
+        # ``begin`` sets the arrays with an entry per robot, and ``record_samples`` the rows of the others.
+        self.buffer = SampleBuffer(
+            rows,
+            stops,
+            readings,
+            previous=np.empty(capacity, dtype=np.int32),
+            latest=np.empty(robots, dtype=np.int32),
+            own=np.empty(robots, dtype=np.int32),
         )
-        self.stops = Stops(
-            tick=buffer.tick,
-            stop_tick=buffer.stop_tick,
-            following=buffer.following,
-            first=buffer.first,
-            walked_tick=read_only(self.walked_tick),
-            known_tick=read_only(self.known_tick),
-        )
+        self.rows = Rows(*(read_only(column) for column in rows))
+        self.stops = Stops(*(read_only(column) for column in stops))
+        self.readings = Readings(*(read_only(column) for column in readings))
 
     def _enlarge(self, needed: int) -> None:
         """Make room for ``needed`` samples and as many again.
@@ -289,10 +264,9 @@ class ClosedLoop:
         The next ``catch_up`` replays the run from its start, as the new replayer has replayed nothing yet.
         """
         filled = int(self.bounds[1])
-        old: list[NDArray[Any]] = [*self.buffer, self.estimates, self.weighed]
+        old = self.buffer
         self._allocate(2 * needed)
-        new: list[NDArray[Any]] = [*self.buffer, self.estimates, self.weighed]
-        for before, now in zip(old, new, strict=True):
+        for before, now in zip(_columns(old), _columns(self.buffer), strict=True):
             # Columns with one entry per robot do not grow, and are copied whole. Columns that are not needed have no
             # entries. Of all others the rows of the samples so far are copied.
             size = before.shape[0] if before.shape == now.shape else filled
@@ -306,7 +280,7 @@ class ClosedLoop:
             run: number of the run. ground: its floor and sensors.
         """
         self.ground, self.run, self.runs[0], self.bounds[1] = ground, run, run, 0
-        self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
+        self.buffer.latest[:], self.buffer.own[:], self.buffer.stops.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
         self.moves: list[NDArray[np.void]] = []
         self.tracks = NO_TRACKS
@@ -331,7 +305,7 @@ class ClosedLoop:
     def add_samples(self, rows: NDArray[np.void]) -> None:
         """Append new samples (``motion.recorder.SAMPLE_ROW``) with their readings to the buffer."""
         needed = int(self.bounds[1]) + rows.size
-        if needed > self.buffer.tick.size:  # a user's source may sample more often than the scenario says
+        if needed > self.stops.tick.size:  # a user's source may sample more often than the scenario says
             self._enlarge(needed)
         if len(self.ground.stages) == 1:  # the floor does not change
             self._record(self.ground.stages[0], rows)
@@ -364,9 +338,9 @@ class ClosedLoop:
             self._weigh_energies(new)
         if self.localisation is not None:
             self.localisation.locate(
-                self.buffer.robot[new],
-                self.buffer.stop_tick[new],
-                self.buffer.time_s[new],
+                self.rows.robot[new],
+                self.stops.stop_tick[new],
+                self.rows.time_s[new],
                 self.estimates[new],
             )
         self.located = new.stop
@@ -428,35 +402,35 @@ class ClosedLoop:
             and not (replayer.strategy.code or replayer.network.code)
         )
 
+    def _parts(self, new: slice) -> Iterator[tuple[SensedFloor, slice, list[NDArray[Any]]]]:
+        """Yield each stage of the floor in the rows ``new``: its part of them, and robot, sample, x, y, time there."""
+        rows, readings = self.rows, self.readings
+        columns: tuple[NDArray[Any], ...] = (
+            rows.robot, rows.sample, readings.x_m, readings.y_m, rows.time_s
+        )  # fmt: skip
+        for ground, part in self.ground.parts(rows.time_s[new]):
+            yield ground, part, [column[new][part] for column in columns]
+
     def _weigh_energies(self, new: slice) -> None:
         """Write values and log likelihood ratios of the samples in the rows ``new``."""
-        buffer, run = self.buffer, self.run
-        columns: tuple[NDArray[Any], ...] = (
-            buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
-        )  # fmt: skip
-        for ground, part in self.ground.parts(buffer.time_s[new]):
-            own = [column[new][part] for column in columns]
-            energy = energies_at(self.scenario, ground, self.seed, run, *own)
+        for ground, part, own in self._parts(new):
+            energy = energies_at(self.scenario, ground, self.seed, self.run, *own)
             self.weighed[new][part] = weighed(
-                self.scenario.sensor, buffer.observation[new][part], energy, ground.place
+                self.scenario.sensor, self.readings.observation[new][part], energy, ground.place
             )
 
     def _sense(self, new: slice) -> None:
         """Replace the readings in the rows ``new`` by those of a sensor that depends on the place."""
-        sensor, buffer, run = self.scenario.sensor, self.buffer, self.run
-        columns: tuple[NDArray[Any], ...] = (
-            buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
-        )  # fmt: skip
-        for ground, part in self.ground.parts(buffer.time_s[new]):
-            own = [column[new][part] for column in columns]
-            values = values_at(sensor, ground.tiles, ground.place, self.seed, run, *own)
-            read = classes_of(sensor, values)
+        sensor = self.scenario.sensor
+        for ground, part, own in self._parts(new):
+            values = values_at(sensor, ground.tiles, ground.place, self.seed, self.run, *own)
+            read = readings_of(sensor, values)
             robot, sample, _, _, time_s = own
             first = np.zeros(len(read), dtype=np.int64)  # ``ground`` holds a single run
             apply_faults(
                 ground.faults, first, robot, sample, time_s, sensor.readings, self.seed, self.runs, read
             )
-            buffer.observation[new][part] = read
+            self.buffer.readings.observation[new][part] = read
 
     def rewind_to(self, time_s: float) -> None:
         """Set the swarm to its state at the earlier time ``time_s``, by replaying the run from its start.
@@ -464,7 +438,7 @@ class ClosedLoop:
         Samples taken exactly at ``time_s`` are included.
         """
         last = int(self.bounds[1]) - 1
-        if not self.replayer.needs_stops and (last < 0 or self.buffer.time_s[last] <= time_s):
+        if not self.replayer.needs_stops and (last < 0 or self.rows.time_s[last] <= time_s):
             return  # No sample was taken later; and a replayer without stops has no timers, so nothing else happens.
         self.replayer.advance(
             self.rows, self.readings, self.stops, from_start=True, limit_s=time_s, tracks=self.tracks

@@ -33,11 +33,11 @@ LANE_BITS = 16
 MAX_ROBOTS = 64
 """For swarms larger than this, the receivers of messages are not cached."""
 HEARD_ROWS = 0
-"""Column of ``Timeline.heard``: number n of the run's messages that the robot has passed, its own among them."""
+"""Column of ``Rows.heard``: number n of the run's messages that the robot has passed, its own among them."""
 LAST_OWN = 1
-"""Column of ``Timeline.heard``: row of the last of these n messages that is the robot's own; -1: none."""
+"""Column of ``Rows.heard``: row of the last of these n messages that is the robot's own; -1: none."""
 OTHERS = 2
-"""Column of ``Timeline.heard``: number of these n messages that are not the robot's own."""
+"""Column of ``Rows.heard``: number of these n messages that are not the robot's own."""
 
 
 class Reach(NamedTuple):
@@ -75,34 +75,20 @@ class Timeline:
     """run, robot and sample of the rows."""
     ends: pl.DataFrame
     """Table of the ends of the robots' motion."""
+    rows: Rows
+    """What kernels read of the samples."""
     robots: int
     """Number of robots of a run."""
-    runs: NDArray[np.int64]
-    """(runs,): run numbers."""
-    bounds: NDArray[np.int64]
-    """(runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``."""
     tick_ms: int
     """Control period."""
-    time_s: NDArray[np.float64]
-    """(rows,): time of the sample."""
     stop_start_s: NDArray[np.float64]
     """(rows,): when the robot stopped for the sample."""
-    robot: NDArray[np.uint16]
-    """(rows,): robot of the sample."""
-    sample: NDArray[np.uint32]
-    """(rows,): index of the sample among the robot's samples."""
     x_m: NDArray[np.float64]
     """(rows,): true x at the sample."""
     y_m: NDArray[np.float64]
     """(rows,): true y at the sample."""
     heading_rad: NDArray[np.float64]
     """(rows,): true heading at the sample."""
-    heard: NDArray[np.int32]
-    """(rows, 3), at the time of the sample. HEARD_ROWS: number n of the run's messages that the robot has passed: it
-    has read the first n messages, but for its own. LAST_OWN: row of the last message among them that is its own,
-    counted from the run's first row; -1: none. OTHERS: number of messages among them that are not its own."""
-    heard_at_end: NDArray[np.int32]
-    """(runs * robots, 3): the same for each robot at the end of its run."""
     moves: pl.DataFrame | None = None
     """Table of moves; None if the motion has none."""
     _message_uniforms: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
@@ -120,20 +106,20 @@ class Timeline:
     @cached_property
     def stops(self) -> Stops:
         """When robots stand (``replay_arrays.Stops``), computed from the times of samples and of ends."""
-        per_s = 1000.0 / self.tick_ms
+        per_s, rows = 1000.0 / self.tick_ms, self.rows
         tick, stop_tick = (
-            np.rint(column * per_s).astype(np.int64) for column in (self.time_s, self.stop_start_s)
+            np.rint(column * per_s).astype(np.int64) for column in (rows.time_s, self.stop_start_s)
         )
-        run = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))  # index of the run of each row
-        run_start = self.bounds[run]  # for each row, the first row of its run
-        whose = run * self.robots + self.robot  # robot of each row, counted over all runs
+        run = np.repeat(np.arange(rows.runs.size), np.diff(rows.bounds))  # index of the run of each row
+        run_start = rows.bounds[run]  # for each row, the first row of its run
+        whose = run * self.robots + rows.robot  # robot of each row, counted over all runs
         order = np.argsort(whose, kind="stable")  # rows by robot and, for each robot, in order of time
         goes_on = np.diff(whose[order]) == 0  # whether the next row in this order is of the same robot
         # ``following`` and ``first`` hold rows that are counted from the first row of their run, which is subtracted.
         following = np.full(tick.size, -1, dtype=np.int32)
         later = order[1:][goes_on]
         following[order[:-1][goes_on]] = later - run_start[later]
-        first = np.full(self.runs.size * self.robots, -1, dtype=np.int32)
+        first = np.full(rows.runs.size * self.robots, -1, dtype=np.int32)
         begins = order[np.append(True, ~goes_on)[: order.size]]  # first row of each robot; none without rows
         first[whose[begins]] = begins - run_start[begins]
         # known: tick at which each run ends; empty if there are no runs.
@@ -158,18 +144,19 @@ class Timeline:
         Raises:
             InputError: the motion has no table of moves.
         """
-        return tracks_of(self.moves, self.runs, self.robots, self.tick_ms)
+        return tracks_of(self.moves, self.rows.runs, self.robots, self.tick_ms)
 
     @property
     def longest(self) -> int:
         """Number of rows of the longest run."""
-        return int(np.diff(self.bounds).max(initial=0))
+        return int(np.diff(self.rows.bounds).max(initial=0))
 
     def message_uniforms(self, seed: int) -> NDArray[np.float64]:
         """Return the first random number of ``on_sample`` at each sample, (rows,); the result is cached by seed."""
+        rows = self.rows
         if seed not in self._message_uniforms:
             self._message_uniforms[seed] = message_uniforms(
-                seed, self.runs, self.bounds, self.robot, self.sample
+                seed, rows.runs, rows.bounds, rows.robot, rows.sample
             )
         return self._message_uniforms[seed]
 
@@ -187,7 +174,9 @@ class Timeline:
         key = estimates_key(scenario, seed)
         if key not in self._estimates:
             self._estimates[key] = read_only(
-                estimate(scenario, seed, self.samples, self.stop_start_s, self.time_s, self.moves, self.ends)
+                estimate(
+                    scenario, seed, self.samples, self.stop_start_s, self.rows.time_s, self.moves, self.ends
+                )
             )
         return self._estimates[key]
 
@@ -201,9 +190,9 @@ class Timeline:
         if loss <= 0.0 or self.robots > MAX_ROBOTS or self.longest >= 1 << LANE_BITS:
             return NO_REACH
         if (seed, loss) not in self._reach:
-            self._reach[seed, loss] = Reach(*compute_reach(
-                seed, self.runs, self.bounds, self.robot, self.sample, self.heard, self.heard_at_end, loss
-            ))  # fmt: skip
+            bounds, runs, robot, sample, _, heard, at_end = self.rows
+            reached = compute_reach(seed, runs, bounds, robot, sample, heard, at_end, loss)
+            self._reach[seed, loss] = Reach(*reached)
         return self._reach[seed, loss]
 
 
@@ -245,30 +234,27 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
         last_read_ticks(ends, tick_ms),
         tick_ms,
     )
+    of_rows = (
+        bounds,
+        runs.astype(np.int64),
+        column["robot"],
+        column["sample"],
+        column["time_s"],
+        heard,
+        at_end,
+    )
     return Timeline(
         samples=pl.DataFrame([samples[name] for name in ("run", "robot", "sample")]),
         ends=ends,
+        rows=Rows(*(read_only(array) for array in of_rows)),
         robots=robots,
-        runs=runs.astype(np.int64),
-        bounds=bounds,
         tick_ms=tick_ms,
-        time_s=column["time_s"],
         stop_start_s=column["stop_start_s"],
-        robot=column["robot"],
-        sample=column["sample"],
         x_m=column["x_m"],
         y_m=column["y_m"],
         heading_rad=column["heading_rad"],
-        heard=heard,
-        heard_at_end=at_end,
         moves=motion.moves,
     )
-
-
-def rows_of(timeline: Timeline) -> Rows:
-    """Return the arrays of a timeline that kernels read."""
-    columns = (timeline.bounds, timeline.runs, timeline.robot, timeline.sample, timeline.time_s)
-    return Rows(*(read_only(column) for column in (*columns, timeline.heard, timeline.heard_at_end)))
 
 
 @inner
@@ -298,7 +284,7 @@ def compute_heard(
     until_at_end: NDArray[np.int64],
     tick_ms: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the arrays ``Timeline.heard`` and ``Timeline.heard_at_end``: which messages each robot has heard.
+    """Return the arrays ``Rows.heard`` and ``Rows.heard_at_end``: which messages each robot has heard.
 
     Messages are heard in the order of their rows, so a robot has always passed the first n messages of its run: it has
     heard those of other robots, and skipped its own. A row of the result has three columns: HEARD_ROWS, the number n;
@@ -351,7 +337,7 @@ def write_heard(
     last_own: int,
     own: int,
 ) -> None:
-    """Write a row of ``Timeline.heard``: which of the run's messages before row ``k`` a robot has passed.
+    """Write a row of ``Rows.heard``: which of the run's messages before row ``k`` a robot has passed.
 
     A robot has passed all messages sent up to the tick ``until``: it has heard those of other robots, and skipped its
     own. They are the first n messages of the run, because rows are in the order of time. The row that is written has
@@ -360,7 +346,7 @@ def write_heard(
 
     Args:
         row: (3,), written.
-        heard: rows of ``Timeline.heard``; those of the run before row ``k`` are already written.
+        heard: rows of ``Rows.heard``; those of the run before row ``k`` are already written.
         previous: for each row, the previous row of the same robot, counted from the run's first row; -1: none.
         tick: for each row, the tick of the sample, at which its message is sent.
         low: first row of the run.

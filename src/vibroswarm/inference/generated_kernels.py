@@ -46,50 +46,19 @@ HEADER: Final = """from typing import Any, NamedTuple
 from vibroswarm.core.jit import inlined_uncached
 """
 """Beginning of a generated module ``hooks``."""
-VIEWS: Final = '''
+CLASS: Final = """
 
-class Arrays(NamedTuple):
-    """The arrays of some robots, (robots, size) each."""
+class {name}(NamedTuple):
 {fields}
-
-
-class Views(NamedTuple):
-    """A robot's arrays."""
-{fields}
-
-
-@inlined_uncached
-def views(arrays, i):
-    return Views({values})
-'''
-"""Text of the classes of a strategy's arrays, and of ``views``; the names in braces are filled in."""
-NETWORK_ARRAYS: Final = '''
-
-class NetworkArrays(NamedTuple):
-    """The arrays of a network."""
-{fields}
-
-
-@inlined_uncached
-def clear_network(a):
-{zeroed}
-'''
-"""Text of the class of a network's arrays, and of ``clear_network``. The names in braces are filled in: ``fields`` are
-the parameters that are lists and the declared arrays, ``zeroed`` are the declared arrays alone."""
-OPPOSITE: Final = """
-
-@inlined_uncached
-def opposite_of(m, w):
-    {}
 """
-"""Text of ``opposite_of``, which makes a faulty robot's message the opposite of what it would send."""
-AS_COUNTS: Final = """
+"""Text of a class of arrays: those of some robots, (robots, size) each, those of a robot, or those of a network."""
+HOOK: Final = """
 
 @inlined_uncached
-def on_message(s, a, m, sender, t_s, d, p, w):
-    on_counts(s, m.bit, 1 - m.bit, p, w)
+def {head}:
+    {body}
 """
-"""Text of an ``on_message`` that passes a single message to ``on_counts``, as a count of one."""
+"""Text of a function that only accesses fields and arrays by their declared names."""
 
 
 @cache
@@ -234,42 +203,35 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
     Args:
         name: full name of the module. is_saved: whether its kernels are cached.
     """
-    fields = tuple(arrays_of(strategy.arrays))
+    fields, of_network = tuple(arrays_of(strategy.arrays)), tuple(arrays_of(network.arrays))
+    classes = {"Arrays": fields, "Views": fields, "NetworkArrays": (*network.lists, *of_network)}
     text = HEADER
-    if fields:
-        text += VIEWS.format(
-            fields="\n".join(f"    {field}: Any" for field in fields),
-            values=", ".join(f"arrays.{field}[i]" for field in fields),
-        )
-    else:
-        text += "\n\n@inlined_uncached\ndef views(arrays, i):\n    return 0\n"
-    lists, of_network = tuple(network.lists), tuple(arrays_of(network.arrays))
-    if lists or of_network:
-        text += NETWORK_ARRAYS.format(
-            fields="\n".join(f"    {field}: Any" for field in (*lists, *of_network)),
-            zeroed="\n".join(f"    a.{field}[:] = 0" for field in of_network) or "    return",
-        )
-    else:
-        text += "\n\n@inlined_uncached\ndef clear_network(a):\n    return\n"
-    # Only kernels that count bits call ``bit_of``. For messages without a bit it returns 0 and is not used.
+    for class_name, of_class in classes.items():
+        if of_class:
+            text += CLASS.format(name=class_name, fields="\n".join(f"    {field}: Any" for field in of_class))
     has_bit = "bit" in (strategy.message_type.names or ())
-    text += f"\n\n@inlined_uncached\ndef bit_of(m):\n    return {'m.bit' if has_bit else '0'}\n"
-    valid = "m.bit == 0 or m.bit == 1" if has_bit else "True"
-    text += f"\n\n@inlined_uncached\ndef is_message(m):\n    return {valid}\n"
-    # ``next_s`` is called only if there is a timer.
-    text += (
-        f"\n\n@inlined_uncached\ndef next_s(s):\n    return {'s.next_s' if strategy.on_timer else '0.0'}\n"
-    )
-    if strategy.on_message is None and strategy.on_counts is not None:
-        text += AS_COUNTS
+    opposite = "return"
     if strategy.opposite is not None:
-        text += OPPOSITE.format("opposite(m)")
+        opposite = "opposite(m)"
     elif has_bit:
-        text += OPPOSITE.format("m.bit = 1 - m.bit")
+        opposite = "m.bit = 1 - m.bit"
     elif strategy.has_opposite:
-        text += OPPOSITE.format("m.kind = (m.kind + 1) % w.kinds")
-    else:
-        text += OPPOSITE.format("return")
+        opposite = "m.kind = (m.kind + 1) % w.kinds"
+    views = f"Views({', '.join(f'arrays.{field}[i]' for field in fields)})"
+    hooks = {
+        "views(arrays, i)": f"return {views if fields else 0}",
+        "clear_network(a)": "\n    ".join(f"a.{field}[:] = 0" for field in of_network) or "return",
+        # Only kernels that count bits call ``bit_of``. For messages without a bit it returns 0 and is not used.
+        "bit_of(m)": f"return {'m.bit' if has_bit else '0'}",
+        "is_message(m)": f"return {'m.bit == 0 or m.bit == 1' if has_bit else 'True'}",
+        # ``next_s`` is called only if there is a timer.
+        "next_s(s)": f"return {'s.next_s' if strategy.on_timer else '0.0'}",
+        "opposite_of(m, w)": opposite,  # of what a faulty robot would send
+    }
+    if strategy.on_message is None and strategy.on_counts is not None:
+        # Pass a single message to ``on_counts``, as a count of one.
+        hooks["on_message(s, a, m, sender, t_s, d, p, w)"] = "on_counts(s, m.bit, 1 - m.bit, p, w)"
+    text += "".join(HOOK.format(head=head, body=body) for head, body in hooks.items())
     module = generated_module(name, text, is_saved=is_saved)
     space = vars(module)
     space["IS_SAVED"] = is_saved

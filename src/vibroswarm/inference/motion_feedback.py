@@ -20,7 +20,7 @@ from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.closed_loop import ClosedLoop, add_piece
-from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.motion.kernel_run import KernelRun, in_order
 from vibroswarm.motion.recorder import Rows, SampleColumns, joined, one_run, tables, with_samples
 from vibroswarm.motion.source import Motion, MotionState, join, source
 from vibroswarm.observation.observe import sensed_floors
@@ -144,7 +144,7 @@ def steer_on(
     for k in range(before, int(loop.bounds[1])):  # rows of the new samples
         turn_deg, drive_ms = loop.replayer.steering[k].tolist()  # both nan: the strategy leaves all as drawn
         if not (math.isnan(turn_deg) and math.isnan(drive_ms)):
-            state.steer(int(loop.buffer.robot[k]), turn_deg, drive_ms)
+            state.steer(int(loop.rows.robot[k]), turn_deg, drive_ms)
     return sampled
 
 
@@ -188,14 +188,9 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
         samples=state.record.samples[:0],  # none: they are in ``columns``
         segments=joined(segments) if segments else None,
         ends=state.ends(),
-        moves=in_start_order(joined(moves)) if moves else None,
+        moves=in_order(joined(moves)) if moves else None,
         failure=state.failure,
     )
-
-
-def in_start_order(moves: NDArray[np.void]) -> NDArray[np.void]:
-    """Sort moves, which were recorded in the order in which they ended, by start and then by robot."""
-    return moves[np.lexsort((moves["robot"], moves["tick"]))]
 
 
 PIECE_S: Final = 100.0

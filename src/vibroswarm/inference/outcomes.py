@@ -26,7 +26,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm import tasks
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
@@ -244,7 +243,7 @@ def costs_of(scenario: Scenario) -> Array | None:
 
     None stands for two answers with mistakes that cost the same.
     """
-    given, asks = scenario.task.costs, tasks.known().get(scenario.task.name)
+    given, asks = scenario.task.costs, scenario.task.entry
     if given is not None:
         costs = np.array(given, dtype=np.float64)
         return np.asarray(costs / costs.max())

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.inference.agents import Swarm, as_column, final_frame, refuse_values, strategy_used
-from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.generated_kernels import uses_uniforms
 from vibroswarm.inference.replay_arrays import Log, Readings, empty_log
 from vibroswarm.inference.replayer import NO_VALUES, MessagesReplayer, Replayer, counts_only, replayer_of
@@ -71,8 +71,8 @@ def _logged(
     scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame
 ) -> tuple[Swarm, Any, Log]:
     strategy = strategy_used(scenario)
-    log = empty_log(timeline.robot.size, strategy.state_type)
-    messages = zero_rows(timeline.robot.size, strategy.message_type)
+    log = empty_log(timeline.rows.robot.size, strategy.state_type)
+    messages = zero_rows(timeline.rows.robot.size, strategy.message_type)
     return _replayed(scenario, seed, timeline, observations, messages, log), messages, log
 
 
@@ -113,7 +113,7 @@ def replay_followed(
 
     Arguments and errors are those of ``replay_to_end``.
     """
-    strategy, rows = strategy_used(scenario), timeline.robot.size
+    strategy, rows = strategy_used(scenario), timeline.rows.robot.size
     messages, log = zero_rows(rows, strategy.message_type), empty_log(rows, strategy.state_type)
     return _replay(scenario, seed, timeline, observation, energy, messages, log), log
 
@@ -128,14 +128,14 @@ def sent_messages(
     """
     # Such a strategy sends exactly one message at each sample, unless a robot's radio is dead.
     if counts_only(strategy_used(scenario)) and not scenario.faults.radio_dead:
-        return timeline.robot.astype(np.int64), timeline.stops.tick
+        return timeline.rows.robot.astype(np.int64), timeline.stops.tick
     # All other strategies need this replayer. Its buffer holds the messages of one run.
     replayer = MessagesReplayer(
         scenario,
         seed,
         runs=1,
         longest=timeline.longest,
-        rows=timeline.robot.size,
+        rows=timeline.rows.robot.size,
         messages=None,
         log=None,
         network=network_of(scenario.network.name),
@@ -199,7 +199,7 @@ def _replay(
     """
     longest = timeline.longest
     replayer = replayer_of(
-        scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages,
+        scenario, seed, runs=timeline.rows.runs.size, longest=longest, rows=timeline.rows.robot.size, messages=messages,
         log=log, timeline=timeline,
     )  # fmt: skip
     _advance(replayer, scenario, seed, timeline, observation, energy)
@@ -232,7 +232,7 @@ def _advance(
         weighed=read_only(_weighed(scenario, observation, energy)),
     )
     replayer.advance(
-        rows_of(timeline),
+        timeline.rows,
         readings,
         timeline.stops_if(replayer.needs_stops),
         from_start=True,

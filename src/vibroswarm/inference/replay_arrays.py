@@ -48,7 +48,7 @@ def is_decision(new: float, kinds: int) -> bool:
 
 
 class Rows(NamedTuple):
-    """Rows of a motion table, run by run, in order of time; the fields are those of ``deliveries.Timeline``."""
+    """Rows of a motion table, run by run, in order of time; see ``deliveries.Timeline``."""
 
     bounds: NDArray[np.int64]
     """(runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``."""
@@ -61,7 +61,9 @@ class Rows(NamedTuple):
     time_s: NDArray[np.float64]
     """(rows,): time of the sample."""
     heard: NDArray[np.int32]
-    """(rows, 3): which messages the robot has heard at the sample, as in ``deliveries.Timeline.heard``."""
+    """(rows, 3), at the time of the sample. HEARD_ROWS: number n of the run's messages that the robot has passed: it
+    has read the first n messages, but for its own. LAST_OWN: row of the last message among them that is its own,
+    counted from the run's first row; -1: none. OTHERS: number of messages among them that are not its own."""
     heard_at_end: NDArray[np.int32]
     """(runs * robots, 3): the same for each robot at the end of its run."""
 

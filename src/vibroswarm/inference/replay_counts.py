@@ -112,7 +112,7 @@ def read_before_sample(
     """Let robot ``i``, in row ``e``, read the messages that have reached it before a sample or the end of the run.
 
     Args:
-        heard: the sample's row of ``Timeline.heard`` or, at the end of the run, the robot's row of ``heard_at_end``;
+        heard: the sample's row of ``Rows.heard`` or, at the end of the run, the robot's row of ``heard_at_end``;
             not used if there are deliveries.
         lossy: whether messages are lost and ``counts.ones_reached`` counts the ones that reach each robot. others:
             number of messages received since the run began; used only if ``lossy``.

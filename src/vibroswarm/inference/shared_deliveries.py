@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.inference.code_errors import translate_errors
-from vibroswarm.inference.deliveries import Timeline, rows_of
+from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
 from vibroswarm.inference.replay_arrays import (
     BUFFER_FULL,
@@ -45,7 +45,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
         CodeError: a function of the network raised an error.
     """
     robots = timeline.robots
-    most = timeline.robot.size * max(robots - 1, 0)  # if each message reaches each other robot
+    most = timeline.rows.robot.size * max(robots - 1, 0)  # if each message reaches each other robot
     if most > MAX_DELIVERIES:
         return None
     network, strategy = network_of(scenario.network.name), strategy_used(scenario)
@@ -56,7 +56,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
     if key not in timeline.deliveries:
         tracks = timeline.tracks if network.reads_positions else NO_TRACKS
         timeline.deliveries[key] = compute_deliveries(
-            scenario, seed, rows_of(timeline), timeline.stops, tracks, log=NO_ARRIVALS
+            scenario, seed, timeline.rows, timeline.stops, tracks, log=NO_ARRIVALS
         )
     return timeline.deliveries[key]
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel
-from vibroswarm.motion.control_step import ROBOT, Swarm, account, contact, control, move, refresh, sense
-from vibroswarm.motion.kernel_run import KernelRun, batch_of, no_sample_before_steps
+from vibroswarm.motion.control_step import Swarm, account, contact, control, move, refresh, sense
+from vibroswarm.motion.kernel_run import KernelRun, batch_of
 from vibroswarm.motion.moves import note_moves
-from vibroswarm.motion.recorder import Record, end_rows, room, write_sample, write_segments
+from vibroswarm.motion.recorder import Record, room, write_sample, write_segments
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.motion.source import Source, register
 
@@ -89,23 +89,9 @@ def steps(
 class FixedStepRun(KernelRun):
     """A run simulated by the fixed-step engine (``MotionState``)."""
 
-    fields = ROBOT
-
     def move_on(self, until: int) -> int:
         """Simulate up to the tick ``until``, or until the buffers might overflow; return the tick reached."""
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
-
-    def no_sample_before(self) -> int:
-        """Return a tick, ``tick`` or later, before which no robot samples."""
-        return no_sample_before_steps(self.swarm, self.setup, self.tick)
-
-    def ends(self) -> NDArray[np.void]:
-        """Return the robots' current poses: ``END_ROW``."""
-        return end_rows(self.swarm, self.run, self.tick)
-
-    def headings(self) -> NDArray[np.float64]:
-        """Return the robots' current headings, rad, not wrapped."""
-        return self.swarm["heading_rad"].copy()
 
 
 FIXED_STEP = Source(

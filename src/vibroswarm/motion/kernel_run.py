@@ -22,16 +22,18 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inlined, kernel, zero_rows
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError, whole_number_of
-from vibroswarm.motion.control_step import NEVER_FAILS, Swarm, begin, load, place_on_lattice, store
+from vibroswarm.motion.control_step import NEVER_FAILS, ROBOT, Swarm, begin, load, place_on_lattice, store
 from vibroswarm.motion.event.trajectory import Planners, ticks_to_sample
-from vibroswarm.motion.moves import MoveColumns, drop_ended, let_end, note_moves, with_room
+from vibroswarm.motion.moves import drop_ended, let_end, note_moves, with_room
 from vibroswarm.motion.recorder import (
     Failure,
+    MoveColumns,
     Rows,
     SampleColumns,
     clear,
     copy_record,
     empty_record,
+    end_rows,
     joined,
     tables,
     with_samples,
@@ -143,14 +145,14 @@ BUFFER_TICKS = 2048
 
 
 class KernelRun(ABC):
-    """A run whose state is rows of numbers. Each engine defines ``fields`` and the abstract methods at the end.
+    """A run whose state is rows of numbers, those after each control period unless an engine defines another.
 
     Args:
         scenario, seed, run: the run that begins at time 0.
         segments, moves: whether these tables are recorded.
     """
 
-    fields: ClassVar[np.dtype[np.void]]
+    fields: ClassVar[np.dtype[np.void]] = ROBOT
     """Type of a robot's row, with all the fields that the engine needs."""
     failure: Failure | None = None
     """Why the run failed, if it has."""
@@ -373,25 +375,28 @@ class KernelRun(ABC):
             )
 
     @abstractmethod
-    def no_sample_before(self) -> int:
-        """Return a tick, ``tick`` or later, before which surely no robot samples."""
-
-    @abstractmethod
     def move_on(self, until: int) -> int:
         """Simulate up to the tick ``until``, or until the buffers might overflow; return the tick reached."""
 
-    @abstractmethod
+    def no_sample_before(self) -> int:
+        """Return a tick, ``tick`` or later, before which surely no robot samples."""
+        return no_sample_before_steps(self.swarm, self.setup, self.tick)
+
     def ends(self) -> NDArray[np.void]:
         """Return the robots' current poses: ``END_ROW``."""
+        return end_rows(self.swarm, self.run, self.tick)
 
-    @abstractmethod
     def headings(self) -> NDArray[np.float64]:
         """Return the robots' current headings, rad, not wrapped, (robots,)."""
+        return self.swarm["heading_rad"].copy()
 
 
-def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
-    """Return segment rows sorted by time, then robot: the event engine writes the rows of a turn after their ticks."""
-    return segments[np.lexsort((segments["robot"], segments["tick"]))]
+def in_order(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """Return rows of segments or moves sorted by time, then robot.
+
+    The event engine writes the segments of a turn after their ticks.
+    """
+    return rows[np.lexsort((rows["robot"], rows["tick"]))]
 
 
 def batch_of(

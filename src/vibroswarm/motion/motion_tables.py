@@ -17,6 +17,7 @@ import polars as pl
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
+from vibroswarm.core.tables import Schema, check_table
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
@@ -63,6 +64,16 @@ ENDS: Final[dict[str, Any]] = {
 """Columns of the table ``ends`` and their types (see ``source``)."""
 FAILURES: Final[dict[str, Any]] = {"run": pl.UInt32, "time_s": pl.Float64, "reason": pl.String}
 """Runs that failed: since when their robots stand, and why."""
+SCHEMAS: Final = {
+    "samples": Schema(MOTION),
+    "ends": Schema(ENDS, frozenset({"stop_start_s"})),  # a robot that does not stand has none
+    "segments": Schema(SEGMENTS),
+    "moves": Schema(MOVES, frozenset({"ray_m"})),
+    "failures": Schema(FAILURES),
+}
+"""The tables of a ``Motion``, in its order."""
+NEEDED: Final = ("samples", "ends")
+"""Those that every motion has."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +139,16 @@ def _join_moves(pieces: Sequence[pl.DataFrame]) -> pl.DataFrame | None:
     return latest.sort("run", "start_s", "robot")
 
 
+def part_of(motion: Motion, run: int) -> Motion:
+    """Return the rows of one run, of each table that there is."""
+    tables = {name: getattr(motion, name) for name in SCHEMAS}
+    of_run = pl.col("run") == run
+    own: dict[str, Any] = {
+        name: table if table is None else table.filter(of_run) for name, table in tables.items()
+    }
+    return Motion(**own)
+
+
 def checked(
     init: Callable[..., Any],
     scenario: Scenario,
@@ -158,7 +179,7 @@ def checked_batch(
 ) -> Motion:
     """Simulate whole runs by a user's ``batch`` (see ``source.Batch``), and check the tables of each run.
 
-    Of segments only the columns are checked. Rows of runs that are not in ``runs`` are not checked.
+    Rows of runs that are not in ``runs`` are not checked against the scenario.
 
     Raises:
         CodeError: ``batch`` raised an error, or its result is not a valid ``Motion``.
@@ -166,35 +187,22 @@ def checked_batch(
     """
     _refuse_faults(scenario)
     # ``batch`` is given twice: as the source whose file is reported, and as the function that is called.
-    motion_parts: Any = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
+    motion: Motion = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
+    _refuse(batch, wrong_tables(motion))
+    end_s = scenario.ticks * scenario.tick_s
     for run in runs:
-        part = motion_parts
-        # Check the rows of this run. If they cannot be selected, because the result is no ``Motion`` or lacks a column
-        # ``run``, pass on the whole result: ``_wrong`` names what is missing.
-        if isinstance(motion_parts, Motion) and all(
-            isinstance(one, pl.DataFrame) and "run" in one.columns
-            for one in (motion_parts.samples, motion_parts.ends)
-        ):
-            of_run = pl.col("run") == run
-            # Segments are not filtered, as their rows are not checked.
-            part = Motion(
-                samples=motion_parts.samples.filter(of_run),
-                ends=motion_parts.ends.filter(of_run),
-                segments=motion_parts.segments,
-                moves=_rows_where(motion_parts.moves, of_run),
-                failures=_rows_where(motion_parts.failures, of_run),
-            )
-        end_s = scenario.ticks * scenario.tick_s
-        # Report the first problem. A batch simulates the whole run: from 0 to ``end_s``.
-        for problem in _wrong(part, scenario, run, before_s=0.0, until_s=end_s, after_s=end_s):
-            raise CodeError(f"{_file_of(batch)}: {problem}")
-    motion: Motion = motion_parts
+        _refuse(batch, _wrong_rows(part_of(motion, run), scenario, run, before_s=0.0, after_s=end_s))
     return motion
 
 
-def _rows_where(table: Any, of_run: pl.Expr) -> Any:
-    """Return the rows that fulfil a condition; a value that is no table, or has no column ``run``, as it is."""
-    return table.filter(of_run) if isinstance(table, pl.DataFrame) and "run" in table.columns else table
+def _refuse(source: Callable[..., Any], problems: Iterator[str]) -> None:
+    """Report the first problem of what a user's ``init`` or ``batch`` returned, if there is one.
+
+    Raises:
+        CodeError: there is one.
+    """
+    for problem in problems:
+        raise CodeError(f"{_file_of(source)}: {problem}")
 
 
 def _refuse_faults(scenario: Scenario) -> None:
@@ -230,12 +238,12 @@ class CheckedState:
     def advance(self, until_s: float) -> Motion:
         """Advance the wrapped state (``MotionState.advance``), and check the piece of motion that it returns."""
         before_s = self.time_s
-        piece = _called(self.init, self.state.advance, until_s)
-        # Report the first problem, if there is one.
-        for problem in _wrong(piece, self.scenario, self.run, before_s, until_s, self.time_s):
-            raise CodeError(f"{_file_of(self.init)}: {problem}")
-        motion: Motion = piece
-        return motion
+        piece: Motion = _called(self.init, self.state.advance, until_s)
+        _refuse(self.init, wrong_tables(piece))
+        after_s = self.time_s
+        _refuse(self.init, _wrong_time(self.scenario, until_s, after_s))
+        _refuse(self.init, _wrong_rows(piece, self.scenario, self.run, before_s, after_s))
+        return piece
 
     def copy(self) -> CheckedState:
         """See ``MotionState.copy``."""
@@ -262,83 +270,72 @@ def _file_of(init: Callable[..., Any]) -> str:
     return str(getattr(code, "co_filename", "a source of motion"))
 
 
-def _wrong(
-    piece: Any, scenario: Scenario, run: int, before_s: float, until_s: float, after_s: float
-) -> Iterator[str]:
-    """Yield each error in a piece of motion, in words; nothing if it is valid.
+def _wrong_time(scenario: Scenario, until_s: float, after_s: float) -> Iterator[str]:
+    """Yield what is wrong with the time of a state after ``advance(until_s)``.
 
-    Callers stop at the first error. Checks rely on the earlier ones, and may raise an error if one of those reported a
-    problem: the rows are checked even if a column has the wrong type.
-
-    Args:
-        piece: what ``advance(until_s)`` returned, or the part of a batch that belongs to ``run``.
-        before_s, after_s: ``time_s`` of the state before and after ``advance(until_s)``. For a batch ``before_s`` is 0,
-            and ``until_s`` and ``after_s`` are the end of the run.
+    It must have reached ``until_s``, or the end of the run if that comes first. A quarter of a tick is allowed for
+    rounding.
     """
-    if not isinstance(piece, Motion):
-        yield f"gives {type(piece).__name__}, not Motion"
-        return
-    tick_s, end_s = scenario.tick_s, scenario.run.t_end_s
-    # The state must have reached ``until_s``, or the end of the run if that comes first. A quarter of a tick is allowed
-    # for rounding.
-    if not math.isfinite(after_s) or after_s < min(until_s, end_s) - tick_s / 4:
+    if not math.isfinite(after_s) or after_s < min(until_s, scenario.run.t_end_s) - scenario.tick_s / 4:
         yield f"after advance({stated(until_s)}) its time_s is {stated(after_s)}"
-    tables = (
-        ("samples", MOTION, True),
-        ("ends", ENDS, True),
-        ("segments", SEGMENTS, False),
-        ("moves", MOVES, False),
-        ("failures", FAILURES, False),
-    )
-    for name, schema, needed in tables:
-        frame = getattr(piece, name)
-        if frame is None and not needed:
+
+
+def wrong_tables(motion: Any) -> Iterator[str]:
+    """Yield errors in the tables of motion, each by itself: in its columns, or a value that is missing or impossible.
+
+    Only a motion without such errors can be checked further.
+    """
+    if not isinstance(motion, Motion):
+        yield f"gives {type(motion).__name__}, not Motion"
+        return
+    for name, schema in SCHEMAS.items():
+        frame = getattr(motion, name)
+        if frame is None and name not in NEEDED:
             continue
         if not isinstance(frame, pl.DataFrame):
             yield f"the table {name} is {type(frame).__name__}, not a polars DataFrame"
             return
-        columns: dict[str, Any] = dict(frame.schema)
-        for column, kind in schema.items():
-            if columns.get(column) != kind:
-                yield f"the table {name}: column '{column}' is {columns.get(column, 'missing')}, expected {kind}"
-        if list(columns) != list(schema):
-            yield f"the table {name} has the columns {', '.join(columns)}; expected: {', '.join(schema)}"
-            return
-    yield from _wrong_rows(piece, scenario, run, before_s, after_s)
+        try:
+            check_table(frame, schema, name, name)
+        except InputError as error:
+            yield f"the table {name}: {error.reason}"
+        if frame.columns != list(schema.columns):
+            yield f"the table {name} has the columns {', '.join(frame.columns)}; expected: {', '.join(schema.columns)}"
 
 
 def _wrong_rows(
     piece: Motion, scenario: Scenario, run: int, before_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield each error in the rows of a piece of motion whose columns are right; segments are not checked.
+    """Yield errors in the rows of a piece of motion that passed ``wrong_tables``; segments are not checked.
 
-    Arguments and callers are as for ``_wrong``.
+    Args:
+        piece: what ``advance`` returned, or the part of a batch that belongs to ``run``.
+        before_s, after_s: ``time_s`` of the state before and after; for a batch, start and end of the run.
     """
     robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4  # times may be rounded by a quarter tick
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
         yield f"the table ends must have exactly one row for each of the {robots} robots of run {run}, in their order"
-    if (
-        piece.failures is not None
-        and ((piece.failures["run"] != run) | piece.failures["time_s"].is_null()).any()
-    ):
-        yield f"the table failures has rows of other runs than {run}, or without a time"
-    if piece.moves is not None:
-        yield from _wrong_moves(piece.moves, robots, run, before_s, after_s, quarter_s)
+    if piece.failures is not None and (piece.failures["run"] != run).any():
+        yield f"the table failures has rows of other runs than {run}"
     samples = piece.samples
-    # In ``ends``, a robot that does not stand has no ``stop_start_s``.
-    for name, table, optional in (("ends", piece.ends, ["stop_start_s"]), ("samples", samples, [])):
-        required = table.drop(optional)
-        if required.null_count().sum_horizontal().item():
-            yield f"the table {name} has values that are missing"
-            return
-        for column in required.select(pl.selectors.float()).columns:
-            if not required[column].is_finite().all():
-                yield f"the table {name}: column '{column}' is not finite"
-                return
+    for name, table, time in (("samples", samples, "time_s"), ("moves", piece.moves, "start_s")):
+        if table is None:
+            continue
+        if (table["run"] != run).any() or (table["robot"] >= robots).any():
+            yield f"the table {name} has rows of other runs than {run}, or of robots beyond {robots - 1}"
+        order = np.lexsort((table["robot"].to_numpy(), table[time].to_numpy()))
+        if (np.diff(order) != 1).any():
+            yield f"the table {name} is not sorted by time and robot"
+    if piece.moves is not None and after_s > before_s + quarter_s:
+        first_s = dict(piece.moves.group_by("robot").agg(pl.col("start_s").min()).iter_rows())
+        late = [i for i in range(robots) if first_s.get(i, math.inf) > before_s + quarter_s]
+        if late:
+            yield (
+                f"the table moves has no move of robot {late[0]} that begins at {stated(before_s)} s or is under way "
+                f"then"
+            )
     if samples.is_empty():
         return
-    if (samples["run"] != run).any() or (samples["robot"] >= robots).any():
-        yield f"the table samples has rows of other runs than {run}, or of robots beyond {robots - 1}"
     time_s = samples["time_s"].to_numpy()
     # Samples at ``after_s`` itself belong to the next piece.
     if time_s.min() < before_s - quarter_s or time_s.max() > after_s - quarter_s:
@@ -346,41 +343,7 @@ def _wrong_rows(
             f"the table samples has times of {stated(time_s.min())} to {stated(time_s.max())} s; expected: from "
             f"{stated(before_s)} s to before {stated(after_s)} s"
         )
-    order = np.lexsort((samples["robot"].to_numpy(), time_s))
-    if (np.diff(order) != 1).any():  # sorting would change the order
-        yield "the table samples is not sorted by time and robot"
     for column, size_m in (("x_m", scenario.arena.width_m), ("y_m", scenario.arena.height_m)):
         positions = samples[column].to_numpy()
         if positions.min() < 0.0 or positions.max() > size_m:
             yield f"the table samples: column '{column}' leaves the arena, 0 to {stated(size_m)} m"
-
-
-def _wrong_moves(
-    moves: pl.DataFrame, robots: int, run: int, before_s: float, after_s: float, quarter_s: float
-) -> Iterator[str]:
-    """Yield each error in the rows of a table of moves, from which networks and localisation compute positions.
-
-    Args:
-        robots: number of robots. quarter_s: a quarter of a control period, for rounding; others: see ``_wrong``.
-    """
-    if moves.drop("ray_m").null_count().sum_horizontal().item():  # only ray_m may be null
-        yield "the table moves has values that are missing"
-        return
-    if (moves["run"] != run).any() or (moves["robot"] >= robots).any():
-        yield f"the table moves has rows of other runs than {run}, or of robots beyond {robots - 1}"
-        return
-    for column in ("start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s", "turned_rad"):
-        if not moves[column].is_finite().all():
-            yield f"the table moves: column '{column}' is not finite"
-            return
-    order = np.lexsort((moves["robot"].to_numpy(), moves["start_s"].to_numpy()))
-    if (np.diff(order) != 1).any():  # sorting would change the order
-        yield "the table moves is not sorted by time and robot"
-        return
-    if after_s <= before_s + quarter_s:
-        return  # nothing was simulated, so nothing moved
-    # Each robot's first move in a piece is the one that was under way at its start, or one that begins there.
-    first_s = dict(moves.group_by("robot").agg(pl.col("start_s").min()).iter_rows())
-    late = [i for i in range(robots) if first_s.get(i, math.inf) > before_s + quarter_s]
-    if late:
-        yield f"the table moves has no move of robot {late[0]} that begins at {stated(before_s)} s or is under way then"

@@ -18,18 +18,15 @@ segments and moves written so far (``recorder.Record``), of which only the last 
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, inner, kernel, zero_rows
 from vibroswarm.motion.control_step import Swarm
-from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.robot_params import Setup
-from vibroswarm.motion.source import MOVES
-from vibroswarm.robot.walk import AVOID, KINDS, STOP, TURN
+from vibroswarm.robot.walk import AVOID, STOP, TURN
 
 MOVE_ROW = np.dtype(
     [(name, np.int64) for name in ("tick", "until")]
@@ -197,99 +194,3 @@ def let_end(
         if under_way[i].place >= 0:
             move = moves[under_way[i].place]
             move.until, move.turned_rad = until, headings[i] - move.heading_rad
-
-
-class MoveColumns:
-    """Columns of a table of moves, filled from rows while the rows are still in the processor's cache.
-
-    ``numbers`` has shape (8, room): the columns of floats in the order of ``MOVES``. The other arrays have shape
-    (1, room), so that all four grow by the same function. ``count`` is the number of moves so far.
-
-    Args:
-        room: number of moves for which to allocate memory; more is allocated when needed.
-    """
-
-    def __init__(self, tick_ms: int, room: int) -> None:
-        self.tick_ms, self.count = tick_ms, 0
-        self.runs, self.robots = np.empty((1, room), dtype=np.uint32), np.empty((1, room), dtype=np.uint16)
-        self.kinds, self.numbers = np.empty((1, room), dtype=np.uint8), np.empty((8, room))
-
-    def take(self, rows: NDArray[np.void]) -> None:
-        """Append rows (``MOVE_ROW``) of moves that have all ended."""
-        if rows.size == 0:
-            return
-        if self.count + rows.size > self.kinds.size:
-            self.runs, self.robots, self.kinds, self.numbers = (
-                self._grown(array, rows.size) for array in (self.runs, self.robots, self.kinds, self.numbers)
-            )
-        fill_move_columns(
-            rows, self.runs[0], self.robots[0], self.kinds[0], self.numbers, self.count, self.tick_ms
-        )  # fmt: skip
-        self.count += rows.size
-
-    def _grown(self, array: NDArray[Any], more: int) -> NDArray[Any]:
-        """Return a copy with room for ``more`` further moves, and for at least 1.5 times the present number."""
-        room = max(self.count + more, self.count + self.count // 2)
-        larger = np.empty((array.shape[0], room), dtype=array.dtype)
-        larger[:, : self.count] = array[:, : self.count]
-        return larger
-
-    def frame(self, in_order: bool = True) -> pl.DataFrame:
-        """Return all moves as a table, sorted by run, start and robot.
-
-        Args:
-            in_order: whether ``take`` was called with the rows in this order, so that they need no sorting.
-        """
-        n = self.count
-        start, x, y, heading, speed, rate, turned, ray = self.numbers[:, :n]
-        frame = pl.DataFrame(
-            {
-                "run": self.runs[0, :n],
-                "robot": self.robots[0, :n],
-                "start_s": start,
-                "x_m": x,
-                "y_m": y,
-                "heading_rad": heading,
-                "speed_m_s": speed,
-                "turn_rate_rad_s": rate,
-                "kind": pl.Series(KINDS, dtype=MOVES["kind"]).gather(pl.Series(self.kinds[0, :n])),
-                "turned_rad": turned,
-                "ray_m": pl.Series(ray, nan_to_null=True),
-            },
-            schema=MOVES,
-        )
-        return frame if in_order else frame.sort("run", "start_s", "robot")
-
-
-@kernel
-def fill_move_columns(
-    rows: NDArray[np.void],
-    runs: NDArray[np.uint32],
-    robots: NDArray[np.uint16],
-    kinds: NDArray[np.uint8],
-    numbers: NDArray[np.float64],
-    first: int,
-    tick_ms: int,
-) -> None:
-    """Convert rows of moves to columns, which are written from index ``first`` on.
-
-    Ticks become times in s. For turns, turn rate and speed become their means over the move.
-
-    Args:
-        rows: ``MOVE_ROW``; all moves have ended.
-        runs, robots, kinds: columns, shape (room,). numbers: the columns of floats in the order of ``MOVES``,
-            shape (8, room).
-    """
-    for k in range(rows.size):
-        row, place = rows[k], first + k
-        runs[place], robots[place], kinds[place] = row.run, row.robot, row.kind
-        speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
-        if row.kind == TURN or row.kind == AVOID:
-            rate_rad_s = row.turned_rad / ((row.until - row.tick) * tick_ms / 1000.0)
-            # The row holds the circle's radius instead of the speed, and 0 if the turn is blocked.
-            speed_m_s *= rate_rad_s
-        numbers[0, place] = row.tick * tick_ms / 1000.0
-        numbers[1, place], numbers[2, place] = row.x_m, row.y_m
-        numbers[3, place] = wrapped_rad(row.heading_rad)
-        numbers[4, place], numbers[5, place] = speed_m_s, rate_rad_s
-        numbers[6, place], numbers[7, place] = row.turned_rad, row.ray_m

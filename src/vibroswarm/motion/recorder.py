@@ -1,14 +1,14 @@
 """What the engines record: buffers of samples, segments and moves, and their tables.
 
-Kernels fill buffers of plain rows (``Record``), in which times are ticks. ``sample_frame``, ``segment_frame``,
-``end_frame`` and ``move_frame`` turn rows into the tables that ``source`` describes. A segment or a move is open, or
+Kernels fill buffers of plain rows (``Record``), in which times are ticks. ``frame_of``, ``segment_frame`` and
+``end_frame`` turn rows into the tables that ``source`` describes. A segment or a move is open, or
 under way, until the robot's next one begins.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inner, kernel, zero_rows
 from vibroswarm.motion.control_step import Swarm, clear_account
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.moves import MOVE_ROW, MOVES_AT_ONCE, UNDER_WAY, MoveColumns
-from vibroswarm.motion.source import ENDS, FAILURES, MOTION, SEGMENTS, Motion
-from vibroswarm.robot.walk import KINDS, STOP
+from vibroswarm.motion.moves import MOVE_ROW, MOVES_AT_ONCE, UNDER_WAY
+from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS, Motion
+from vibroswarm.robot.walk import AVOID, KINDS, STOP, TURN
 
 SAMPLE_ROW = np.dtype(
     [("run", np.uint32), ("robot", np.uint16), ("sample", np.uint32)]
@@ -42,7 +42,13 @@ END_ROW = np.dtype(
 )  # fmt: skip
 """A robot's pose at ``tick``, and the tick from which it stands and hears nothing (-1: it moves or hears)."""
 
-DTYPES = {pl.UInt16: np.uint16, pl.UInt32: np.uint32, pl.Float32: np.float32, pl.Float64: np.float64}
+DTYPES: Final[dict[Any, Any]] = {
+    pl.UInt16: np.uint16,
+    pl.UInt32: np.uint32,
+    pl.Float32: np.float32,
+    pl.Float64: np.float64,
+    MOVES["kind"]: np.uint8,
+}
 """NumPy's types of numbers, by those of polars."""
 
 
@@ -245,44 +251,77 @@ def joined(pieces: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
 
 
-class SampleColumns:
-    """The columns of a table of samples, filled from rows while the rows are still in the processor's cache.
+class Columns:
+    """The columns of a table, filled from rows while the rows are still in the processor's cache.
 
-    Columns of the same type of number are the rows of one array, in the order of ``MOTION``, so that there are few
-    arrays to be enlarged. ``count`` is the number of samples so far.
+    Columns of the same type of number are the rows of one array, in the order of ``schema``, so that there are few
+    arrays to be enlarged. ``count`` is the number of rows so far.
 
     Args:
-        room: number of samples for which to allocate memory; more is allocated when needed.
+        room: number of rows for which to allocate memory; more is allocated when needed.
     """
+
+    schema: ClassVar[dict[str, Any]]
 
     def __init__(self, tick_ms: int, room: int) -> None:
         self.tick_ms, self.count = tick_ms, 0
-        kinds = [DTYPES[kind] for kind in MOTION.values()]
+        kinds = [DTYPES[kind] for kind in self.schema.values()]
         # Type of number to array, shape (columns of that type, room).
         self.arrays = {kind: np.empty((kinds.count(kind), room), dtype=kind) for kind in dict.fromkeys(kinds)}
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Append these rows (``SAMPLE_ROW``)."""
+        """Append these rows; moves must have ended."""
         if rows.size == 0:
             return
-        room_for_rows = self.arrays[np.float64].shape[1]  # the same for all arrays
-        if self.count + rows.size > room_for_rows:
+        if self.count + rows.size > self.arrays[np.float64].shape[1]:  # the same for all arrays
             self.arrays = {kind: grown(array, self.count, rows.size) for kind, array in self.arrays.items()}
+        self.fill(rows)
+        self.count += rows.size
+
+    def fill(self, rows: NDArray[np.void]) -> None:
+        """Write rows into the arrays, from index ``count`` on."""
+        raise NotImplementedError
+
+    def by_name(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of all rows, (rows,) each, in the order in which they were taken; they are views."""
+        columns = {kind: iter(array) for kind, array in self.arrays.items()}
+        # Each column of the table takes the next row of the array of its type.
+        return {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in self.schema.items()}
+
+    def frame(self) -> pl.DataFrame:
+        """Return all rows as a table, in the order in which they were taken; its columns are views of the arrays."""
+        return pl.DataFrame(self.by_name(), schema=self.schema)
+
+
+class SampleColumns(Columns):
+    """The columns of a table of samples, from rows ``SAMPLE_ROW``."""
+
+    schema = MOTION
+
+    def fill(self, rows: NDArray[np.void]) -> None:
+        """See ``Columns.fill``."""
         wide, narrow = self.arrays[np.float64], self.arrays[np.float32]  # 8 and 4 bytes a number
         fill_columns(
             rows, self.arrays[np.uint32], self.arrays[np.uint16], wide, narrow, self.count, self.tick_ms
         )
-        self.count += rows.size
 
-    def by_name(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of all samples, (samples,) each, in the order in which they were taken; they are views."""
-        columns = {kind: iter(array) for kind, array in self.arrays.items()}
-        # Each column of MOTION takes the next row of the array of its type.
-        return {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in MOTION.items()}
+
+class MoveColumns(Columns):
+    """The columns of a table of moves that have all ended, from rows ``MOVE_ROW``."""
+
+    schema = MOVES
+
+    def fill(self, rows: NDArray[np.void]) -> None:
+        """See ``Columns.fill``."""
+        runs, robots, kinds = (self.arrays[kind][0] for kind in (np.uint32, np.uint16, np.uint8))
+        fill_move_columns(rows, runs, robots, kinds, self.arrays[np.float64], self.count, self.tick_ms)
 
     def frame(self) -> pl.DataFrame:
-        """Return all samples as a table, in the order in which they were taken; its columns are views of the arrays."""
-        return pl.DataFrame(self.by_name(), schema=MOTION)
+        """See ``Columns.frame``; kinds become words."""
+        columns: dict[str, Any] = self.by_name()
+        columns["kind"] = pl.Series(KINDS, dtype=MOVES["kind"]).gather(pl.Series(columns["kind"]))
+        columns["ray_m"] = pl.Series(columns["ray_m"], nan_to_null=True)
+        return pl.DataFrame(columns, schema=MOVES)
 
 
 def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
@@ -323,9 +362,43 @@ def fill_columns(
         narrow[2, place], narrow[3, place] = row.avoid * tick_ms / 1000.0, row.stop * tick_ms / 1000.0
 
 
-def sample_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
-    """Return pieces of sample rows as one table; they must be in the order of run, time, robot."""
-    columns = SampleColumns(tick_ms, sum(piece.size for piece in pieces))
+@kernel
+def fill_move_columns(
+    rows: NDArray[np.void],
+    runs: NDArray[np.uint32],
+    robots: NDArray[np.uint16],
+    kinds: NDArray[np.uint8],
+    numbers: NDArray[np.float64],
+    first: int,
+    tick_ms: int,
+) -> None:
+    """Convert rows of moves to columns, which are written from index ``first`` on.
+
+    Ticks become times in s. For turns, turn rate and speed become their means over the move.
+
+    Args:
+        rows: ``MOVE_ROW``; all moves have ended.
+        runs, robots, kinds: columns, shape (room,). numbers: the columns of floats in the order of ``MOVES``,
+            shape (8, room).
+    """
+    for k in range(rows.size):
+        row, place = rows[k], first + k
+        runs[place], robots[place], kinds[place] = row.run, row.robot, row.kind
+        speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
+        if row.kind == TURN or row.kind == AVOID:
+            rate_rad_s = row.turned_rad / ((row.until - row.tick) * tick_ms / 1000.0)
+            # The row holds the circle's radius instead of the speed, and 0 if the turn is blocked.
+            speed_m_s *= rate_rad_s
+        numbers[0, place] = row.tick * tick_ms / 1000.0
+        numbers[1, place], numbers[2, place] = row.x_m, row.y_m
+        numbers[3, place] = wrapped_rad(row.heading_rad)
+        numbers[4, place], numbers[5, place] = speed_m_s, rate_rad_s
+        numbers[6, place], numbers[7, place] = row.turned_rad, row.ray_m
+
+
+def frame_of(table: type[Columns], pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
+    """Return pieces of rows as one table; they must be in the order of run, time, robot."""
+    columns = table(tick_ms, sum(piece.size for piece in pieces))
     for piece in pieces:
         columns.take(piece)
     return columns.frame()
@@ -395,7 +468,8 @@ def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
     Args:
         pieces: one per run, at least one, in the order of runs.
     """
-    return with_samples(sample_frame([piece.samples for piece in pieces], tick_ms), pieces, tick_ms)
+    samples = frame_of(SampleColumns, [piece.samples for piece in pieces], tick_ms)
+    return with_samples(samples, pieces, tick_ms)
 
 
 def one_run(pieces: Sequence[Rows]) -> Rows:
@@ -433,7 +507,7 @@ def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) ->
         samples=samples,
         ends=end_frame(joined([piece.ends for piece in pieces]), tick_ms),
         segments=segment_frame(joined(segments), tick_ms) if segments else None,
-        moves=move_frame(moves, tick_ms) if moves else None,
+        moves=frame_of(MoveColumns, moves, tick_ms) if moves else None,
         failures=failure_frame([piece.failure for piece in pieces if piece.failure is not None], tick_ms),
     )
 
@@ -444,11 +518,3 @@ def failure_frame(failures: Sequence[Failure], tick_ms: int) -> pl.DataFrame | N
         return None
     rows = [(failure.run, failure.tick * tick_ms / 1000.0, failure.reason) for failure in failures]
     return pl.DataFrame(rows, schema=FAILURES, orient="row")
-
-
-def move_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
-    """Return pieces of move rows as one table; they must be in the order of run, start, robot."""
-    columns = MoveColumns(tick_ms, sum(piece.size for piece in pieces))
-    for piece in pieces:
-        columns.take(piece)
-    return columns.frame()

@@ -95,7 +95,9 @@ def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
     Raises:
         InputError: edges reach over too many tiles.
     """
-    return _expected(scenario.sensor, geometry_of(scenario), scenario.arena.size_m, fill_ratio)
+    geometry = geometry_of(scenario)
+    sensed = mean_sensed_shares(scenario.sensor, geometry, scenario.arena.size_m, fill_ratio)
+    return _ones(scenario.sensor, place_at(geometry), sensed)
 
 
 def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
@@ -106,12 +108,7 @@ def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
     """
     if max(sensor.kinds, sensor.readings) > 2 or floor.surface is not PLAIN:
         return float(expected_classes_on(sensor, floor, size)[1])
-    # The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
-    # still and the bit is a false positive.
-    false_positive, false_negative = error_rates(sensor, place_of(floor))
-    sensed = sensed_shares_on(sensor, floor, size)
-    share = sensed.detected + sensed.spillover  # h of this floor
-    return share * (1.0 - false_negative) + (1.0 - share) * false_positive
+    return _ones(sensor, place_of(floor), sensed_shares_on(sensor, floor, size))
 
 
 def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.float64]:
@@ -239,10 +236,13 @@ def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float 
     return v * (1.0 - negative) + (1.0 - v) * positive
 
 
-def _expected(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float) -> float:
-    """Return q, the share of ones expected on random floors of this fill ratio, by the sensor's true error rates."""
-    a, b = error_rates(sensor, place_at(geometry))
-    sensed = mean_sensed_shares(sensor, geometry, size, fill_ratio)
+def _ones(sensor: Sensor, place: Place, sensed: SensedShares) -> float:
+    """Return q, the share of ones expected by the sensor's true error rates.
+
+    The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
+    still and the bit is a false positive.
+    """
+    a, b = error_rates(sensor, place)
     share = sensed.detected + sensed.spillover  # h
     return share * (1.0 - b) + (1.0 - share) * a
 

@@ -54,7 +54,7 @@ def is_sensed(sensor: Sensor) -> bool:
 
 def sensor_warnings(sensor: Sensor) -> list[str]:
     """Return what the sensor says of kinds that its robots cannot tell apart; nothing if its code is not loaded."""
-    known = sensors.known().get(sensor.model)
+    known = sensor.entry
     return [] if known is None or known.warnings is None else known.warnings(sensor.params)
 
 

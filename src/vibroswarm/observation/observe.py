@@ -39,7 +39,7 @@ from vibroswarm.observation.edge_response import (
     response_of,
     sensed_tile,
 )
-from vibroswarm.observation.energy_model import energies_of, factors_differ, is_sensed, model_of
+from vibroswarm.observation.energy_model import energies_of, factors_differ, is_sensed, model_of, readings_of
 from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.scenario.fault_draws import SensorFaults, apply_faults, observation_of, of_run, sensor_faults
 from vibroswarm.scenario.fields import Sensor
@@ -290,11 +290,6 @@ def values_at(
     return model_of(sensor).sensed(samples, sensor.params)
 
 
-def classes_of(sensor: Sensor, values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return the classes, (samples,), that robots read of values (samples, numbers)."""
-    return model_of(sensor).classes(values, sensor.params).astype(np.uint8)
-
-
 @kernel
 def read_patches(
     seed: int,
@@ -430,7 +425,7 @@ class Places:
             )  # fmt: skip
         if is_sensed(scenario.sensor):
             run_index = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
-            readings.observation[:] = classes_of(scenario.sensor, readings.values)
+            readings.observation[:] = readings_of(scenario.sensor, readings.values)
             apply_faults(
                 faults, run_index, self._robot, self._sample, self._time_s, scenario.sensor.readings, self.seed,
                 self.runs, readings.observation,

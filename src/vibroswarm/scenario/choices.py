@@ -216,6 +216,11 @@ class Choice(FrozenModel):
         return str(getattr(self, self.selector))
 
     @property
+    def entry(self) -> Any:
+        """The selected entry; None if its code is not loaded."""
+        return type(self).known().get(self.selected)
+
+    @property
     def params(self) -> Any:
         """Parameters of the selected entry."""
         return self.table(self.selected)
@@ -235,15 +240,13 @@ class Choice(FrozenModel):
         Raises:
             InputError: the entry is not registered.
         """
-        if self.code is not None and self.selected not in type(self).known():
+        if self.code is not None and self.entry is None:
             raise plugins.not_loaded(self.code, plugins.field_of(self.kind))
 
     @property
     def defaults(self) -> dict[str, Any]:
         """Default parameters of the selected entry by name; if its code is not loaded, the parameters given."""
-        known = type(self).known().get(self.selected)
-        values: dict[str, Any] = known.params().model_dump() if known is not None else dict(self.params)
-        return values
+        return dict(self.params if self.entry is None else self.entry.params().model_dump())
 
     @model_serializer(mode="plain")
     def _as_tables(self) -> dict[str, Any]:
@@ -292,8 +295,7 @@ class StrategyChoice(Choice):
     @property
     def reads_places(self) -> bool:
         """Whether the strategy reads where robots believe they are; False if its code is not loaded."""
-        known = known_strategies().get(self.name)
-        return known is not None and reads_places(known)
+        return self.entry is not None and reads_places(self.entry)
 
 
 class NetworkChoice(Choice):
@@ -330,5 +332,4 @@ class TaskChoice(Choice):
     @property
     def asks_number(self) -> bool:
         """Whether the task asks for a number, such as a share; False if its code is not loaded."""
-        known = known_tasks().get(self.name)
-        return known is not None and bool(known.estimated)
+        return self.entry is not None and bool(self.entry.estimated)

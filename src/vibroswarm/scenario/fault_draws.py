@@ -200,8 +200,6 @@ def of_run(faults: SensorFaults, r: int) -> SensorFaults:
 
     Arrays without rows (``NO_SENSOR_FAULTS``) stay without.
     """
-    if faults is NO_SENSOR_FAULTS:
-        return faults
     at_0, at_1, stuck, biased = (onset[r : r + 1] for onset in faults[:4])
     return SensorFaults(at_0, at_1, stuck, biased, faults.shifts, faults.stuck_class)
 

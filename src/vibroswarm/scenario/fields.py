@@ -390,7 +390,7 @@ class Sensor(Choice):
     @property
     def params(self) -> Any:
         """Parameters of the selected sensor: its table, or this section, of which they are fields."""
-        known = known_sensors().get(self.model)
+        known = self.entry
         if known is None:
             return self.table(self.model)
         if known.in_section:
@@ -403,14 +403,12 @@ class Sensor(Choice):
     @property
     def kinds(self) -> int:
         """Number of kinds of tile that the sensor has a law for; 2 if its code is not loaded."""
-        known = known_sensors().get(self.model)
-        return 2 if known is None else known.number_of("kinds", self.params)
+        return 2 if self.entry is None else int(self.entry.number_of("kinds", self.params))
 
     @property
     def readings(self) -> int:
         """Number of classes of the readings; 2 if the sensor's code is not loaded."""
-        known = known_sensors().get(self.model)
-        return 2 if known is None else known.number_of("readings", self.params)
+        return 2 if self.entry is None else int(self.entry.number_of("readings", self.params))
 
 
 class Decision(FrozenModel):

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 
-from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
@@ -205,7 +204,7 @@ def _check_time_of_reading(s: Sections, signal_ms: float) -> None:
 def _check_sensor(s: Sections) -> None:
     """Refuse what the sensor's own check refuses, and options that its readings do not have."""
     sensor = s.sensor
-    known = sensors.known().get(sensor.model)
+    known = sensor.entry
     if known is None:  # its code is not loaded
         return
     if known.check is not None:
@@ -259,13 +258,13 @@ def _check_bias(s: Sections, why: str) -> None:
 
 def _check_kinds(s: Sections) -> None:
     """Refuse kinds of tile, classes of readings and answers that sensor, floor, strategy and task do not share."""
-    if s.sensor.model not in sensors.known():  # its code is not loaded
+    if s.sensor.entry is None:  # its code is not loaded
         return
     kinds, readings = s.sensor.kinds, s.sensor.readings
     tiles, name = s.floor.tiles_for(0, 0)
     if tiles.max() >= kinds:
         row, column = (int(index) for index in np.argwhere(tiles >= kinds)[0])
-        more = sensors.sensor(s.sensor.model).for_more_kinds
+        more = s.sensor.entry.for_more_kinds
         raise InputError(
             f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
             f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
@@ -282,7 +281,7 @@ def _check_kinds(s: Sections) -> None:
         _check_options_of_two(s)
     if s.floor.has_surface:
         _check_surface(s)
-    strategy, task = _strategy_of(s), tasks.known().get(s.task.name)
+    strategy, task = _strategy_of(s), s.task.entry
     if strategy is None or task is None:  # its code is not loaded
         return
     if readings > 2 and not strategy.many_readings:
@@ -346,7 +345,7 @@ def _check_surface(s: Sections) -> None:
     """Refuse what values of tiles and patches do not go with, and what is wrong with those of run 0."""
     surface = s.floor.placed_in(s.arena, 0, 0).surface
     sensor, what = s.sensor, "values of tiles" if surface.values is not None else "patches"
-    model = sensors.sensor(sensor.model)
+    model = sensor.entry
     if model.sense is not None:
         raise InputError(
             f"{what} are contrasts between the laws of two kinds of tile, and '{sensor.model}' has no laws: it "
@@ -370,7 +369,7 @@ def _check_surface(s: Sections) -> None:
 
 def _check_asks_for_change(s: Sections) -> None:
     """Refuse robots that tell whether the floor has changed where that is not asked, and the other way round."""
-    known = strategies.known().get(s.strategy.name)
+    known = s.strategy.entry
     if known is None or known.code:
         return
     tells = bool(getattr(s.strategy.params, "tells_change", False))
@@ -380,7 +379,7 @@ def _check_asks_for_change(s: Sections) -> None:
             "reset, with strategy.reset.tells_change = true",
             field="task.name",
         )
-    asks = tasks.known().get(s.task.name)
+    asks = s.task.entry
     is_anew = asks is not None and asks.is_asked_anew(s.task.params)
     if is_anew and not getattr(s.strategy.params, "tells_anew", False):
         raise InputError(
@@ -408,8 +407,8 @@ def _check_options_of_two(s: Sections) -> None:
 
 def _strategy_of(s: Sections) -> Strategy | None:
     """Return the strategy for the sensor's kinds and classes, None if its code or that of the sensor is not loaded."""
-    known = strategies.known().get(s.strategy.name)
-    if known is None or s.sensor.model not in sensors.known():
+    known: Strategy | None = s.strategy.entry
+    if known is None or s.sensor.entry is None:
         return known
     return known.for_kinds(s.sensor)
 
@@ -516,7 +515,7 @@ def _check_change(s: Sections) -> None:
 
 def _check_network(s: Sections) -> None:
     """Refuse what the network's own check refuses, such as more robots than it was fitted to."""
-    chosen = networks.known().get(s.network.name)
+    chosen = s.network.entry
     if chosen is not None and chosen.check is not None:
         chosen.check(s.network.params, s.swarm.robots)
 
@@ -524,7 +523,7 @@ def _check_network(s: Sections) -> None:
 def _check_faults(s: Sections) -> None:
     """Refuse faults of robots that do not exist, and ``faults.opposite`` where messages have no opposite."""
     check_faults(s.faults, s.swarm.robots)
-    if s.faults.stuck and s.faults.stuck_class >= s.sensor.readings and s.sensor.model in sensors.known():
+    if s.faults.stuck and s.faults.stuck_class >= s.sensor.readings and s.sensor.entry is not None:
         raise InputError(
             f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}, and never "
             f"{s.faults.stuck_class}",

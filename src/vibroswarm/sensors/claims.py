@@ -129,7 +129,10 @@ def _between(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
 
     Intervals in which two halves do not give what the whole gives are halved, and so on, within limits.
     """
-    ends = _with_borders(model, p, ends, factor)
+    least = _borders(
+        model, p, ends, factor
+    )  # the class changes there, so that it is one within each interval
+    ends = np.unique(np.append(ends, least[np.isfinite(least)]))
     low, high = ends[:-1], ends[1:]
     classes = model.classes(0.5 * (low + high) * factor, p)
     found = np.zeros((model.number_of("kinds", p), model.number_of("readings", p)))
@@ -162,12 +165,6 @@ def _density(model: SensorModel, kind: int, value: Values, p: Any) -> Values:
     with errors_in(model.code), np.errstate(all="ignore"):
         found = np.asarray(model.likelihood(kind, value.ravel(), p), dtype=np.float64)
     return np.maximum(np.nan_to_num(found, posinf=0.0, neginf=0.0), 0.0).reshape(value.shape)
-
-
-def _with_borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:
-    """Return ``ends``, ascending, with the values between them at which the class changes."""
-    least = _borders(model, p, ends, factor)
-    return np.unique(np.append(ends, least[np.isfinite(least)]))
 
 
 def _borders(model: SensorModel, p: Any, ends: Values, factor: float) -> Values:

@@ -36,21 +36,24 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined, inner
-from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies.base import register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.mcp import (
     ESTIMATE,
     PERFECT,
+    Arrays,
+    Message,
     belief,
     decide_by,
     informed,
     local_confidence,
     local_estimate,
     on_message,
+    opposite,
 )
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["asdf", "belief", "decision", "on_message"]
+__all__ = ["Arrays", "Message", "asdf", "belief", "decision", "on_message", "opposite"]
 
 LOWEST: Final = 0.5 + 1e-6
 """Smallest accuracy, just above 1/2: at 1/2 a reading carries no information."""
@@ -107,25 +110,6 @@ class State:
     estimate_spread: float
     below: float
     decision: int
-
-
-class Arrays:
-    """The latest message of each robot; confidence 0 before the first."""
-
-    estimate = array("float64", "robots")
-    confidence = array("float64", "robots")
-
-
-class Message:
-    """Estimate of the fill ratio, and its confidence."""
-
-    estimate: float
-    confidence: float
-
-
-def opposite(m: Row) -> None:
-    """Turn the estimate x into 1 - x, for a robot with the fault ``opposite``; its confidence stays the same."""
-    m.estimate = 1.0 - m.estimate
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:

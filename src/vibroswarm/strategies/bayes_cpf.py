@@ -41,22 +41,25 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined, inner
+from vibroswarm.strategies import mcp
 from vibroswarm.strategies.asdf import LOWEST
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.mcp import (
     ESTIMATE,
     PERFECT,
+    Message,
     belief,
     decide_by,
     informed,
     local_confidence,
     local_estimate,
     on_message,
+    opposite,
 )
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["bayes_cpf", "belief", "decision", "on_message"]
+__all__ = ["Message", "bayes_cpf", "belief", "decision", "on_message", "opposite"]
 
 LARGEST_WINDOW: Final = 1000
 LEAST_COUNT: Final = 5.0
@@ -108,25 +111,11 @@ class State:
     decision: int
 
 
-class Arrays:
+class Arrays(mcp.Arrays):
     """The latest message of each robot; confidence 0 before the first. The last readings and informed estimates."""
 
-    estimate = array("float64", "robots")
-    confidence = array("float64", "robots")
     reading = array("int32", str(LARGEST_WINDOW))
     informed = array("float64", str(LARGEST_WINDOW))
-
-
-class Message:
-    """Estimate of the fill ratio, and its confidence."""
-
-    estimate: float
-    confidence: float
-
-
-def opposite(m: Row) -> None:
-    """Turn the estimate x into 1 - x, for a robot with the fault ``opposite``; its confidence stays the same."""
-    m.estimate = 1.0 - m.estimate
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:

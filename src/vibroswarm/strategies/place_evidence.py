@@ -26,28 +26,13 @@ from typing import Final
 
 from vibroswarm.core.jit import inlined_uncached
 from vibroswarm.strategies.bayes import Row
-from vibroswarm.strategies.place_map import RATE, felt, logistic, score_at
-from vibroswarm.strategies.world import Draws, World
+from vibroswarm.strategies.place_map import RATE, felt, logistic, total_odds
+from vibroswarm.strategies.world import World
 
 RATIO_STEP: Final = 1.0 / 16.0
 """Step in which messages hold a log ratio."""
 RATIO_STEPS: Final = 127
 """Largest number of steps, up or down, of a log ratio in a message: it has one byte."""
-
-
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin undecided, with empty maps, and set the score needed for a decision and the weight of each sender.
-
-    All fields and arrays are zero at the start. So ``a.odds`` holds no evidence yet, and each tile vibrates with
-    probability 1/2 in every map.
-    """
-    # -1: undecided. ``s.needed`` is the absolute score at which the belief in either side reaches the threshold.
-    s.decision, s.needed = -1, score_at(w.credible_threshold)
-    # The weight w_j, by which the evidence of sender j counts, is the probability that this sender is not broken (a
-    # broken robot reads alike everywhere). Before any reading it follows from ``broken_prior``, the prior probability
-    # that a robot is broken.
-    for j in range(w.robots):
-        a.weight[j] = 1.0 - p.broken_prior
 
 
 @inlined_uncached
@@ -64,15 +49,6 @@ def rounded_ratio(log_ratio: float) -> float:
     """Return a log ratio rounded and limited to what one byte of a message can hold."""
     steps = math.floor(log_ratio / RATIO_STEP + 0.5)
     return RATIO_STEP * min(max(steps, -RATIO_STEPS), RATIO_STEPS)
-
-
-@inlined_uncached
-def odds_in(a: Row, k: int, tile: int, w: World) -> float:
-    """Return the log odds that a tile vibrates by map ``k``: the weighted evidence of all senders."""
-    total, tiles = 0.0, w.rows * w.columns
-    for j in range(w.robots):
-        total += a.weight[j] * a.odds[(k * w.robots + j) * tiles + tile]
-    return total
 
 
 @inlined_uncached
@@ -97,7 +73,7 @@ def add_evidence(
     for r in range(upper, lower + 1):
         for c in range(left, right + 1):
             t = r * w.columns + c
-            odds = odds_in(a, k, t, w)
+            odds = total_odds(a, k, t, w)
             a.p[t] = logistic(odds)
             a.p_without[t] = logistic(odds - a.weight[j] * a.odds[of_sender + t])
     # Likelihood of the reading by map k, and probability of feeling vibration by map k without sender j. Both are sums
@@ -154,7 +130,7 @@ def score_of_maps(a: Row, maps: int, variance_factor: float, w: World) -> float:
     for k in range(maps):
         vibrating = 0.0
         for t in range(tiles):
-            probability = logistic(odds_in(a, k, t, w))
+            probability = logistic(total_odds(a, k, t, w))
             vibrating += probability
             inside += probability * (1.0 - probability) / maps
         # Welford (1962): updates of mean and sum of squares that lose no precision by cancellation.

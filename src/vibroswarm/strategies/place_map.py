@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined_uncached
+from vibroswarm.strategies.base import array
 from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.world import World
 
@@ -53,6 +54,16 @@ RATE_STEP: Final = 0.7
 """Step between the values of an error rate that are compared, in log odds."""
 LEAST_CREDENCE: Final = 1e-6
 """Pairs less probable than this are left out of the score."""
+
+
+class TileArrays:
+    """Shares of a place in columns, rows and the edges between them, and p of the tiles, with and without a sender."""
+
+    of_column = array("float64", "2*columns")
+    of_row = array("float64", "2*rows")
+    of_all = array("float64", "1")
+    p = array("float64", "tiles")
+    p_without = array("float64", "tiles")
 
 
 @inlined_uncached

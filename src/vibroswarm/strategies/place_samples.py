@@ -25,21 +25,19 @@ from vibroswarm.strategies.base import Array, array
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_evidence import (
     add_evidence,
-    begin,
     chance_of_bit,
     decide,
     ratio_of_bit,
     rounded_ratio,
     score_of_maps,
 )
-from vibroswarm.strategies.place_map import share_place
-from vibroswarm.strategies.place_trust import State, judge, rounded
+from vibroswarm.strategies.place_kinds import begin
+from vibroswarm.strategies.place_map import TileArrays, share_place
+from vibroswarm.strategies.place_trust import State, TrustArrays, judge, rounded
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
 __all__ = ["State", "begin", "decision"]
 
-MOST_DRAWS: Final = 4
-"""Most draws for which a message has places."""
 KEPT: Final = 25
 """Length of the ring of log ratios that wait until their place is known: ``localisation.lag`` is at most 24."""
 
@@ -62,22 +60,11 @@ class Message:
     y_3_m: float
 
 
-class Arrays:
+class Arrays(TileArrays, TrustArrays):
     """As of ``places``, with one map for each draw, and the own log ratios that are not sent yet (a ring)."""
 
     odds: Array
-    surprise = array("float64", "robots")
-    variance = array("float64", "robots")
-    suspicion = array("float64", "robots")
-    ones = array("float64", "robots")
-    readings = array("float64", "robots")
-    weight = array("float64", "robots")
     waiting = array("float64", "25")
-    of_column = array("float64", "2*columns")
-    of_row = array("float64", "2*rows")
-    of_all = array("float64", "1")
-    p = array("float64", "tiles")
-    p_without = array("float64", "tiles")
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:

@@ -30,18 +30,19 @@ from vibroswarm.strategies.place_evidence import (
     RATIO_STEP,
     RATIO_STEPS,
     add_evidence,
-    begin,
     chance_of_bit,
     decide,
     ratio_of_bit,
     rounded_ratio,
     score_of_maps,
 )
-from vibroswarm.strategies.place_map import share_place
-from vibroswarm.strategies.place_trust import State, judge
+from vibroswarm.strategies.place_kinds import begin
+from vibroswarm.strategies.place_map import TileArrays, share_place
+from vibroswarm.strategies.place_samples import belief
+from vibroswarm.strategies.place_trust import State, TrustArrays, judge
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
-__all__ = ["State", "begin", "decision"]
+__all__ = ["State", "begin", "belief", "decision"]
 
 HEADER_BYTES: Final = 5
 """Size of a message without its map."""
@@ -60,23 +61,12 @@ class Message:
     steps = array("int16", "139")
 
 
-class Arrays:
+class Arrays(TileArrays, TrustArrays):
     """As of ``places``, with one map, the number of samples in each robot's map, and the own log ratios that wait."""
 
     odds: Array
-    surprise = array("float64", "robots")
-    variance = array("float64", "robots")
-    suspicion = array("float64", "robots")
-    ones = array("float64", "robots")
-    readings = array("float64", "robots")
-    weight = array("float64", "robots")
     samples = array("int64", "robots")
     waiting = array("float64", "25")
-    of_column = array("float64", "2*columns")
-    of_row = array("float64", "2*rows")
-    of_all = array("float64", "1")
-    p = array("float64", "tiles")
-    p_without = array("float64", "tiles")
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
@@ -116,11 +106,6 @@ def on_sample(s: Row, a: Row, x: DetailedReading, out: Row, d: Draws, p: Row, w:
         # and summed, are one.
         decide(s, score_of_maps(a, 1, p.variance_factor, w), x.t_s, p.falls_from, w)
     return sends
-
-
-def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return the belief that the share of vibrating tiles is below the boundary."""
-    return 0.5 * math.erfc(-score_of_maps(a, 1, p.variance_factor, w) * math.sqrt(0.5))
 
 
 def opposite(m: Row) -> None:

@@ -9,6 +9,7 @@ import math
 from typing import Final
 
 from vibroswarm.core.jit import inlined
+from vibroswarm.strategies.base import array
 from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.place_map import RATE
 
@@ -26,6 +27,17 @@ class State:
     heard: int
     needed: float
     decision: int
+
+
+class TrustArrays:
+    """What is known of each sender: its surprise and the variance of it, its suspicion, its readings, its weight."""
+
+    surprise = array("float64", "robots")
+    variance = array("float64", "robots")
+    suspicion = array("float64", "robots")
+    ones = array("float64", "robots")
+    readings = array("float64", "robots")
+    weight = array("float64", "robots")
 
 
 @inlined

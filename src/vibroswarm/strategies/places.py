@@ -59,6 +59,7 @@ from vibroswarm.strategies import place_kinds
 from vibroswarm.strategies.base import Strategy, array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import (
+    TileArrays,
     add_reading,
     pairs_of,
     score,
@@ -68,7 +69,7 @@ from vibroswarm.strategies.place_map import (
 )
 from vibroswarm.strategies.place_options import with_options
 from vibroswarm.strategies.place_share import learn_share, score_asked, tiles_share
-from vibroswarm.strategies.place_trust import State, judge, rounded
+from vibroswarm.strategies.place_trust import State, TrustArrays, judge, rounded
 from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["Message", "State", "decision", "places"]
@@ -200,26 +201,17 @@ class Params(MapParams, Options):
     """Caution, patience and trust, and what else messages may hold."""
 
 
-class Arrays:
-    """Log odds of each tile by pair of rates and sender, evidence and probability of each pair, log odds of a tile of
-    which nothing is known, how surprising each sender is, and scratch: a place's share of each column and row and of
-    the edges between them, and p of the tiles."""
+class PairArrays:
+    """Log odds of each tile by pair of rates and sender, evidence and probability of each pair, prior log odds."""
 
     odds = array("float64", "9*robots*tiles")
     evidence = array("float64", "9")
     credence = array("float64", "9")
     prior_odds = array("float64", "1")
-    surprise = array("float64", "robots")
-    variance = array("float64", "robots")
-    suspicion = array("float64", "robots")
-    ones = array("float64", "robots")
-    readings = array("float64", "robots")
-    weight = array("float64", "robots")
-    of_column = array("float64", "2*columns")
-    of_row = array("float64", "2*rows")
-    of_all = array("float64", "1")
-    p = array("float64", "tiles")
-    p_without = array("float64", "tiles")
+
+
+class Arrays(TileArrays, TrustArrays, PairArrays):
+    """Maps, trust in senders, and the tiles of a sample's place."""
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:

@@ -207,10 +207,15 @@ def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> 
     return module.startswith("numpy") and ("random" in attributes or module.startswith("numpy.random"))
 
 
-def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Callable[..., Any]]:
+def _with_callees(
+    function: Callable[..., Any], seen: set[Any], every: bool = False
+) -> Iterator[Callable[..., Any]]:
     """Yield the function, and the users' Python functions that it calls, directly or through each other.
 
     Functions of its own module are among them, whosever it is. ``seen`` holds those already yielded; it grows in place.
+
+    Args:
+        every: whether all others are among them too, such as those of this package.
     """
     if function in seen:
         return
@@ -219,9 +224,9 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
     for name in function.__code__.co_names:
         value = _plain(function.__globals__.get(name))
         if isinstance(value, FunctionType) and (
-            value.__module__ == function.__module__ or not is_known(value.__module__)
+            every or value.__module__ == function.__module__ or not is_known(value.__module__)
         ):
-            yield from _with_callees(value, seen)
+            yield from _with_callees(value, seen, every)
 
 
 def _attributes(function: Callable[..., Any]) -> list[tuple[str, ast.Attribute]]:
@@ -329,26 +334,10 @@ def reads_places(strategy: Strategy) -> bool:
     # hook may read a place without its name.
     seen: set[Any] = set()
     hooks = [hook for hook in (getattr(strategy, name) for name in STRATEGY_HOOKS) if hook is not None]
-    if is_shipped(*hooks) and not any(_names_place(hook, seen) for hook in hooks):
+    called = (one for hook in hooks for one in _with_callees(_plain(hook), seen, every=True))
+    if is_shipped(*hooks) and all(set(PLACE).isdisjoint(one.__code__.co_names) for one in called):
         return False
     return not fields_read(strategy).isdisjoint(PLACE)
-
-
-def _names_place(function: Callable[..., Any], seen: set[Any]) -> bool:
-    """Return whether a function, or one that it may call, uses a name of ``PLACE``, whatever it means there.
-
-    Args:
-        seen: functions looked at already; it grows in place.
-    """
-    plain = _plain(function)
-    if plain in seen:
-        return False
-    seen.add(plain)
-    names = plain.__code__.co_names
-    if not set(PLACE).isdisjoint(names):
-        return True
-    used = (plain.__globals__.get(name) for name in names)
-    return any(_names_place(one, seen) for one in used if isinstance(_plain(one), FunctionType))
 
 
 @cache

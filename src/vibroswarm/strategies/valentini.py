@@ -121,12 +121,6 @@ class Arrays:
     quality = array("float64", "robots")
 
 
-class Opinion:
-    """A message of DMVD and DMMD."""
-
-    bit: int
-
-
 class OpinionWithQuality:
     """A message of DC."""
 
@@ -320,7 +314,6 @@ dmvd = register(
         params=Params,
         state=State,
         arrays=Arrays,
-        message=Opinion,
         begin=begin,
         on_message=on_message,
         on_sample=on_sample,
@@ -338,7 +331,6 @@ dmmd = register(
         params=Params,
         state=State,
         arrays=Arrays,
-        message=Opinion,
         begin=begin,
         on_message=on_message,
         on_sample=on_sample,

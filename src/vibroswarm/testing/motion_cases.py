@@ -186,16 +186,6 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
                 )
 
 
-def part_of(motion: Motion, run: int) -> Motion:
-    """Return the rows of one run in each of the four tables of a motion, for ``same``; None stays None.
-
-    ``failures`` is left out, since ``same`` does not compare it.
-    """
-    of_run = pl.col("run") == run
-    tables = (motion.samples, motion.ends, motion.segments, motion.moves)
-    return Motion(*(table.filter(of_run) if table is not None else None for table in tables))  # type: ignore[arg-type]
-
-
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
     """Return times in s as whole numbers of ticks (control periods), in the same order.
 

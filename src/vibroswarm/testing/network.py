@@ -25,6 +25,7 @@ from vibroswarm.testing.runs import (
     Finding,
     Pieces,
     equals_plain,
+    in_each,
     in_pieces,
     run_checks,
     same_again,
@@ -64,60 +65,52 @@ def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
     # check of its own, a refused scenario is an error.
     own_check = known()[name].check
     for words, values in SETTINGS.items():
-        if own_check is not None and _is_refused(base, values):
+        try:
+            scenario = base.with_values(values)
+        except InputError:
+            if own_check is None:
+                raise
             continue
-        yield words, base.with_values(values)
-
-
-def _is_refused(base: Scenario, values: dict[str, Any]) -> bool:
-    """Return whether ``base`` with these values, by dotted name, is invalid."""
-    try:
-        base.with_values(values)
-    except InputError:
-        return True
-    return False
+        yield words, scenario
 
 
 def _pieces(name: str) -> Pieces:
     return tables_of(_scenarios(name))
 
 
-def _runs(name: str) -> Iterator[str]:
+def _runs(scenario: Scenario) -> Iterator[str]:
     """Check that two runs can be simulated, and that the table of robots has a row for each robot of each run."""
-    for words, scenario in _scenarios(name):
-        result = simulate(scenario, SEED, 2)
-        if result.robots.height != 2 * scenario.swarm.robots:
-            yield f"{words}: a robot is missing"
+    result = simulate(scenario, SEED, 2)
+    if result.robots.height != 2 * scenario.swarm.robots:
+        yield "a robot is missing"
 
 
-def _received_was_sent(name: str) -> Iterator[str]:
+def _received_was_sent(scenario: Scenario) -> Iterator[str]:
     """Check that no robot receives more messages than the others sent."""
-    for words, scenario in _scenarios(name):
-        robots = simulate(scenario, SEED, 2).robots
-        # Signed numbers, so that no difference wraps below 0.
-        of_others = pl.col("sent").cast(pl.Int64).sum().over("run") - pl.col("sent")
-        for row in robots.with_columns(others=of_others).iter_rows(named=True):
-            if row["messages_received"] > row["others"]:
-                yield (
-                    f"{words}: robot {row['robot']} of run {row['run']} has received "
-                    f"{row['messages_received']} messages, and the others have sent {row['others']}"
-                )
+    robots = simulate(scenario, SEED, 2).robots
+    # Signed numbers, so that no difference wraps below 0.
+    of_others = pl.col("sent").cast(pl.Int64).sum().over("run") - pl.col("sent")
+    for row in robots.with_columns(others=of_others).iter_rows(named=True):
+        if row["messages_received"] > row["others"]:
+            yield (
+                f"robot {row['robot']} of run {row['run']} has received "
+                f"{row['messages_received']} messages, and the others have sent {row['others']}"
+            )
 
 
-def _none_vanishes(name: str) -> Iterator[str]:
+def _none_vanishes(scenario: Scenario) -> Iterator[str]:
     """Check the log of messages: each message is received, lost or not yet due at each robot but its sender.
 
     The messages received in the log must be as many as the robot counts (``messages_received``).
     """
-    for words, scenario in _scenarios(name):
-        result = simulate(scenario, SEED, 1, moves=True)
-        counts = message_log(result).counts()  # one row per robot, in the order of ``result.robots``
-        for row, robot in zip(counts.iter_rows(named=True), result.robots.iter_rows(named=True), strict=True):
-            counted, listed = robot["messages_received"], row["received"]
-            if counted != listed:
-                yield f"{words}: robot {row['robot']} received {counted} messages; the log has {listed}"
-            if row["received"] + row["lost"] + row["not_due"] != _sent_by_others(result, row["robot"]):
-                yield f"{words}: of the messages to robot {row['robot']} some are not received, lost or not due"
+    result = simulate(scenario, SEED, 1, moves=True)
+    counts = message_log(result).counts()  # one row per robot, in the order of ``result.robots``
+    for row, robot in zip(counts.iter_rows(named=True), result.robots.iter_rows(named=True), strict=True):
+        counted, listed = robot["messages_received"], row["received"]
+        if counted != listed:
+            yield f"robot {row['robot']} received {counted} messages; the log has {listed}"
+        if row["received"] + row["lost"] + row["not_due"] != _sent_by_others(result, row["robot"]):
+            yield f"of the messages to robot {row['robot']} some are not received, lost or not due"
 
 
 def _sent_by_others(result: Result, robot: int) -> int:
@@ -125,22 +118,21 @@ def _sent_by_others(result: Result, robot: int) -> int:
     return int(result.robots.filter(pl.col("robot") != robot)["sent"].sum())
 
 
-def _none_too_early(name: str) -> Iterator[str]:
+def _none_too_early(scenario: Scenario) -> Iterator[str]:
     """Check that no message is read before the tick after it was sent.
 
     The compiled run is checked by its counts of messages. In plain Python, the arrival ticks that ``send`` gives are
     checked themselves.
     """
-    for words, scenario in _scenarios(name):
-        result = simulate(scenario, SEED, 1, moves=True)
-        yield from (f"{words}: {problem}" for problem in _heard_before(result))
-        plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
-        for message in plain.too_early:
-            yield (
-                f"{words}: send lets robot {message.receiver} read at tick {message.arrival_tick} "
-                f"what robot {message.sender} sends at tick {message.tick}; {message.tick + 1} is the earliest, "
-                "and -1 means never"
-            )
+    result = simulate(scenario, SEED, 1, moves=True)
+    yield from _heard_before(result)
+    plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
+    for message in plain.too_early:
+        yield (
+            f"send lets robot {message.receiver} read at tick {message.arrival_tick} "
+            f"what robot {message.sender} sends at tick {message.tick}; {message.tick + 1} is the earliest, "
+            "and -1 means never"
+        )
 
 
 def _heard_before(result: Result) -> Iterator[str]:
@@ -162,13 +154,13 @@ def _heard_before(result: Result) -> Iterator[str]:
 
 # Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
-    "it compiles and runs": _runs,
-    "the same again, alone or beside others": lambda name: same_again(_scenarios(name)),
+    "it compiles and runs": in_each(_scenarios, _runs),
+    "the same again, alone or beside others": in_each(_scenarios, same_again),
     "the same in another process": partial(same_elsewhere, "network", _pieces),
-    "nobody receives more than the others have sent": _received_was_sent,
-    "every message is received, lost or not due": _none_vanishes,
-    "nothing is heard before it is sent": _none_too_early,
-    "compiled as in plain Python": lambda name: equals_plain(_scenarios(name)),
-    "in pieces as in one": lambda name: in_pieces(_scenarios(name)),
+    "nobody receives more than the others have sent": in_each(_scenarios, _received_was_sent),
+    "every message is received, lost or not due": in_each(_scenarios, _none_vanishes),
+    "nothing is heard before it is sent": in_each(_scenarios, _none_too_early),
+    "compiled as in plain Python": in_each(_scenarios, equals_plain),
+    "in pieces as in one": in_each(_scenarios, in_pieces),
 }
 """All checks of a network, in order, by what each requires."""

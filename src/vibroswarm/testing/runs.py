@@ -149,24 +149,34 @@ def _text_of_runs(scenario: Scenario) -> bytes:
     return csv_bytes(result.inference) + csv_bytes(result.robots)
 
 
-def same_again(scenarios: Scenarios) -> Iterator[str]:
+def in_each(
+    scenarios_of: Callable[[str], Scenarios], check: Callable[[Scenario], Iterator[str]]
+) -> Callable[[str], Iterator[str]]:
+    """Return the check of an object, by its name, that makes a check of a scenario in each of its scenarios."""
+
+    def check_all(name: str) -> Iterator[str]:
+        for words, scenario in scenarios_of(name):
+            yield from (f"{words}: {problem}" for problem in check(scenario))
+
+    return check_all
+
+
+def same_again(scenario: Scenario) -> Iterator[str]:
     """Check that a run is the same when it is repeated, and when it is simulated alone or together with another."""
-    for words, scenario in scenarios:
-        if not simulate(scenario, SEED, [0, 1]).same_tables(simulate(scenario, SEED, [0, 1])):
-            yield f"{words}: the same run differs when repeated"
-        alone = simulate(scenario, SEED, [1])
-        both = simulate(scenario, SEED, [0, 1])
-        if not both.inference.filter(both.inference["run"] == 1).equals(alone.inference):
-            yield f"{words}: a run differs when simulated together with another"
+    if not simulate(scenario, SEED, [0, 1]).same_tables(simulate(scenario, SEED, [0, 1])):
+        yield "the same run differs when repeated"
+    alone = simulate(scenario, SEED, [1])
+    both = simulate(scenario, SEED, [0, 1])
+    if not both.inference.filter(both.inference["run"] == 1).equals(alone.inference):
+        yield "a run differs when simulated together with another"
 
 
-def equals_plain(scenarios: Scenarios) -> Iterator[str]:
+def equals_plain(scenario: Scenario) -> Iterator[str]:
     """Check that a compiled run is equal to the run of the plain Python reference."""
-    for words, scenario in scenarios:
-        result = simulate(scenario, SEED, 1, moves=True)
-        plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
-        for problem in differences(result, plain):
-            yield f"{words}: compiled and plain Python results differ: {problem}"
+    result = simulate(scenario, SEED, 1, moves=True)
+    plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
+    for problem in differences(result, plain):
+        yield f"compiled and plain Python results differ: {problem}"
 
 
 def differences(result: Result, plain: PlainRun) -> Iterator[str]:
@@ -240,24 +250,23 @@ def _reports_differ(result: Result, plain: PlainRun) -> Iterator[str]:
             yield f"report {name}"
 
 
-def in_pieces(scenarios: Scenarios) -> Iterator[str]:
+def in_pieces(scenario: Scenario) -> Iterator[str]:
     """Check that a closed loop gives the same in pieces of 7 s as in one piece, and decides as ``simulate`` does."""
-    for words, scenario in scenarios:
-        result = simulate(scenario, SEED, 1, moves=True)
-        floors = {0: result.floor(0)}  # by run; only run 0 is simulated
-        (ground,) = sensed_floors(scenario, SEED, [0], floors)
-        rows = sample_rows(result.motion, scenario.run.control_period_ms)
-        snapshots = []  # for each length of pieces: robots, and states of their strategies, at the end
-        for piece_s in (scenario.run.t_end_s, 7.0):
-            loop = ClosedLoop(scenario, SEED)
-            loop.begin(0, ground)
-            feed(loop, rows, result, piece_s)
-            snapshots.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
-        if not all(_is_equal(whole, in_parts) for whole, in_parts in zip(*snapshots, strict=True)):
-            yield f"{words}: results differ between pieces and a whole run"
-        agents, _ = snapshots[0]  # of the loop in one piece
-        if agents["decision"].tolist() != result.robots["decision"].to_list():
-            yield f"{words}: decisions differ between closed loop and tables"
+    result = simulate(scenario, SEED, 1, moves=True)
+    floors = {0: result.floor(0)}  # by run; only run 0 is simulated
+    (ground,) = sensed_floors(scenario, SEED, [0], floors)
+    rows = sample_rows(result.motion, scenario.run.control_period_ms)
+    snapshots = []  # for each length of pieces: robots, and states of their strategies, at the end
+    for piece_s in (scenario.run.t_end_s, 7.0):
+        loop = ClosedLoop(scenario, SEED)
+        loop.begin(0, ground)
+        feed(loop, rows, result, piece_s)
+        snapshots.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
+    if not all(_is_equal(whole, in_parts) for whole, in_parts in zip(*snapshots, strict=True)):
+        yield "results differ between pieces and a whole run"
+    agents, _ = snapshots[0]  # of the loop in one piece
+    if agents["decision"].tolist() != result.robots["decision"].to_list():
+        yield "decisions differ between closed loop and tables"
 
 
 def _is_equal(one: Any, other: Any) -> bool:

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 from vibroswarm.errors import CodeError
 from vibroswarm.inference import replayer
-from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
@@ -23,6 +22,7 @@ from vibroswarm.testing.runs import (
     Finding,
     Pieces,
     equals_plain,
+    in_each,
     in_pieces,
     run_checks,
     same_again,
@@ -74,48 +74,41 @@ def _pieces(name: str) -> Pieces:
     return tables_of(_scenarios(name))
 
 
-def _runs(name: str) -> Iterator[str]:
+def _runs(scenario: Scenario) -> Iterator[str]:
     """Check that runs can be simulated, and that decisions are -1 or answers, and beliefs from 0 to 1, at all samples.
 
     Answers are 0 and 1 or, of a strategy that ``answers_kinds``, the kinds of tile.
     """
-    for words, scenario in _scenarios(name):
-        try:
-            result = simulate(scenario, SEED, 2)
-        except CodeError as error:
-            yield f"{words}: {error}"
-            continue
-        answers = scenario.sensor.kinds if strategy_of(name).answers_kinds else 2
-        if not result.inference["decision"].is_in(range(-1, answers)).all():
-            yield f"{words}: a decision is not from -1 to {answers - 1}"
-        if not _beliefs_are_shares(result):
-            yield f"{words}: a belief is outside of 0 to 1"
+    try:
+        result = simulate(scenario, SEED, 2)
+    except CodeError as error:
+        yield str(error)
+        return
+    answers = scenario.sensor.kinds if strategy_of(scenario.strategy.name).answers_kinds else 2
+    if not result.inference["decision"].is_in(range(-1, answers)).all():
+        yield f"a decision is not from -1 to {answers - 1}"
+    belief = result.inference["belief_below"].drop_nulls().drop_nans()  # strategies without beliefs have none
+    if not belief.is_between(0.0, 1.0).all():
+        yield "a belief is outside of 0 to 1"
 
 
-def _beliefs_are_shares(result: Result) -> bool:
-    """Return whether all beliefs lie from 0 to 1; null and nan, of strategies without beliefs, are left out."""
-    belief = result.inference["belief_below"].drop_nulls().drop_nans()
-    return bool(((belief >= 0.0) & (belief <= 1.0)).all())
-
-
-def _counts_equal_messages(name: str) -> Iterator[str]:
+def _counts_equal_messages(scenario: Scenario) -> Iterator[str]:
     """Check that ``on_counts`` gives the same result for many messages at once as for one message at a time.
 
     The replayer counts messages where its function ``counts_only`` allows it; the check replaces that function to
     forbid it, and puts it back.
     """
-    if strategy_of(name).on_counts is None:
+    if strategy_of(scenario.strategy.name).on_counts is None:
         return
     counts_only = replayer.counts_only
-    for words, scenario in _scenarios(name):
-        counted = simulate(scenario, SEED, 2)
-        try:
-            replayer.counts_only = lambda strategy: False
-            by_message = simulate(scenario, SEED, 2)
-        finally:
-            replayer.counts_only = counts_only
-        if not counted.same_tables(by_message):
-            yield f"{words}: on_counts differs for many messages at once and for one at a time"
+    counted = simulate(scenario, SEED, 2)
+    try:
+        replayer.counts_only = lambda strategy: False
+        by_message = simulate(scenario, SEED, 2)
+    finally:
+        replayer.counts_only = counts_only
+    if not counted.same_tables(by_message):
+        yield "on_counts differs for many messages at once and for one at a time"
 
 
 def _no_reading(name: str) -> Iterator[str]:
@@ -141,12 +134,12 @@ def _decides(name: str) -> Iterator[str]:
 
 # Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
-    "it compiles, and gives decisions and beliefs": _runs,
-    "the same again, alone or beside others": lambda name: same_again(_scenarios(name)),
+    "it compiles, and gives decisions and beliefs": in_each(_scenarios, _runs),
+    "the same again, alone or beside others": in_each(_scenarios, same_again),
     "the same in another process": partial(same_elsewhere, "strategy", _pieces),
-    "compiled as in plain Python": lambda name: equals_plain(_scenarios(name)),
-    "in pieces as in one": lambda name: in_pieces(_scenarios(name)),
-    "counts as messages one by one": _counts_equal_messages,
+    "compiled as in plain Python": in_each(_scenarios, equals_plain),
+    "in pieces as in one": in_each(_scenarios, in_pieces),
+    "counts as messages one by one": in_each(_scenarios, _counts_equal_messages),
     "it accepts a class that is not a kind": _no_reading,
     "it decides": _decides,
 }

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import warn_once
-from vibroswarm.motion.control_step import ROBOT
-from vibroswarm.motion.kernel_run import KernelRun, no_sample_before_steps
+from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.physics.arcs import OPEN_SEGMENT
 from vibroswarm.motion.physics.arena_xml import TARGETS, WALLS
 from vibroswarm.motion.physics.library import calls, mujoco
 from vibroswarm.motion.physics.sensing import World
-from vibroswarm.motion.recorder import Failure, end_rows
+from vibroswarm.motion.recorder import Failure
 
 WARNINGS: Final = {
     0: "a singular inertia",
@@ -43,7 +42,6 @@ class MujocoRun(KernelRun):
     segment of each robot (``arcs.OPEN_SEGMENT``): the latest one, which goes on as long as its arc fits.
     """
 
-    fields = ROBOT
     step_ms: ClassVar[float]
     """Longest duration of a step of MuJoCo, ms. In a run the step is shortened to divide the control period evenly."""
     bodies: ClassVar[int]
@@ -123,18 +121,6 @@ class MujocoRun(KernelRun):
     def _reason(self) -> str:
         kinds = np.flatnonzero(self.warned())
         return "MuJoCo warned of " + " and ".join(WARNINGS.get(int(kind), f"kind {kind}") for kind in kinds)
-
-    def no_sample_before(self) -> int:
-        """Return a tick, ``tick`` or later, before which surely no robot samples."""
-        return no_sample_before_steps(self.swarm, self.setup, self.tick)
-
-    def ends(self) -> NDArray[np.void]:
-        """Return the robots' current poses: ``END_ROW``."""
-        return end_rows(self.swarm, self.run, self.tick)
-
-    def headings(self) -> NDArray[np.float64]:
-        """Return the robots' current headings, rad, not wrapped."""
-        return self.swarm["heading_rad"].copy()
 
     def ray_height_m(self) -> float:
         """Return the height of the distance sensors, m: here that of planar robots; ``WheelsRun`` overrides it."""

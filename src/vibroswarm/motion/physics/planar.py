@@ -81,16 +81,10 @@ def planar_xml(scenario: Scenario, step_s: float) -> str:
 
 
 class Planar(NamedTuple):
-    """Mass and moment of inertia of a robot, and the largest forces of its wheels (the module's table)."""
+    """What depends on a scenario's robots of the module's table."""
 
-    mass_kg: float
-    """Mass of a robot."""
     spin_kg_m2: float
     """Moment of inertia about the vertical axis."""
-    push_n: float
-    """Largest force of the driving wheels."""
-    grip_n: float
-    """Largest force with which wheels resist sideways motion, and motion when braked."""
     twist_n_m: float
     """Largest torque of the wheels."""
 
@@ -115,9 +109,9 @@ def push(world: World, body: Planar, swarm: Swarm) -> None:
         ahead_x, ahead_y = math.cos(aim), math.sin(aim)
         vx, vy = world.qvel[3 * i], world.qvel[3 * i + 1]
         along_m_s, aside_m_s = vx * ahead_x + vy * ahead_y, vy * ahead_x - vx * ahead_y
-        most_n = body.grip_n if row.mode == STOP else body.push_n  # wheels of a standing robot brake
-        along_n = within((row.speed_m_s - along_m_s) * body.mass_kg * per_s, most_n)
-        aside_n = within(-aside_m_s * body.mass_kg * per_s, body.grip_n)
+        most_n = GRIP_N if row.mode == STOP else PUSH_N  # wheels of a standing robot brake
+        along_n = within((row.speed_m_s - along_m_s) * MASS_KG * per_s, most_n)
+        aside_n = within(-aside_m_s * MASS_KG * per_s, GRIP_N)
         world.force[3 * i] = along_n * ahead_x - aside_n * ahead_y
         world.force[3 * i + 1] = along_n * ahead_y + aside_n * ahead_x
         faster_rad_s = row.rate_rad_s - world.qvel[3 * i + 2]
@@ -192,10 +186,7 @@ class PlanarRun(MujocoRun):
         super().prepare()
         robot = self.scenario.robot
         self.body = Planar(
-            mass_kg=MASS_KG,
             spin_kg_m2=0.5 * MASS_KG * robot.body_radius_m**2,
-            push_n=PUSH_N,
-            grip_n=GRIP_N,
             # Half of the force at each of two wheels, at half of the track from the robot's centre.
             twist_n_m=0.5 * PUSH_N * robot.turn_track_m,
         )

@@ -16,7 +16,6 @@ from vibroswarm.motion.physics.wheels_model import (
     CORNER_M,
     LENGTH_M,
     MARGIN_M,
-    ROLLING_M,
     SENSOR_HEIGHT_M,
     STEP_MS,
     SUNK_M,
@@ -61,7 +60,7 @@ class WheelsRun(MujocoRun):
         # length; the gap includes four times this length, to be safe.
         step_m = factor * robot.full_speed_m_s * self.scenario.tick_s
         self.wheels = Wheels(
-            rolling_m=ROLLING_M, gap_m=2.0 * CORNER_M + MARGIN_M + 4.0 * step_m,
+            gap_m=2.0 * CORNER_M + MARGIN_M + 4.0 * step_m,
             first=np.zeros(robots, dtype=np.int64), members=np.zeros(robots, dtype=np.int64),
             all=_views(self.model, self.data, robots), groups=(one, two, three),
         )  # fmt: skip

@@ -24,6 +24,7 @@ from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.physics.arcs import fit_period
 from vibroswarm.motion.physics.groups import LARGEST, Model, copy_robot, members_of, rests, set_groups
 from vibroswarm.motion.physics.sensing import World, end_period, has_warned, sense
+from vibroswarm.motion.physics.wheels_model import ROLLING_M
 from vibroswarm.motion.recorder import Record, room
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE
@@ -35,8 +36,6 @@ MOTORS: Final = 2
 class Wheels(NamedTuple):
     """What kernels need to step robots on wheels, in addition to ``World``."""
 
-    rolling_m: float
-    """Effective radius of a rolling wheel, m."""
     gap_m: float
     """Distance of centres within which two robots may touch in one control period, m."""
     first: NDArray[np.int64]
@@ -58,8 +57,8 @@ def turn_wheels(wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
         row, place = swarm[i], controls * i
         track_m = setup.drive_track_m if row.mode == DRIVE else setup.turn_track_m
         half_difference_m_s = 0.5 * row.rate_rad_s * track_m
-        control[place] = (row.speed_m_s - half_difference_m_s) / wheels.rolling_m
-        control[place + 1] = (row.speed_m_s + half_difference_m_s) / wheels.rolling_m
+        control[place] = (row.speed_m_s - half_difference_m_s) / ROLLING_M
+        control[place + 1] = (row.speed_m_s + half_difference_m_s) / ROLLING_M
 
 
 @inner
