@@ -255,6 +255,15 @@ def test_pages_are_whole_on_a_phone(site, opened, name):
     assert wrong == []
 
 
+@pytest.mark.parametrize(
+    ("name", "width"), [("troubleshooting", 1200), ("troubleshooting", 375), ("which-strategy", 375)]
+)
+def test_the_answer_stands_beside_the_case(site, opened, name, width):
+    tab, _ = opened(site / f"{name}.html", viewport={"width": width, "height": 800})
+    cut = "[...document.querySelectorAll('.table-wrapper')].filter(table => table.scrollWidth > table.clientWidth + 4)"
+    assert tab.evaluate(f"{cut}.length") == 0
+
+
 SOUGHT = {
     "moran": "Floors",
     "install": "Tutorial",

@@ -78,7 +78,7 @@ class Odometry(FrozenModel):
 
 
 class Localisation(FrozenModel):
-    """Where robots believe they are: what a strategy that reads places is told."""
+    """Where robots believe they are, for strategies that read places."""
 
     method: Literal["auto", "mixture", "true", "kalman", "dead_reckoning"] = "auto"
     """"mixture": each robot estimates its place, by ``robot.localisation``, from its moves and rays. "true": robots
@@ -90,9 +90,9 @@ class Localisation(FrozenModel):
     lag: Annotated[int, Field(ge=1, le=24)] = 4
     """A sample's place is smoothed by what the robot meets until its next ``lag`` samples."""
     start_spread_m: Annotated[float, Field(ge=0, le=10)] = 0.005
-    """Standard deviation of the starting place that robots are told (put down by hand), in x and in y."""
+    """Standard deviation of the error of the starting place that a robot presumes, in x and in y."""
     start_heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 2.0
-    """Standard deviation of the heading that they are told, deg."""
+    """Standard deviation of the error of the heading that it presumes at the start, deg."""
     assumed_level: Level | None = None
     """The odometry's level that robots assume: what does it cost to be wrong about the gyro? If omitted, they know its
     true errors."""
