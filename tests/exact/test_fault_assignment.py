@@ -115,6 +115,7 @@ def test_faults_after_a_run_that_ended_early_are_none() -> None:
     ("values", "field", "said"),
     [
         ({"stuck_at_1": 2.0}, "stuck_at_1", "more than the whole swarm"),
+        ({"stuck_at_1": 10**400}, "stuck_at_1", "more than the whole swarm"),
         ({"stuck_at_1": [0, 1, 2, 3, 4, 5]}, "stuck_at_1", "lists 6 robots; the swarm has 5"),
         ({"opposite": [5]}, "opposite", "no robot 5; the numbers of robots are 0 to 4"),
         ({"stopped": [1, 1]}, "stopped", "twice"),

@@ -56,6 +56,11 @@ def test_both_are_refused():
     assert main([*RUN, "-q", "-v"]) == 2
 
 
+def test_a_terminal_of_one_column_is_no_error(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "1")
+    assert "majority" in output_of(capsys, "tasks")
+
+
 def test_a_large_swarm_is_summarised(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     lines = output_of(capsys, *RUN, "--robots", "60").splitlines()

@@ -63,6 +63,18 @@ def test_who_has_no_home_has_no_settings(monkeypatch, capsys):
     assert "fill_ratio" in output_of(capsys, "tasks")
 
 
+def test_settings_in_a_folder_of_another_user_are_none(config, monkeypatch):
+    """As with HOME=/root in a container or by sudo."""
+
+    def denied(path, **how):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    config("workers = 3")
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "stat", denied)
+        assert user_settings.read() == {}
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

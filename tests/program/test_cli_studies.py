@@ -273,7 +273,7 @@ BAD = {
     "evaluate one.toml --max-runs 0": ("--max-runs", "is not for a study file"),
     "evaluate one.toml --out file": ("file", "is a file; give the name of a folder"),
     "evaluate one.toml --out dangling": ("dangling", "is a symbolic link to nothing"),
-    "evaluate one.toml --out file/deeper": ("deeper", "cannot be"),
+    "evaluate one.toml --out file/deeper": ("'file/deeper' cannot be made: 'file' is not a folder",),
     "evaluate one.toml --out thesis": ("thesis", "exists but is not a study"),
     "evaluate one.toml --out newer": ("newer", "update vibroswarm"),
     "evaluate one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),

@@ -224,6 +224,20 @@ BAD = {
     "raises as it is loaded": (GOOD + "\nraise ValueError('no')\n", 2, r"ValueError: no \(line 34\)"),
     "no strategy": (GOOD.replace("mine = ", "other = "), 2, "'mine' is not there.*the file has other"),
     "other arguments": (GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2, "line 17.*takes 1 arguments"),
+    "arguments in another order": (
+        GOOD.replace("on_sample(s, a, x,", "on_sample(s, x, a,"), 2, r"line 21.*on_sample is given 7: s, a, x, out",
+    ),
+    "a function that nobody calls": (
+        GOOD.replace("    s.n = 0\n", "    s.n = 0\n\n\ndef on_count(s, ones, zeros, p, w):\n    s.n += ones\n"),
+        2, "has on_count; did you mean 'on_counts'",
+    ),
+    "a parameter without a type": (
+        GOOD.replace("lead: int = 4", "lead = 4"), 2, "Params.lead: has no type; declare it as lead: int",
+    ),
+    "no parameters": (
+        GOOD.replace("    lead: int = 4\n    raises_at: int = 0\n    decides: int = -1\n", "    pass\n"),
+        2, r"p.raises_at: no such field \(there are none\)",
+    ),
     "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 22.*s.m: no such field"),
     "text for a decision": (GOOD.replace("return p.decides", "return 'yes'"), 2, "cannot be compiled"),
     "no kind of decision": (GOOD, 1, "a decision is none of", "decides=7"),

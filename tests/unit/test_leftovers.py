@@ -176,6 +176,29 @@ with whole_folder(Path({str(tmp_path / "folder")!r})) as part:
     assert stat.S_IMODE((tmp_path / "folder").stat().st_mode) == 0o777 & ~mask
 
 
+@needs_posix
+def test_a_private_folder_stays_private_when_it_is_written(tmp_path: Path) -> None:
+    folder = tmp_path / "private"
+    folder.mkdir(mode=0o700)
+    with whole_folder(folder) as part:
+        (part / "x").touch()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+@needs_posix
+def test_a_folder_that_may_not_be_written_to_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frozen = tmp_path / "frozen"
+    frozen.mkdir()
+    monkeypatch.setattr(
+        os, "access", lambda place, mode: place != frozen
+    )  # as the system does, except for root
+    for path in (frozen, frozen / "new" / "deeper"):
+        with pytest.raises(InputError, match="frozen' may not be written to"), whole_folder(path):
+            pass
+
+
 @pytest.mark.parametrize("letter", ["n", "\u8a08"])  # one byte, and three in UTF-8
 def test_names_as_long_as_a_file_system_allows_are_written(letter: str, tmp_path: Path) -> None:
     size = len(letter.encode())

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
 import pytest
 
 from vibroswarm.documents.figure_axes import layout_of, name_of, plane_of
+from vibroswarm.documents.study_figures import not_drawn
 from vibroswarm.plots.labels import label_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
+
+if TYPE_CHECKING:
+    from vibroswarm.study.summary import Outcome
 
 PAPER = preset("paper")
 
@@ -39,6 +46,23 @@ def test_fills_of_one_family_are_numbers_and_of_several_are_words() -> None:
 def test_words_alone_have_no_x() -> None:
     layout = layout_of(Study.of(PAPER, 1, strategy__name=["none", "soft"]).cells)
     assert (layout.x, layout.series) == (None, {0: "none", 1: "soft"})
+
+
+def test_figures_that_too_many_cells_leave_out_are_listed() -> None:
+    def said(**varied: list[float] | list[str]) -> str:
+        cells = Study.of(PAPER, 1, **varied).cells
+        outcome = SimpleNamespace(cells=[SimpleNamespace(cell=cell) for cell in cells])
+        return not_drawn(cast("Outcome", outcome))
+
+    assert said(swarm__robots=[5, 6]) == ""
+    assert said(swarm__robots=list(range(2, 12))) == (
+        "Not drawn with 10 cells: belief over time (at most 8). Tables have all cells."
+    )
+    networks = ["ideal", "loss", "loss_by_size", "bursts", "range", "delay", "tree"]
+    assert said(network__name=networks, strategy__name=["none", "positive", "soft", "places"]) == (
+        "Not drawn with 28 cells: consensus time of each run (at most 24), belief over time (at most 8) and decisions "
+        "over time (at most 4). Tables have all cells."
+    )
 
 
 def test_two_numbers_with_three_values_each_make_a_plane() -> None:

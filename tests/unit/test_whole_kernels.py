@@ -169,3 +169,29 @@ def test_numbas_form_of_a_function_is_freed_once_it_is_compiled() -> None:
     ] == []
     assert found.type_annotation is None
     assert kernel(3.0) == 12.0
+
+
+PRINTS = """
+from vibroswarm.core.jit import inner, kernel
+
+@inner
+def shown(k):
+    print("sample", k)
+    return k
+
+@kernel
+def work(n):
+    return shown(n)
+
+work(3)
+"""
+
+
+def test_functions_that_a_kernel_calls_print_as_soon_as_they_are_compiled(tmp_path: Path) -> None:
+    """As users do in a strategy; it once stopped for ever, and only a kernel from the cache printed."""
+    (tmp_path / "prints.py").write_text(PRINTS)
+    env = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    command = [sys.executable, "prints.py"]
+    for _ in range(2):  # compiled, and from the cache
+        done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=60)
+        assert done.stdout == "sample 3\n", done.stderr

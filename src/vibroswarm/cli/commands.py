@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 from vibroswarm.cli.command_line import Parser, bound, group_of, parser_of
 from vibroswarm.cli.options import Printing, UserCode
 from vibroswarm.cli.put_off import put_off
+from vibroswarm.cli.terminal import LEAST
 from vibroswarm.errors import InputError, nearest
 
 PROGRAM: Final = "vibroswarm"
@@ -160,7 +161,7 @@ def tasks_of(words: str) -> list[Command]:
 
 def listed(commands: Iterable[Command], indent: str = "  ") -> str:
     """Return a list of commands with what they do, as wide as the terminal."""
-    width = shutil.get_terminal_size().columns - 2
+    width = max(shutil.get_terminal_size().columns, LEAST) - 2
     lines = []
     for command in commands:
         first = f"{indent}{command.words:<{20 if ' ' in command.words else 12}} "

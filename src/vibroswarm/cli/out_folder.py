@@ -5,7 +5,8 @@
 | is missing or empty | it is used |
 | holds results with the same settings | finished runs are not repeated; tables and pictures are made again |
 | holds anything else | it is refused, exit code 2; ``--force`` replaces it if vibroswarm wrote it |
-| is a file, or a symbolic link to nothing | it is refused |
+| is a file, lies in a file, or is a symbolic link to nothing | it is refused |
+| may not be written to by the user | it is refused |
 | would be replaced but is the working folder, or holds it | it is refused |
 """
 
@@ -19,7 +20,7 @@ from typing import Any
 
 from vibroswarm.cli.interruption import saves_in
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.core.atomic_io import OURS, refuse_working_folder, remove_folder
+from vibroswarm.core.atomic_io import OURS, refuse_unwritable, refuse_working_folder, remove_folder
 from vibroswarm.errors import InputError
 
 ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choose another name.*)$")
@@ -54,6 +55,7 @@ def claim(
         leads_nowhere = out.is_symlink() and not out.exists()
         what = "is a symbolic link to nothing" if leads_nowhere else "is a file"
         raise InputError(f"{what}; give the name of a folder", field=str(out))
+    refuse_unwritable(out)
     if not at_once:
         refuse_working_folder(out)
     # A missing or empty folder is accepted. A link is checked even if it leads to such a folder.

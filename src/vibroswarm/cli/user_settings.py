@@ -48,7 +48,10 @@ def read() -> dict[str, Any]:
             that does not exist.
     """
     path = location()
-    if path is None or (not path.exists() and VARIABLE not in os.environ):
+    if path is None:
+        return {}
+    # Path.exists raises an error in the home of another user, as with HOME kept by sudo; nothing there is ours to read.
+    if VARIABLE not in os.environ and not os.path.exists(path):  # noqa: PTH110
         return {}
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
 

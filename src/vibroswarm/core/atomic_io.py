@@ -479,6 +479,22 @@ def refuse_working_folder(path: Path) -> None:
         )
 
 
+def refuse_unwritable(path: Path) -> None:
+    """Refuse a folder that cannot be made or written to: a file is in its way, or the user may not write there.
+
+    Raises:
+        InputError: it cannot.
+    """
+    # None if the working folder was removed, of which later errors tell
+    nearest = next((place for place in (path, *path.parents) if os.path.lexists(place)), None)
+    if nearest is None:
+        return
+    if not nearest.is_dir():
+        raise InputError(f"'{path}' cannot be made: '{nearest}' is not a folder", field="--out")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(f"cannot write '{path}': '{nearest}' may not be written to", field="--out")
+
+
 def _aside(path: Path) -> Path:
     """Return a new name for a folder that is moved aside until another one is in its place.
 
@@ -492,7 +508,7 @@ def _aside(path: Path) -> Path:
 
 
 def _swap_in(part: Path, path: Path) -> None:
-    """Rename the folder ``part`` to ``path`` and remove the old folder at ``path``, if there was one.
+    """Rename the folder ``part`` to ``path`` and remove the old folder at ``path``, whose permissions it gets.
 
     If the renaming fails, the old folder is moved back, unless another process has put a folder at ``path`` since.
 
@@ -502,6 +518,7 @@ def _swap_in(part: Path, path: Path) -> None:
     old: Path | None = None  # where the old folder was moved to
     try:
         if path.exists():
+            shutil.copymode(path, part)  # a private folder stays private
             old = _aside(path)
             path.replace(old)
         part.replace(path)
@@ -567,9 +584,10 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
     refuse_working_folder(path)
     if path.is_symlink():
         raise InputError(f"'{path}' is a symbolic link; give the name of a folder", field="--out")
+    if path.exists() and not path.is_dir():
+        raise InputError(f"'{path}' is a file; give the name of a folder", field="--out")
+    refuse_unwritable(path)
     if path.exists():
-        if not path.is_dir():
-            raise InputError(f"'{path}' is a file; give the name of a folder", field="--out")
         if not any(path.iterdir()):
             return
         if not replace:

@@ -24,6 +24,7 @@ from numba import _dynfunc  # type: ignore[attr-defined]
 from numba.core import compiler, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import PassManager, _pass_registry, register_pass
+from numba.core.environment import lookup_environment
 from numba.core.errors import new_error_context as error_context  # type: ignore[attr-defined]
 from numba.core.postproc import PostProcessor
 from numba.core.runtime.nrt import rtsys
@@ -169,7 +170,20 @@ class LowerWhole(typed_passes.NativeLowering):
         """Run Numba's pass with a library of another kind."""
         state.library = Whole(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return bool(super().run_pass(state))
+        changes = bool(super().run_pass(state))
+        _set_environments(state.library)
+        return changes
+
+
+def _set_environments(library: Whole) -> None:
+    """Give each part that a kernel has taken in its environment, without which ``print`` fails and keeps Python's lock.
+
+    Numba does so when it makes machine code of a function, and when it loads a kernel from the cache.
+    """
+    for variable in library._final_module.global_variables:
+        environment = lookup_environment(variable.name)
+        if environment is not None:
+            library.codegen.set_env(variable.name, environment)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

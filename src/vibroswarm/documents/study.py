@@ -29,6 +29,7 @@ from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.study_figures import (
     comparison_figures,
     front_figures,
+    not_drawn,
     outcome_figures,
     sampling_figures,
     time_figures,
@@ -210,13 +211,14 @@ _OUTCOME_WORDS: Final = (
 
 
 def _outcome_section(outcome: Outcome) -> Section:
-    levels = _levels(outcome)
+    levels, omitted = _levels(outcome), not_drawn(outcome)
     parts = (
         _outcome_table(outcome),
         *_tables_of_some_cells(outcome),
         *if_any(outcome.reported, _reported_parts),
         *([Text(levels)] if levels else []),
         Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True),
+        *([Section("Figures left out", (Text(omitted),), wide=True)] if omitted else []),
         *outcome_figures(outcome),
     )
     return Section("Outcome", parts)

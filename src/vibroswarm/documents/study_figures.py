@@ -16,7 +16,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
-from vibroswarm.core.numbers import count, drawn_of, first_of, stated
+from vibroswarm.core.numbers import count, drawn_of, first_of, listed, stated
 from vibroswarm.documents.cell_figures import TIME_AND_ERROR
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -81,6 +81,20 @@ def time_figures(outcome: Outcome) -> Iterator[Figure]:
         if any(believes.values()):
             cells = [one for one in outcome.cells if believes[one.cell.number] or not _sampled(outcome, one)]
             yield _figure("belief", "Belief over time", _belief, outcome, cells)
+
+
+def not_drawn(outcome: Outcome) -> str:
+    """Return a sentence on the figures that are left out because there are too many cells; empty if there are none."""
+    limits = {
+        "outcomes of the swarms": MOST_ROWS,
+        "consensus time of each run": MOST_ROWS // 2,
+        "belief over time": MOST_SERIES,
+    }
+    if layout_of([row.cell for row in outcome.cells]).x is None:
+        limits |= {"each figure with its interval": MOST_ROWS, "decisions over time": MOST_SERIES // 2}
+    cells = len(outcome.cells)
+    omitted = [f"{what} (at most {most})" for what, most in limits.items() if cells > most]
+    return f"Not drawn with {cells} cells: {listed(omitted)}. Tables have all cells." if omitted else ""
 
 
 def _figure(name: str, title: str, draw: Callable[..., Picture], *data: Any, **options: Any) -> Figure:

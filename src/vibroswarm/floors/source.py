@@ -429,7 +429,7 @@ def _unknown(spec: str) -> str:
     """Return the message for a floor that is neither a pattern, a random floor nor a file."""
     known = (*NAMES, f"{RANDOM}:0.48", *EXAMPLES)
     return (
-        f"'{spec}' is neither a floor nor a file{nearest(spec.lower().replace('_', '-'), known)}; "
+        f"{shown(spec)} is neither a floor nor a file{nearest(spec.lower().replace('_', '-'), known)}; "
         f"there are {', '.join(known)}"
     )
 

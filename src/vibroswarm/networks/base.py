@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError
 from vibroswarm.strategies.base import KINDS, NoArrays, Plugin, arrays_of, row_type
-from vibroswarm.strategies.static_analysis import PARAMETERS, check_function, is_shipped
+from vibroswarm.strategies.static_analysis import PARAMETERS, UNUSED, check_function, is_shipped
 from vibroswarm.strategies.world import World
 
 Hook = Callable[..., Any]
@@ -142,7 +142,7 @@ class Network(Plugin):
         if not self.lists:
             return super().params_type
         scalars = [(name, KINDS[kind]) for name, kind in self._param_kinds.items() if name not in self.lists]
-        return np.dtype(scalars or [("unused", np.int64)])
+        return np.dtype(scalars or [(UNUSED, np.int64)])
 
     def arrays_of(self, params: object, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
         """Return new arrays, by name: copies of the parameters that are lists, and the declared arrays, zeroed.

@@ -66,7 +66,7 @@ def _affected(value: object, info: ValidationInfo) -> float | tuple[int, ...]:
         if len(set(value)) != len(value):
             raise InputError(f"{shown(list(value))} lists a robot twice", field=field)
         return tuple(sorted(value))
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -math.inf < value < math.inf:
         raise InputError(
             f"{shown(value)} is neither a share of the swarm (0 to 1) nor a list of robots, such as [0, 3]",
             field=field,

@@ -6,19 +6,20 @@ The error names the field to fix. Each field has been checked by itself before.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.source import kinds_listed, shadows
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
-from vibroswarm.strategies.base import Strategy
+from vibroswarm.strategies.base import Plugin, Strategy
 from vibroswarm.tasks import Asked, Task
 
 VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
@@ -201,15 +202,30 @@ def _check_time_of_reading(s: Sections, signal_ms: float) -> None:
         )
 
 
+def _own_check(part: Plugin, check: Callable[..., object] | None, *arguments: object) -> None:
+    """Call the check that a strategy, network, task or sensor has of its own, which refuses by an ``InputError``.
+
+    Raises:
+        InputError: it refuses, or returns something. CodeError: it raised another error.
+    """
+    if check is None:
+        return
+    with errors_in(part.code):
+        answer = check(*arguments)
+    if answer is not None:
+        raise InputError(
+            f"returned {shown(answer)}; raise InputError to refuse, else return nothing",
+            field=f"{part.name}.check",
+        )
+
+
 def _check_sensor(s: Sections) -> None:
     """Refuse what the sensor's own check refuses, and options that its readings do not have."""
     sensor = s.sensor
     known = sensor.entry
     if known is None:  # its code is not loaded
         return
-    if known.check is not None:
-        with errors_in(known.code):
-            known.check(sensor.params)
+    _own_check(known, known.check, sensor.params)
     for field in ("tile_spread", "robot_spread"):
         if getattr(sensor, field) is not None and not known.scales:
             raise InputError(
@@ -338,7 +354,7 @@ def _check_task(s: Sections, task: Task) -> None:
         floor = s.floor.placed_in(s.arena, 0, 0)
         boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*s.arena.size_m)
         asked = Asked(*s.arena.size_m, fill_ratio=fill, decision_boundary=boundary, kinds=s.sensor.kinds)
-        task.check(floor, asked, s.task.params)
+        _own_check(task, task.check, floor, asked, s.task.params)
 
 
 def _check_surface(s: Sections) -> None:
@@ -516,8 +532,8 @@ def _check_change(s: Sections) -> None:
 def _check_network(s: Sections) -> None:
     """Refuse what the network's own check refuses, such as more robots than it was fitted to."""
     chosen = s.network.entry
-    if chosen is not None and chosen.check is not None:
-        chosen.check(s.network.params, s.swarm.robots)
+    if chosen is not None:
+        _own_check(chosen, chosen.check, s.network.params, s.swarm.robots)
 
 
 def _check_faults(s: Sections) -> None:
@@ -544,8 +560,8 @@ def _check_strategy(s: Sections) -> None:
         # ``variant`` raises an ``InputError`` if they do not; the strategy that it returns is not needed here. Sizes of
         # 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.
         known.variant(s.strategy.params, {"tiles": 0, "longest_mm": 0})
-    if known is not None and known.check is not None:
-        known.check(s.strategy.params, s.decision.decision_boundary)
+    if known is not None:
+        _own_check(known, known.check, s.strategy.params, s.decision.decision_boundary)
 
 
 ALL = (

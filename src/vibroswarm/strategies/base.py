@@ -33,6 +33,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
+from difflib import get_close_matches
 from functools import cache
 from types import FunctionType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
@@ -45,7 +46,7 @@ from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, nearest, shown, whole_number_of
-from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function, is_shipped
+from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, UNUSED, check_function, is_shipped
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
 Hook = Callable[..., Any]
@@ -388,8 +389,8 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
         module: ``__name__`` of the module. name: of the strategy. more: further arguments of ``Strategy``; they
             override what is found in the module.
     Raises:
-        InputError: State, begin, on_sample or decision is missing in the module, whatever ``more`` holds, or
-            ``Strategy`` refuses an argument.
+        InputError: State, begin, on_sample or decision is missing in the module, whatever ``more`` holds, or a
+            function has nearly the name of a hook, or ``Strategy`` refuses an argument.
     """
     space = vars(sys.modules[module])
     # Only functions count as hooks: a module may use the name of a hook for something else.
@@ -403,6 +404,11 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
     ):
         if part not in parts:
             raise InputError(f"has no {word}; every strategy has one", field=f"strategy '{name}'")
+    lacking = [hook for hook in STRATEGY_HOOKS if hook not in {*parts, *more}]
+    for word, value in space.items():
+        meant = get_close_matches(word, lacking, 1, 0.9)
+        if meant and isinstance(value, FunctionType):  # it would never be called
+            raise InputError(f"has {word}; did you mean '{meant[0]}'?", field=f"strategy '{name}'")
     return Strategy(name=name, **{**parts, **more})
 
 
@@ -417,12 +423,23 @@ def fields_of(declared: type) -> dict[str, type]:
         InputError: a field has another type.
     """
     hints = get_type_hints(declared)
+    refuse_untyped(declared, hints)
     if issubclass(declared, BaseModel):  # leave out its other annotations, such as model_config
         hints = {name: hint for name, hint in hints.items() if name in declared.model_fields}
     for name, kind in hints.items():
         if kind not in KINDS:
             raise InputError(f"{shown(kind)} is not a field type; use int, float or bool", field=name)
     return hints
+
+
+def refuse_untyped(declared: type, hints: Mapping[str, object]) -> None:
+    """Refuse an attribute such as ``lead = 30``, which looks like a field and is none without a type."""
+    for name, value in vars(declared).items():
+        if name not in hints and not name.startswith("_") and isinstance(value, int | float):
+            kind = type(value).__name__
+            raise InputError(
+                f"has no type; declare it as {name}: {kind}", field=f"{declared.__name__}.{name}"
+            )
 
 
 @cache
@@ -452,7 +469,7 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     # Sizes are empty, so only arrays whose size is a number are allowed here.
     parts += [(name, value.kind, (value.size({}),)) for name, value in arrays_of(declared).items()]
     # A row needs at least one field.
-    return np.dtype(parts or [("unused", np.int64)])
+    return np.dtype(parts or [(UNUSED, np.int64)])
 
 
 class _Parameters(FrozenModel):
@@ -477,9 +494,14 @@ def as_params(declared: type, name: str) -> type[BaseModel]:
     Raises:
         InputError: a field has no default, or one that its type or its bounds exclude.
     """
+    if not isinstance(declared, type):
+        raise InputError(
+            f"{shown(declared)} is not a class; give the class itself, such as Params", field="params"
+        )
     if issubclass(declared, BaseModel):
         return declared
     hints = get_type_hints(declared, include_extras=True)
+    refuse_untyped(declared, hints)
     for field_name in hints:
         if not hasattr(declared, field_name):
             raise InputError("has no default; give one", field=f"Params.{field_name}")

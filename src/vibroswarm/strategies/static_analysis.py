@@ -65,6 +65,8 @@ ANSWERS: Final = {
     "on_sample": "True or False",
 }  # fmt: skip
 """What hooks return whose result is used, in words."""
+UNUSED: Final = "unused"
+"""The field of a row that has no fields."""
 READ_ONLY: Final = ("m", "x", "p", "w")
 """Arguments that a hook must not change; other robots and calls are given the same. (``opposite`` changes its own.)"""
 TEXT: Final = "__text__"
@@ -91,14 +93,15 @@ def check_function(
         name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
             argument's name in ``PARAMETERS``, such as ``s``. lists: names of the arrays of ``a`` that are parameters.
     Raises:
-        InputError: it is no plain function, the number of arguments is wrong, it uses a field that a row has not, has
-            no number to return and has to, or the hook or a function that it calls changes a row that it may only read
-            or a variable outside of itself, or draws random numbers that the seed does not determine.
+        InputError: it is no plain function, the number or the order of arguments is wrong, it uses a field that a row
+            has not, has no number to return and has to, or the hook or a function that it calls changes a row that it
+            may only read or a variable outside of itself, or draws random numbers that the seed does not determine.
     """
     if not isinstance(_plain(function), FunctionType):
         raise InputError(f"{shown(function)} is not a plain function", field=name)
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
-    if len(given) != len(wanted):
+    moved = any(mine in wanted and mine != ours for mine, ours in zip(given, wanted, strict=False))
+    if moved or len(given) != len(wanted):
         raise InputError(
             f"takes {len(given)} arguments ({', '.join(given)}); {name} is given {len(wanted)}: {', '.join(wanted)}",
             field=where(function),
@@ -110,8 +113,9 @@ def check_function(
             continue
         known = fields[rows[row]]
         if node.attr not in known:
+            words = ", ".join(field for field in known if field != UNUSED)
             raise InputError(
-                f"{row}.{node.attr}: no such field{nearest(node.attr, known)} (there are {', '.join(known) or 'none'})",
+                f"{row}.{node.attr}: no such field{nearest(node.attr, known)} (there are {words or 'none'})",
                 field=where(function, node.lineno),
             )
     shared = frozenset(mine for mine, ours in rows.items() if ours in READ_ONLY and name != "opposite")
