@@ -66,7 +66,7 @@ def test_every_way_gives_the_same_run(case: str, strategy: str, network: str) ->
     result = simulate(scenario, 8, [3 if network == "ideal" else 4])
     plain = plain_run(scenario, 8, result.motion, result.ends, result.observations)
     assert list(differences(result, plain)) == []
-    assert list(in_pieces([("", scenario)])) == []
+    assert list(in_pieces(scenario)) == []
     (found,) = outcomes_of([scenario], 8, [3, 4])
     assert_same_outcomes(found, from_result(simulate(scenario, 8, [3, 4], energies=False)))
 
@@ -90,7 +90,7 @@ def test_every_way_gives_the_same_run_of_three_kinds(sensor: dict[str, Any]) -> 
     result = simulate(scenario, 8, [3])
     plain = plain_run(scenario, 8, result.motion, result.ends, result.observations)
     assert list(differences(result, plain)) == []
-    assert list(in_pieces([("", scenario)])) == []
+    assert list(in_pieces(scenario)) == []
     (found,) = outcomes_of([scenario], 8, [3, 4])
     by_tables = from_result(simulate(scenario, 8, [3, 4], energies=False))
     np.testing.assert_array_equal(found.decision, by_tables.decision)
@@ -152,7 +152,7 @@ def test_dead_radios_on_a_network_that_knows_places(case: str) -> None:
         result = simulate(scenario, 8, [run], moves=True)
         plain = plain_run(scenario, 8, result.motion, result.ends, result.observations, result.moves)
         assert list(differences(result, plain)) == []
-    assert list(in_pieces([("", scenario)])) == []
+    assert list(in_pieces(scenario)) == []
 
 
 def test_the_swarm_settles_when_those_that_work_agree() -> None:

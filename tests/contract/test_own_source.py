@@ -165,6 +165,7 @@ def with_failures(table: object) -> Callable[[Motion], Motion]:
 
 
 UNKNOWN = pl.lit(None, pl.Float64)
+FEWER = pl.Enum(["stop", "drive"])
 FAILED = pl.DataFrame({"run": [7], "time_s": [3.0], "reason": ["fell over"]}, schema=FAILURES)
 WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
     "no moves of a robot": (with_moves(lambda t: t.filter(pl.col("robot") != 3)), "no move of robot 3 that begins at"),
@@ -174,6 +175,7 @@ WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
     "moves in no order": (with_moves(lambda t: t.reverse()), "not sorted by time and robot"),
     "a place unknown": (with_moves(lambda t: t.with_columns(x_m=pl.lit(None, pl.Float64))), "'x_m' lacks a value"),
     "a place that is nan": (with_moves(lambda t: t.with_columns(x_m=pl.lit(math.nan))), "'x_m' holds nan"),
+    "fewer kinds": (with_moves(lambda t: t.with_columns(pl.col("kind").cast(FEWER))), "moves has the columns"),
     "a stop unknown": (with_samples(lambda t: t.with_columns(stop_start_s=UNKNOWN)), "'stop_start_s' lacks a value"),
     "an endless stop": (with_samples(lambda t: t.with_columns(stop_s=pl.lit(math.inf, pl.Float32))), "'stop_s' holds"),
     "no robot": (with_samples(lambda t: t.with_columns(robot=pl.lit(None, pl.UInt16))), "'robot' lacks a value"),

@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
+from scipy.special import stdtrit
 
 from vibroswarm.calibrate.classifier import RIDGE, classifier_accuracy, columns_of, stretch_classifier
 from vibroswarm.calibrate.features import FEATURES, histogram, sample_table, sessions_of, shapeless, values_of
@@ -123,6 +124,9 @@ def test_limits_allow_for_simulated_sessions_that_differ_too(real: int, simulate
     effects = [one.effect for one in found if one is not None]
     truth = np.mean([one.estimate for one in effects])
     assert np.mean([one.low <= truth <= one.high for one in effects]) > 0.92
+    # Not by being endless: limits of the least degrees of freedom, of the true standard deviation.
+    known = 2.0 * stdtrit(min(real, simulated) - 1, 0.975) * np.std([one.estimate for one in effects])
+    assert np.median([one.high - one.low for one in effects]) < 1.3 * known
 
 
 def test_the_logistic_fit_is_at_its_minimum() -> None:

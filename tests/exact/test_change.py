@@ -245,10 +245,10 @@ def test_samples_read_the_floor_as_it_is() -> None:
 def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: str) -> None:
     """With edges, factors of tiles and robots, energies and estimated places, too."""
     one = preset(preset_name).with_values({"floor.source": "random:0.4", **SHORT, **values})
-    assert list(in_pieces([(preset_name, one.with_values({"strategy.name": "soft"}))])) == []
+    assert list(in_pieces(one.with_values({"strategy.name": "soft"}))) == []
     places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
     places["network.name"] = "ideal"  # for which other tests compile the kernel
-    assert list(in_pieces([("places", one.with_values(places))])) == []
+    assert list(in_pieces(one.with_values(places))) == []
 
 
 def test_pieces_without_a_sample_change_nothing() -> None:
@@ -271,7 +271,7 @@ def test_the_closed_loop_would_differ_on_a_floor_that_stays(monkeypatch: pytest.
     """Negative control of the test before: the check sees a closed loop that ignores changes."""
     monkeypatch.setattr(Result, "_changes_of", lambda self, run: Floor([[0]], 1.0, 1.0).changes)
     early = {"floor.source": "random:0.2", "change.at_s": 20, "strategy.name": "soft"}
-    assert list(in_pieces([("soft", scenario(**early))])) != []
+    assert list(in_pieces(scenario(**early))) != []
 
 
 def test_a_replay_with_a_change_is_a_simulation_with_it(tmp_path: Path) -> None:

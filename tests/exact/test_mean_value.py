@@ -46,8 +46,8 @@ def test_a_robot_alone_estimates_by_the_mean_of_what_it_measures() -> None:
 
 def test_all_ways_of_running_hand_over_the_same_values() -> None:
     short = preset("paper").with_values(VALUES | {"run.t_end_s": 60.0, "strategy.level.batch": 3})
-    assert list(equals_plain([("values", short)])) == []
-    assert list(in_pieces([("values", short)])) == []
+    assert list(equals_plain(short)) == []
+    assert list(in_pieces(short)) == []
 
 
 @pytest.mark.slow

@@ -74,7 +74,7 @@ def estimates() -> tuple[pl.DataFrame, np.ndarray, np.ndarray]:
     """Samples, estimates with 60 draws of each place, and without draws."""
     motion = source("event").batch(SCENARIO, 3, range(4), False, True)
     timeline = timeline_of(SCENARIO, motion)
-    columns = (timeline.samples, timeline.stop_start_s, timeline.time_s, motion.moves, motion.ends)
+    columns = (timeline.samples, timeline.stop_start_s, timeline.rows.time_s, motion.moves, motion.ends)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(locate, "draws_read", lambda _: 60)
         many = locate.estimate(SCENARIO, 3, *columns)

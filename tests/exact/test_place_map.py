@@ -14,6 +14,7 @@ from scipy.special import expit, logit
 from scipy.stats import norm
 
 from vibroswarm.strategies import place_map, place_share
+from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.place_map import PAIRS, RATE_STEP, add_reading, score, share_place, weigh_pairs
 from vibroswarm.strategies.places import Arrays
 
@@ -37,13 +38,7 @@ def params(**values: Any) -> Any:
 
 def memory(robots: int, p: Any) -> Any:
     sizes = {"robots": robots, "rows": SIDE, "columns": SIDE, "tiles": TILES}
-    a = SimpleNamespace(
-        **{
-            name: np.zeros(array.size(sizes))
-            for name, array in vars(Arrays).items()
-            if not name.startswith("__")
-        }
-    )
+    a = SimpleNamespace(**{name: np.zeros(array.size(sizes)) for name, array in arrays_of(Arrays).items()})
     a.weight[:] = 1.0
     weigh_pairs(a, PAIRS if p.rate_pairs else 1)
     return a

@@ -123,9 +123,11 @@ def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) 
 
 @pytest.mark.usefixtures("few_draws")
 def test_results_that_cannot_be_saved_are_printed(
-    plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They were lost, and the code was that of a failure. With a certificate, too."""
+    # As if the file were not there yet when the command begins.
+    monkeypatch.setattr("vibroswarm.cli.out_folder.refuse_unwritable", lambda path: None)
     (tmp_path / "file").write_text("")
     given = [plate / "plate.csv", "--laws", plate / "reference.csv", "--size", "1x1"]
     for rest, answer in ((("--tiles", "5x5"), "tiles vibrate"), (("--replicates", "19"), "DAMAGE")):

@@ -225,7 +225,7 @@ BAD = {
     "no strategy": (GOOD.replace("mine = ", "other = "), 2, "'mine' is not there.*the file has other"),
     "other arguments": (GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2, "line 17.*takes 1 arguments"),
     "arguments in another order": (
-        GOOD.replace("on_sample(s, a, x,", "on_sample(s, x, a,"), 2, r"line 21.*on_sample is given 7: s, a, x, out",
+        GOOD.replace("on_sample(s, a, x,", "on_sample(s, x, a,"), 2, "line 21.*given, in this order, s, a, x, out",
     ),
     "a function that nobody calls": (
         GOOD.replace("    s.n = 0\n", "    s.n = 0\n\n\ndef on_count(s, ones, zeros, p, w):\n    s.n += ones\n"),

@@ -223,7 +223,9 @@ def test_a_task_that_is_wrong(
         "from typing import", "from functools import partial; from typing import"
     )
     file.write_text(text, encoding="utf-8")
-    assert main(["run", "--task", f"{file}:halves", *SHORT, "--out", str(out)]) in (1, 2)
+    # Declarations that are wrong are bad input; code that fails is a failure.
+    code = 2 if words.startswith(("halves.check", "is not a class")) else 1
+    assert main(["run", "--task", f"{file}:halves", *SHORT, "--out", str(out)]) == code
     assert words in capsys.readouterr().err
     assert not out.exists()
 
@@ -283,10 +285,10 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     [
         ("0.1 + 0.1 * i", "0.9 + 0.1 * i", "column 'x_m' leaves the arena"),
         ("(k + 1) * 10.0", "(k + 3) * 10.0", "has times of 30 to 110 s"),
-        ('"drive_s": 0.0, ', "", "values that are missing"),
-        ('"drive_s": 0.0, ', '"drive_s": float("nan"), ', "samples: column 'drive_s' is not finite"),
+        ('"drive_s": 0.0, ', "", "column 'drive_s' lacks a value in row 0"),
+        ('"drive_s": 0.0, ', '"drive_s": float("nan"), ', "samples: column 'drive_s' holds nan in row 0"),
         ("return Motion(table, ends)", "return table", "gives DataFrame, not Motion"),
-        ("return Motion(table, ends)", 'return Motion(table.drop("x_m"), ends)', "column 'x_m' is missing"),
+        ("return Motion(table, ends)", 'return Motion(table.drop("x_m"), ends)', "samples': 'x_m' is missing"),
         ("self.tick = max", "self.ticks = max", "its time_s is 0"),
         ("every, robots =", "every, robots, more =", "line 21, in advance: ValueError"),
         ("return Motion(table, ends)", "return Motion(table.reverse(), ends)", "is not sorted"),
@@ -299,7 +301,7 @@ def test_motion_that_is_wrong_is_refused(
     file, out = files / "standing.py", files / "out"
     assert old in STANDING
     file.write_text(STANDING.replace(old, new), encoding="utf-8")
-    assert main(["run", "--motion", f"{file}:standing", *SHORT, "--out", str(out)]) in (1, 2)
+    assert main(["run", "--motion", f"{file}:standing", *SHORT, "--out", str(out)]) == 1
     assert words in capsys.readouterr().err
     assert not out.exists()
 

@@ -261,6 +261,7 @@ def test_pages_are_whole_on_a_phone(site, opened, name):
 def test_the_answer_stands_beside_the_case(site, opened, name, width):
     tab, _ = opened(site / f"{name}.html", viewport={"width": width, "height": 800})
     cut = "[...document.querySelectorAll('.table-wrapper')].filter(table => table.scrollWidth > table.clientWidth + 4)"
+    assert tab.locator(".table-wrapper").count()
     assert tab.evaluate(f"{cut}.length") == 0
 
 

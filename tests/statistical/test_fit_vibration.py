@@ -60,3 +60,16 @@ def test_errors_are_those_of_other_motors_and_robots(monkeypatch: pytest.MonkeyP
     for name, freedom in (("motor_spread", 44), ("gain_spread", 16)):
         low, high = limits_of(np.log(draws[name]))
         assert high - low > 0.7 * 2.0 * 1.96 / np.sqrt(2.0 * freedom), name
+
+
+def test_errors_where_few_tiles_vibrate_are_of_draws_with_a_vibrating_tile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Draws without one took the features of vibrating tiles from all draws: ``motor_jitter`` had errors of 250 %."""
+    monkeypatch.setattr(module, "EVALUATIONS", (1, 1))
+    monkeypatch.setattr(module, "REPEATS", (1, 2))
+    true = BASE.with_values({f"sensor.acceleration.{name}": value for name, value in TRUE.items()})
+    one = dataset_of([simulate(true.with_values({"floor.source": "random:0.08"}), 8, 1)])
+    draws = fit_vibration(one, true, draws=40, folds=False).draws
+    assert np.log(draws["motor_jitter"]).std(ddof=1) < 1.0
+    assert np.log(draws["amplitude_m_s2"]).std(ddof=1) < 0.3

@@ -58,6 +58,8 @@ NO_OBJECTS = (
         "WalkState",
         "Dice",
         "World",
+        "Arrays",
+        "Message",
         "Beliefs",
         "Reading",
         "DetailedReading",

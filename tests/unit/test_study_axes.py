@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
+from vibroswarm.documents import study_figures
 from vibroswarm.documents.figure_axes import layout_of, name_of, plane_of
-from vibroswarm.documents.study_figures import not_drawn
 from vibroswarm.plots.labels import label_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
@@ -48,21 +48,33 @@ def test_words_alone_have_no_x() -> None:
     assert (layout.x, layout.series) == (None, {0: "none", 1: "soft"})
 
 
-def test_figures_that_too_many_cells_leave_out_are_listed() -> None:
-    def said(**varied: list[float] | list[str]) -> str:
-        cells = Study.of(PAPER, 1, **varied).cells
-        outcome = SimpleNamespace(cells=[SimpleNamespace(cell=cell) for cell in cells])
-        return not_drawn(cast("Outcome", outcome))
+def test_figures_that_too_many_cells_leave_out_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    believes = True
+    monkeypatch.setattr(study_figures, "_sampled", lambda *_: believes)
 
+    def said(*, truths: int = 99, groups: int = 1, **varied: list[int] | list[str]) -> str:
+        counts = [int(k < truths) for k in range(99)]  # of runs with a truth, by cell
+        summaries = [SimpleNamespace(swarm_right=SimpleNamespace(n=n)) for n in counts]
+        pairs = zip(Study.of(PAPER, 1, **varied).cells, summaries, strict=False)
+        cells = [SimpleNamespace(cell=cell, summary=summary) for cell, summary in pairs]
+        plan = SimpleNamespace(groups=range(groups))
+        outcome = SimpleNamespace(cells=cells, result=SimpleNamespace(plan=plan))
+        return study_figures.not_drawn(cast("Outcome", outcome))
+
+    ten, networks = list(range(2, 12)), ["ideal", "loss", "loss_by_size", "bursts", "range", "delay", "tree"]
+    four = ["none", "positive", "soft", "places"]
     assert said(swarm__robots=[5, 6]) == ""
-    assert said(swarm__robots=list(range(2, 12))) == (
-        "Not drawn with 10 cells: belief over time (at most 8). Tables have all cells."
+    assert said(swarm__robots=ten) == "Too many cells (10) to draw: belief over time. Tables have all cells."
+    assert said(network__name=networks[:6], truths=4) == ""
+    assert said(network__name=networks[:6], truths=0) == ""
+    assert "draw: decisions over time." in said(network__name=networks[:6])
+    assert "decisions over time" in said(swarm__robots=[5, 6], network__name=networks, strategy__name=four)
+    assert "where robots sampled" in said(swarm__robots=ten, groups=10)
+    assert "consensus time of each run and belief" in said(
+        network__name=networks, strategy__name=four, truths=0
     )
-    networks = ["ideal", "loss", "loss_by_size", "bursts", "range", "delay", "tree"]
-    assert said(network__name=networks, strategy__name=["none", "positive", "soft", "places"]) == (
-        "Not drawn with 28 cells: consensus time of each run (at most 24), belief over time (at most 8) and decisions "
-        "over time (at most 4). Tables have all cells."
-    )
+    believes = False
+    assert said(swarm__robots=ten) == ""
 
 
 def test_two_numbers_with_three_values_each_make_a_plane() -> None:

@@ -10,7 +10,7 @@ far apart as the groups at most, and 15 groups hold the spread in 69 % of cases 
 limits; simulated).
 
 The random numbers u of n draws are 1 / (n + 1) to n / (n + 1), in random order. So few draws have the limits of the law
-(``limits_of``); 40 independent ones had limits that hold 86 %.
+(``limits_of``); quantiles of 40 independent ones as they are hold 86 %.
 """
 
 from __future__ import annotations
@@ -49,6 +49,6 @@ def drawn_means(values: Floats, u: Floats) -> Floats:
 def limits_of(draws: Floats) -> Floats:
     """Return the 95 % limits of draws, (2,) or, of several in columns, (2, columns).
 
-    They are those quantiles that one more draw is beyond in 5 % of cases, from 39 draws on; of 12, in 15 %.
+    One more draw is beyond them in 5 % of cases if there are 39 draws or more; with 12 draws in 15 %.
     """
     return np.asarray(np.quantile(draws, (0.025, 0.975), axis=0, method="weibull"))

@@ -17,7 +17,8 @@ Features hardly tell scatter that lasts from scatter in time. So the spreads fol
 The same random numbers are used for all parameters: the misfit is a smooth enough function for a simplex search.
 
 Errors of fields are for other motors and robots: of ``SEARCHED``, a bootstrap of robots and tiles in sessions; of the
-spreads, chi-square of so many of them (``few_groups``). Resampled samples alone gave a quarter to two fifths of the
+spreads, chi-square of so many of them (``few_groups``). Motors of a floor of several sessions count once for each,
+so errors are too small by up to the root of the number of sessions. Resampled samples alone gave a quarter to two fifths of the
 errors of features, where motors and robots differ by 10 to 25 %. Errors of the misfit are for the same motors and robots.
 """  # noqa: E501
 
@@ -26,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -68,7 +69,7 @@ EVALUATIONS: Final = (80, 240)
 REPEATS: Final = tuple(range(1, 21))
 """Seeds of the simulated samples by which a fit is judged."""
 DRAWS: Final = 40
-"""Bootstrap resamples of samples within sessions."""
+"""Bootstrap resamples."""
 _SEED: Final = 37
 _STEP: Final = 0.02
 """Relative step of the derivatives of features by parameters."""
@@ -84,7 +85,8 @@ class Misfit(NotebookView):
     simulated: Floats
     """Means over ``REPEATS``."""
     error: float
-    """Standard error of ``value``, of the same bootstrap: resamples stand for other sessions of the same length."""
+    """Standard error of ``value``, of the same bootstrap: resamples stand for other sessions of the same length
+    with the same motors and robots."""
 
     @property
     def value(self) -> float:
@@ -219,7 +221,8 @@ class _Simulator:
         """Return the parameters (``_fields``) with the smallest misfit at ``rows``."""
         theta, spreads = start, np.zeros(len(SPREADS))
         for evaluations in EVALUATIONS:
-            spreads = np.sqrt(np.maximum(self.missing(theta, rows), 0.0))
+            # nan if there is one robot in a session, or one tile: no spread can be told.
+            spreads = np.sqrt(np.maximum(np.nan_to_num(self.missing(theta, rows)), 0.0))
             theta = self.search(rows, theta, spreads, evaluations)
         return theta, spreads
 
@@ -356,8 +359,13 @@ def _draws(simulator: _Simulator, best: Floats, spreads: Floats, draws: int) -> 
     """Return what fits to sessions of other motors and robots would find, by field, (draws,)."""
     samples, rows = simulator.samples, simulator.rows
     recorded = simulator.recorded(rows)
-    times = [robot_and_tile_weights(_SEED, draw, samples.robot, samples.tile) for draw in range(draws)]
-    scattered = np.array([simulator.recorded(np.repeat(rows, of_draw.astype(np.int64))) for of_draw in times])
+    on = samples.vibrating
+    drawn = (robot_and_tile_weights(_SEED, draw, samples.robot, samples.tile) for draw in count())
+    with_both = (
+        times for times in drawn if times[on].any() and times[~on].any()
+    )  # else features are missing
+    resamples = [np.repeat(rows, times.astype(np.int64)) for times in islice(with_both, draws)]
+    scattered = np.array([simulator.recorded(own) for own in resamples])
     middle = simulator.searched(best, spreads, rows)
     slopes = np.stack(
         [
@@ -385,6 +393,6 @@ def _shifts(slopes: Floats, relative: Floats) -> Floats:
         slopes: (features, parameters), relative change of the features. relative: (draws, features), relative
             differences of their features.
     """
-    known = np.isfinite(slopes).all(axis=1) & np.isfinite(relative).all(axis=0)
-    shifts: Any = np.linalg.lstsq(slopes[known], relative[:, known].T, rcond=None)[0].T
-    return np.asarray(shifts)
+    known = np.isfinite(slopes).all(axis=1) & np.isfinite(relative)  # (draws, features)
+    pairs = zip(known, relative, strict=True)
+    return np.array([np.linalg.lstsq(slopes[own], of_draw[own], rcond=None)[0] for own, of_draw in pairs])

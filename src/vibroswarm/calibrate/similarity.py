@@ -325,7 +325,7 @@ def compare_distance(
 
 
 def _over_sessions(effects: Floats) -> Interval:
-    """Return the mean of effect sizes with Student's limits for other sessions of both kinds.
+    """Return the mean of effect sizes with limits that hold at least 95 % for other sessions of both kinds.
 
     All real sessions are compared with the same simulated ones. So the variance of the mean is the sum of two: that
     of the means of real sessions and that of the means of simulated ones, each divided by the number of sessions. The

@@ -43,7 +43,7 @@ def claim(
         mixed: whether ``--mixed`` is given.
     Raises:
         InputError: ``check`` refuses the folder, and ``--force`` is not given or vibroswarm did not write the folder;
-            or it is no folder; or ``--force`` or ``--mixed`` is given without ``--out``.
+            or it is no folder, or may not be written to; or ``--force`` or ``--mixed`` is given without ``--out``.
     """
     out: Path | None = arguments.out
     saves_in(out, resumes=at_once)
@@ -55,7 +55,7 @@ def claim(
         leads_nowhere = out.is_symlink() and not out.exists()
         what = "is a symbolic link to nothing" if leads_nowhere else "is a file"
         raise InputError(f"{what}; give the name of a folder", field=str(out))
-    refuse_unwritable(out)
+    refuse_unwritable(out if at_once else out.absolute().parent)
     if not at_once:
         refuse_working_folder(out)
     # A missing or empty folder is accepted. A link is checked even if it leads to such a folder.

@@ -75,7 +75,6 @@ def confirm_and_print(
 
 def _print_outcome(outcome: Outcome, output: Drawn) -> None:
     """Print a study; with ``--out``, also write its page, and pictures on request."""
-
     print_document(outcome, as_json=output.json)
     terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
     if output.out is not None:

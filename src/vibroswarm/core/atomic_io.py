@@ -403,9 +403,10 @@ def _make_empty(part: Path) -> None:
 def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> Iterator[Path]:
     """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``.
 
-    If the block raises an error, the new folder is removed and ``path`` stays as it was. An existing empty folder is
-    always replaced. Any other existing folder is replaced only if ``replace`` is true and the folder holds the file
-    ``marker`` or one of the files ``OURS``, so that a folder that is not a result of ours is never removed.
+    If the block raises an error, the new folder is removed and ``path`` stays as it was. The new folder has the
+    permissions of the one that it replaces. An existing empty folder is always replaced. Any other existing folder is
+    replaced only if ``replace`` is true and the folder holds the file ``marker`` or one of the files ``OURS``, so that
+    a folder that is not a result of ours is never removed.
 
     Raises:
         InputError: ``path`` exists and may not be replaced, or it cannot be written.
@@ -422,6 +423,8 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
         part.mkdir()
     except OSError as error:
         raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
+    with suppress(OSError):  # nothing there, or a file system without permissions
+        shutil.copymode(path, part)  # a private folder stays private
     try:
         yield part
         # A check or a move fails if another process replaces the folder at the same time. Then try again: the folder of
@@ -508,7 +511,7 @@ def _aside(path: Path) -> Path:
 
 
 def _swap_in(part: Path, path: Path) -> None:
-    """Rename the folder ``part`` to ``path`` and remove the old folder at ``path``, whose permissions it gets.
+    """Rename the folder ``part`` to ``path`` and remove the old folder at ``path``, if there was one.
 
     If the renaming fails, the old folder is moved back, unless another process has put a folder at ``path`` since.
 
@@ -518,7 +521,6 @@ def _swap_in(part: Path, path: Path) -> None:
     old: Path | None = None  # where the old folder was moved to
     try:
         if path.exists():
-            shutil.copymode(path, part)  # a private folder stays private
             old = _aside(path)
             path.replace(old)
         part.replace(path)
@@ -533,7 +535,7 @@ def _swap_in(part: Path, path: Path) -> None:
 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> None:
-    """Refuse a result folder if it exists and may not be replaced, or if a file has its name.
+    """Refuse a result folder if it exists and may not be replaced, if a file has its name, or if it cannot be written.
 
     Args:
         path: the folder to be written. An existing empty folder is accepted.

@@ -16,7 +16,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.core.jit import PACKAGE, cache_folder, compiles, hash_of_files, simulation_sources
+from vibroswarm.core.jit import (
+    PACKAGE,
+    cache_folder,
+    compiles,
+    hash_of_files,
+    simulation_sources,
+    source_hash,
+)
 from vibroswarm.errors import InputError, RunError
 
 DIGITS: Final = 16
@@ -28,19 +35,25 @@ IMPLIED: Final = frozenset({"ctx", "kind", "type_comment"})
 @cache
 def code_hash() -> str:
     """Return 16 hexadecimal digits that identify all code that a simulation may depend on."""
-    return saved_syntax_hash(PACKAGE, simulation_sources())
+    return saved_syntax_hash(PACKAGE, simulation_sources(), source_hash())
 
 
-def saved_syntax_hash(package: Path, sources: Sequence[Path]) -> str:
-    """Return ``syntax_hash``; it is saved in the folder of cached kernels, under a hash of the files' bytes."""
+def saved_syntax_hash(package: Path, sources: Sequence[Path], of_bytes: str | None = None) -> str:
+    """Return ``syntax_hash``; it is saved in the folder of cached kernels, under a hash of the files' bytes.
+
+    Args:
+        of_bytes: that hash, if it is known.
+    """
     folder = cache_folder() if compiles() else None
     if folder is None:
         return syntax_hash(package, sources)
-    path = folder / f"syntax-hash-{hash_of_files(package, sources)}.txt"
+    of_bytes = of_bytes or hash_of_files(package, sources)
+    path = folder / f"syntax-hash-{of_bytes}.txt"
     digest = _saved(path)
     if digest is None:
         digest = syntax_hash(package, sources)
-        _save(path, digest)
+        if hash_of_files(package, sources) == of_bytes:  # else a file was changed in between
+            _save(path, digest)
     return digest
 
 

@@ -297,9 +297,9 @@ def _several_distances(found: Mapping[str, Comparison], names: Mapping[str, str]
     for feature in FEATURES:
         of_feature = {folder: each.get(feature) for folder, each in by_feature.items()}
         real = next((one.real for one in of_feature.values() if one is not None), None)
-        effects = {folder: None if one is None else one.effect for folder, one in of_feature.items()}
+        effects = {f"{folder}/": None if one is None else one.effect for folder, one in of_feature.items()}
         rows[WORDS[feature]] = {"real": real, **effects}
-    titles = {"real": "real - real"} | {folder: f"real - {names[folder]}" for folder in found}
+    titles = {"real": "real - real"} | {f"{folder}/": f"real - {names[folder]}" for folder in found}
     columns = {name: Column(title, decimals=4) for name, title in titles.items()}
     return Table(_side_by_side("feature", rows), columns, DISTANCES, "distances")
 
@@ -308,15 +308,20 @@ def _several_classifiers(found: Mapping[str, Comparison], names: Mapping[str, st
     if all(one.classifier is None for one in found.values()):
         return []
     rows = {
-        CLASSIFIERS[field]: {folder: getattr(one.classifier, field, None) for folder, one in found.items()}
+        CLASSIFIERS[field]: {
+            f"{folder}/": getattr(one.classifier, field, None) for folder, one in found.items()
+        }
         for field in ("simulated", "simulated_by_robot")
     }
-    columns = {folder: Column(names[folder], share=True) for folder in found}
+    columns = {f"{folder}/": Column(names[folder], share=True) for folder in found}
     return [Table(_side_by_side("recognised", rows), columns, RECOGNISED, "classifiers")]
 
 
 def _side_by_side(name: str, rows: Mapping[str, Mapping[str, Interval | None]]) -> pl.DataFrame:
-    """Return a row for each name, with an estimate and its limits in columns of each simulation."""
+    """Return a row for each name, with an estimate and its limits in columns of each simulation.
+
+    A simulation's column is its folder with a slash, which no folder ``sim_low`` beside ``sim`` or ``real`` can equal.
+    """
     frame = pl.DataFrame({name: list(rows)})
     for key in next(iter(rows.values())):
         frame = frame.hstack(pl.DataFrame([columns_of(key, each[key]) for each in rows.values()]))

@@ -41,7 +41,9 @@ ROWS: Final = 12
 """Rows of the table of scores over time."""
 NARROW: Final = 3
 """Tiles should be so many times as wide as places are uncertain."""
-UNCHECKED: Final = "Whether the law of the sensor and the places hold is not checked; add --damage."
+UNCHECKED: Final = (
+    "Whether the law of the sensor holds, and robots agree on places, is not checked; add --damage."
+)
 
 
 def inspection_document(found: Inspection) -> Document:

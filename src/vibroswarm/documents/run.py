@@ -42,7 +42,6 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
-from vibroswarm.study.summary import write_table
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""
@@ -407,6 +406,8 @@ def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
     The folder is written completely or not at all; an older result in it is replaced. The page is written only if it
     can show the result (``why_no_page``), and maps only if the robots' strategy keeps a map of the floor.
     """
+    from vibroswarm.study.summary import write_table  # loads all of studies
+
     with whole_folder(out, replace=True) as part:
         result.write_into(part)
         if why_no_page(result) is None:

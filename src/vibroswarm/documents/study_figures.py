@@ -85,16 +85,20 @@ def time_figures(outcome: Outcome) -> Iterator[Figure]:
 
 def not_drawn(outcome: Outcome) -> str:
     """Return a sentence on the figures that are left out because there are too many cells; empty if there are none."""
-    limits = {
-        "outcomes of the swarms": MOST_ROWS,
-        "consensus time of each run": MOST_ROWS // 2,
-        "belief over time": MOST_SERIES,
+    cells = outcome.cells
+    has_truth = any(one.summary.swarm_right.n for one in cells)
+    omitted = {
+        "outcomes of the swarms": len(cells) > MOST_ROWS,
+        "each figure with its interval": len(cells) > MOST_ROWS
+        and layout_of([one.cell for one in cells]).x is None,
+        "decisions over time": has_truth and next(_incidences(outcome), None) is None,
+        "consensus time of each run": len(cells) > MOST_ROWS // 2,
+        "belief over time": len(cells) > MOST_SERIES
+        and any(_sampled(outcome, one, "belief_below") for one in cells),
+        "where robots sampled": len(outcome.result.plan.groups) > MOST_PANELS,
     }
-    if layout_of([row.cell for row in outcome.cells]).x is None:
-        limits |= {"each figure with its interval": MOST_ROWS, "decisions over time": MOST_SERIES // 2}
-    cells = len(outcome.cells)
-    omitted = [f"{what} (at most {most})" for what, most in limits.items() if cells > most]
-    return f"Not drawn with {cells} cells: {listed(omitted)}. Tables have all cells." if omitted else ""
+    words = [what for what, is_omitted in omitted.items() if is_omitted]
+    return f"Too many cells ({len(cells)}) to draw: {listed(words)}. Tables have all cells." if words else ""
 
 
 def _figure(name: str, title: str, draw: Callable[..., Picture], *data: Any, **options: Any) -> Figure:

@@ -80,14 +80,16 @@ def samples_of_result(
     read = _values(result, of_run, bits or many)
     frame = frame.join(read, on=KEY, how="inner", maintain_order="left").drop_nulls("value")
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
-    recorded, floor = isinstance(result, Recording), result.floor(run)
-    name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
+    floor = result.floor(run)
+    source = f"simulation 'seed {result.seed}, run {run}'"
+    if isinstance(result, Recording):
+        source = f"session '{result.sessions[run]['log']}'"
     found = _samples(
         frame,
         result.scenario.arena.size_m,
         law,
         places,
-        f"{'session' if recorded else 'simulation'} '{name}'",
+        source,
         _vibrating(floor) if many else floor,
         bits,
         kinds=floor if many else None,
@@ -96,7 +98,9 @@ def samples_of_result(
         own=hash_of_run(result, run),
         changed_s=floor.changes.times_s.tolist(),
     )
-    return _with_doubts(found) if recorded else found
+    if not isinstance(result, Recording):
+        return found
+    return _with_doubts(found, *_doubt_of_times(result.sessions[run]["told"].get("rows_apart_s", 0.0)))
 
 
 def _place_errors(frame: pl.DataFrame, motion: pl.DataFrame) -> PlaceErrors:
@@ -275,7 +279,15 @@ def samples_of_csv(
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
     )  # fmt: skip
     left_out = log.tracks.height
-    return replace(_with_doubts(found, *_doubts_of_table(by, table, left_out)), left_out=left_out)
+    doubts = _doubts_of_table(by, table, left_out)
+    rows = pl.concat([part.select("robot", "time_s") for part in (log.samples, log.tracks)])
+    return replace(_with_doubts(found, *_doubt_of_times(rows_apart_s(rows)), *doubts), left_out=left_out)
+
+
+def _doubt_of_times(apart_s: float) -> Iterator[str]:
+    """Yield that times may not be in s, if the rows of a robot are farther apart than usual."""
+    if apart_s:
+        yield f"The rows of a robot are usually {stated(apart_s)} s apart, as if times were in a smaller unit."
 
 
 def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Iterator[str]:
@@ -291,7 +303,7 @@ def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Itera
     if left_out > WITHOUT * table.height:
         yield (
             f"{left_out} of {table.height} rows have no value: if a sensor gives none where it vibrates strongly, "
-            "damage is missed."
+            "damage is missed; leave out rows between samples."
         )
 
 
@@ -310,8 +322,6 @@ def _doubts(samples: Samples) -> Iterator[str]:
         yield f"Robots {robots} have the same times, places and values: if they are copies, their samples count twice."
     if samples.is_timeless:
         yield "All samples of each robot have the same time, so that nothing can be said of drift."
-    if apart_s := rows_apart_s(frame):
-        yield f"The samples of a robot are usually {stated(apart_s)} s apart, as if times were in a smaller unit."
     near_m = zip("xy", samples.size_m, strict=True)
     at_corner = np.all(
         [np.abs(samples.column(f"{axis}_m")) < CORNER * whole for axis, whole in near_m], axis=0

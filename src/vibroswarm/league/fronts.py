@@ -22,7 +22,8 @@ strategies that reach a level are compared at it.
 
 Entries are also compared by their forced error, and by their decision time where no strategy has a front
 (``best_table``), without crowning noise or guesses. An entry **guesses** if its forced error is not significantly below
-``GUESS``. It is never called fastest, since any answer can be given at once. No single winner is named but the group.
+``GUESS``. It is never called fastest, since any answer can be given at once. No single winner is named, but the group
+without a significant difference from the best (``analysis.best_group``).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ wrote is wrapped (``checked``, ``checked_batch``), so that errors in its tables 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -299,8 +299,14 @@ def wrong_tables(motion: Any) -> Iterator[str]:
             check_table(frame, schema, name, name)
         except InputError as error:
             yield f"the table {name}: {error.reason}"
-        if frame.columns != list(schema.columns):
-            yield f"the table {name} has the columns {', '.join(frame.columns)}; expected: {', '.join(schema.columns)}"
+        if list(frame.schema.items()) != list(
+            schema.columns.items()
+        ):  # in this order, an Enum with all its words
+            yield f"the table {name} has the columns {_stated(frame.schema)}; expected: {_stated(schema.columns)}"
+
+
+def _stated(columns: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} ({kind})" for name, kind in columns.items())
 
 
 def _wrong_rows(

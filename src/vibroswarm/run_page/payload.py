@@ -232,8 +232,8 @@ def payload(record: RunRecord) -> dict[str, Any]:
 
     Samples and places are packed columns (``packed_column``), sorted by robot and sample; a missing message is
     ``UNKNOWN``, any other missing value nan. The radio's messages are packed too, and the maps, with beliefs rounded to
-    1/255. Trajectories are rounded, thinned and packed (``packed_track``). Everything else has
-    the record's values.
+    1/255. Trajectories are rounded, thinned and packed (``packed_track``). Everything else has the record's
+    values.
     """
     samples = _joined(record)
     return {

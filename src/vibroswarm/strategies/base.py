@@ -404,10 +404,11 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
     ):
         if part not in parts:
             raise InputError(f"has no {word}; every strategy has one", field=f"strategy '{name}'")
-    lacking = [hook for hook in STRATEGY_HOOKS if hook not in {*parts, *more}]
+    lacking = tuple(hook for hook in STRATEGY_HOOKS if hook not in {*parts, *more})
     for word, value in space.items():
         meant = get_close_matches(word, lacking, 1, 0.9)
-        if meant and isinstance(value, FunctionType):  # it would never be called
+        is_helper = word.startswith(("_", *lacking))  # such as a function ``beliefs``
+        if meant and not is_helper and isinstance(value, FunctionType):  # it would never be called
             raise InputError(f"has {word}; did you mean '{meant[0]}'?", field=f"strategy '{name}'")
     return Strategy(name=name, **{**parts, **more})
 
@@ -436,9 +437,9 @@ def refuse_untyped(declared: type, hints: Mapping[str, object]) -> None:
     """Refuse an attribute such as ``lead = 30``, which looks like a field and is none without a type."""
     for name, value in vars(declared).items():
         if name not in hints and not name.startswith("_") and isinstance(value, int | float):
-            kind = type(value).__name__
             raise InputError(
-                f"has no type; declare it as {name}: {kind}", field=f"{declared.__name__}.{name}"
+                f"has no type; declare it as {name}: {type(value).__name__}, or move a constant out of the class",
+                field=f"{declared.__name__}.{name}",
             )
 
 

@@ -59,7 +59,7 @@ NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Arguments of the hooks of networks, by name of the hook; ``networks.base`` explains them."""
 PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
-"""Arguments of each hook. Their number and order are checked; a hook may give them other names."""
+"""Arguments of each hook. Their number and order are checked; a hook may give them names that none of them has here."""
 ANSWERS: Final = {
     "decision": "0, 1 or -1 (undecided)", "belief": "a probability, or math.nan", "lost": "True or False",
     "on_sample": "True or False",
@@ -100,10 +100,15 @@ def check_function(
     if not isinstance(_plain(function), FunctionType):
         raise InputError(f"{shown(function)} is not a plain function", field=name)
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
-    moved = any(mine in wanted and mine != ours for mine, ours in zip(given, wanted, strict=False))
-    if moved or len(given) != len(wanted):
+    if len(given) != len(wanted):
         raise InputError(
             f"takes {len(given)} arguments ({', '.join(given)}); {name} is given {len(wanted)}: {', '.join(wanted)}",
+            field=where(function),
+        )
+    if any(mine in wanted and mine != ours for mine, ours in zip(given, wanted, strict=True)):
+        raise InputError(
+            f"takes {', '.join(given)}; {name} is given, in this order, {', '.join(wanted)}: keep the order, or use "
+            "other names",
             field=where(function),
         )
     # Maps the name that each row has in this hook to its name in PARAMETERS.
@@ -111,11 +116,10 @@ def check_function(
     for row, node in _attributes(function):
         if row not in rows:
             continue
-        known = fields[rows[row]]
+        known = [field for field in fields[rows[row]] if field != UNUSED]
         if node.attr not in known:
-            words = ", ".join(field for field in known if field != UNUSED)
             raise InputError(
-                f"{row}.{node.attr}: no such field{nearest(node.attr, known)} (there are {words or 'none'})",
+                f"{row}.{node.attr}: no such field{nearest(node.attr, known)} (there are {', '.join(known) or 'none'})",
                 field=where(function, node.lineno),
             )
     shared = frozenset(mine for mine, ours in rows.items() if ours in READ_ONLY and name != "opposite")

@@ -81,7 +81,7 @@ def planar_xml(scenario: Scenario, step_s: float) -> str:
 
 
 class Planar(NamedTuple):
-    """What depends on a scenario's robots of the module's table."""
+    """Those values of the module's table that depend on the scenario's robots."""
 
     spin_kg_m2: float
     """Moment of inertia about the vertical axis."""
