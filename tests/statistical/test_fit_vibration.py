@@ -29,7 +29,8 @@ def test_known_parameters_are_found() -> None:
     assert tuple(fitted.values) == FIELDS
     assert fitted.names == feature_names()
     for name in ("amplitude_m_s2", "coupling", "noise_m_s2"):
-        assert fitted.draws[name].std(ddof=1) < 0.1 * TRUE[name], name
+        # For other motors and robots, so up to three times those of these, which differ in nothing.
+        assert fitted.draws[name].std(ddof=1) < 3.0 * 0.05 * TRUE[name], name
         assert abs(fitted.values[name] - TRUE[name]) < 3.0 * 0.05 * TRUE[name], name
     assert fitted.values["motor_jitter"] == pytest.approx(TRUE["motor_jitter"], abs=0.06)
     assert max(fitted.values["motor_spread"], fitted.values["gain_spread"]) < 0.05
@@ -73,3 +74,9 @@ def test_errors_where_few_tiles_vibrate_are_of_draws_with_a_vibrating_tile(
     draws = fit_vibration(one, true, draws=40, folds=False).draws
     assert np.log(draws["motor_jitter"]).std(ddof=1) < 1.0
     assert np.log(draws["amplitude_m_s2"]).std(ddof=1) < 0.3
+
+
+@pytest.mark.parametrize(("redraw", "motors"), [("run", [0, 1]), ("study", [0, 0])])
+def test_sessions_on_one_floor_have_the_same_motors(redraw: str, motors: list[int]) -> None:
+    short = BASE.with_values({"floor.redraw": redraw, "run.t_end_s": 100.0})
+    assert dataset_of([simulate(short, 5, 2)]).ground_numbers.tolist() == motors

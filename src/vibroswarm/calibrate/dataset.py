@@ -80,6 +80,13 @@ class Dataset(NotebookView):
         return grounds
 
     @property
+    def ground_numbers(self) -> Ints:
+        """The number of the ground of each session, from 0: the same where ``grounds`` are equal, (sessions,)."""
+        grounds = self.grounds
+        number = {ground: k for k, ground in enumerate(dict.fromkeys(grounds))}
+        return np.array([number[ground] for ground in grounds])
+
+    @property
     def by_session(self) -> list[pl.DataFrame]:
         """The samples of each session, in the order of ``sessions``."""
         return [self.samples.filter(pl.col("run") == run) for run in self.sessions]

@@ -144,10 +144,8 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     tile, other, run = (samples[name].to_numpy().astype(np.int64) for name in ("tile", "other", "run"))
     # Number the tiles of all floors: the number of a floor's first tile, plus the tile's index on the floor. Sessions
     # with the same tiles share tile factors.
-    grounds = found.grounds
-    ground_number = {ground: k for k, ground in enumerate(dict.fromkeys(grounds))}
     most_tiles = max(floor.tiles.size for floor in found.floors)  # enough numbers for the tiles of any floor
-    first_tile = np.array([ground_number[ground] for ground in grounds])[run] * most_tiles
+    first_tile = found.ground_numbers[run] * most_tiles
     below = first_tile + tile
     # ``other`` is -1 on a floor with one kind of tile. Any tile number will do there, so that of the tile below is
     # used: the distance d is infinite, so P(d) leaves the other kind's term of the likelihood without weight.

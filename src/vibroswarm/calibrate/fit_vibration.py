@@ -17,9 +17,9 @@ Features hardly tell scatter that lasts from scatter in time. So the spreads fol
 The same random numbers are used for all parameters: the misfit is a smooth enough function for a simplex search.
 
 Errors of fields are for other motors and robots: of ``SEARCHED``, a bootstrap of robots and tiles in sessions; of the
-spreads, chi-square of so many of them (``few_groups``). Motors of a floor of several sessions count once for each,
-so errors are too small by up to the root of the number of sessions. Resampled samples alone gave a quarter to two fifths of the
-errors of features, where motors and robots differ by 10 to 25 %. Errors of the misfit are for the same motors and robots.
+spreads, chi-square of so many of them (``few_groups``). Sessions on one floor have the same motors. Resampled samples
+alone gave a quarter to two fifths of the errors of features, where motors and robots differ by 10 to 25 %. Errors of the
+misfit are for the same motors and robots.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -359,8 +359,10 @@ def _draws(simulator: _Simulator, best: Floats, spreads: Floats, draws: int) -> 
     """Return what fits to sessions of other motors and robots would find, by field, (draws,)."""
     samples, rows = simulator.samples, simulator.rows
     recorded = simulator.recorded(rows)
-    on = samples.vibrating
-    drawn = (robot_and_tile_weights(_SEED, draw, samples.robot, samples.tile) for draw in count())
+    on, ground = samples.vibrating, simulator.found.ground_numbers[samples.session]
+    places = np.column_stack((ground, simulator.found.samples["tile"].to_numpy()))
+    tile = np.unique(places, axis=0, return_inverse=True)[1].ravel()  # the same in sessions on the same floor
+    drawn = (robot_and_tile_weights(_SEED, draw, samples.robot, tile) for draw in count())
     with_both = (
         times for times in drawn if times[on].any() and times[~on].any()
     )  # else features are missing
@@ -377,11 +379,12 @@ def _draws(simulator: _Simulator, best: Floats, spreads: Floats, draws: int) -> 
     thetas = best + _shifts(slopes, (scattered - recorded) / recorded)
     found = dict(zip(SEARCHED, np.exp(thetas).T, strict=True))
     total, missing = simulator.variances(simulator.energy, rows), simulator.missing(best, rows)
-    sessions = np.unique(samples.session).size
-    motors = np.unique(samples.tile[samples.far & samples.vibrating]).size
-    for k, groups in enumerate((motors, np.unique(samples.robot[samples.far]).size)):
+    motors = (tile[samples.far & on], ground)  # and the sets of groups within which they differ
+    robots = (samples.robot[samples.far], samples.session)
+    for k, (groups, sets) in enumerate((motors, robots)):
         u = evenly_drawn(draws, _SEED, SPREADS[k])
-        between = drawn_variances(total[k], max(groups - sessions, 1), u) - (total[k] - missing[k])
+        freedom = max(np.unique(groups).size - np.unique(sets).size, 1)
+        between = drawn_variances(total[k], freedom, u) - (total[k] - missing[k])
         found[SPREADS[k]] = np.sqrt(np.maximum(between, 0.0))
     return found
 
