@@ -363,9 +363,8 @@ def _draws(simulator: _Simulator, best: Floats, spreads: Floats, draws: int) -> 
     places = np.column_stack((ground, simulator.found.samples["tile"].to_numpy()))
     tile = np.unique(places, axis=0, return_inverse=True)[1].ravel()  # the same in sessions on the same floor
     drawn = (robot_and_tile_weights(_SEED, draw, samples.robot, tile) for draw in count())
-    with_both = (
-        times for times in drawn if times[on].any() and times[~on].any()
-    )  # else features are missing
+    # Without one kind of tile its features are missing.
+    with_both = (times for times in drawn if times[on].any() and times[~on].any())
     resamples = [np.repeat(rows, times.astype(np.int64)) for times in islice(with_both, draws)]
     scattered = np.array([simulator.recorded(own) for own in resamples])
     middle = simulator.searched(best, spreads, rows)

@@ -55,8 +55,9 @@ def claim(
         leads_nowhere = out.is_symlink() and not out.exists()
         what = "is a symbolic link to nothing" if leads_nowhere else "is a file"
         raise InputError(f"{what}; give the name of a folder", field=str(out))
-    refuse_unwritable(out if at_once else out.absolute().parent)
+    refuse_unwritable(out)
     if not at_once:
+        refuse_unwritable(out.absolute().parent)  # in which the new folder is made
         refuse_working_folder(out)
     # A missing or empty folder is accepted. A link is checked even if it leads to such a folder.
     try:

@@ -7,6 +7,7 @@ under way, until the robot's next one begins.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final, NamedTuple
 
@@ -251,7 +252,7 @@ def joined(pieces: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
 
 
-class Columns:
+class Columns(ABC):
     """The columns of a table, filled from rows while the rows are still in the processor's cache.
 
     Columns of the same type of number are the rows of one array, in the order of ``schema``, so that there are few
@@ -278,9 +279,9 @@ class Columns:
         self.fill(rows)
         self.count += rows.size
 
+    @abstractmethod
     def fill(self, rows: NDArray[np.void]) -> None:
         """Write rows into the arrays, from index ``count`` on."""
-        raise NotImplementedError
 
     def by_name(self) -> dict[str, NDArray[Any]]:
         """Return the columns of all rows, (rows,) each, in the order in which they were taken; they are views."""

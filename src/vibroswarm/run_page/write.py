@@ -256,8 +256,8 @@ def body_of(scenario: Scenario) -> dict[str, Any]:
 def _estimates_in(found: Verdict) -> dict[str, Any] | None:
     """Return what robots say to a task that asks for a number, in words; None if it asks for a decision.
 
-    Those are the number that is asked for, the right one, the range of the estimates (empty if there are none), a
-    sentence on how good they are, and the estimate of each robot.
+    They are: the number asked for, the right one, the range of the estimates (empty if there are none), a sentence on
+    how good they are, and the estimate of each robot.
     """
     if not found.estimated:
         return None
