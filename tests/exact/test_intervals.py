@@ -267,6 +267,8 @@ def test_a_difference_far_out_has_a_p_value_smaller_than_the_draws_can_give() ->
     assert found.p_value >= 2 * stats.norm.sf(far.sum() / np.sqrt((far**2).sum())) * 0.999
     twelve = sign_flip(np.linspace(0.9, 1.1, 12))
     assert twelve.p_value >= 2.0**-11
+    eleven = sign_flip([1.0] * 11 + [0.0] * 109)  # runs that are alike have no sign
+    assert eleven.p_value >= 2.0**-10
     near = np.linspace(-1.0, 1.2, 60)
     assert sign_flip(near).p_value > 0.05
 

@@ -549,12 +549,12 @@ def _rare_mean(amounts: Values, n: int, unseen: float, level: float) -> tuple[fl
 def _normal_p_value(d: Values) -> float:
     """Compute the p-value of sum(d) from the normal limit of the sum with random signs.
 
-    It is at least the smallest p-value that n random signs can give.
+    It is at least the smallest p-value that random signs of the differences other than 0 can give.
     """
     spread = math.sqrt(float((d * d).sum()))
     if spread == 0.0:
         return 1.0
-    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), _least_p_value(d.size))
+    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), _least_p_value(int(np.count_nonzero(d))))
 
 
 def _least_p_value(n: int) -> float:
