@@ -255,6 +255,14 @@ def test_pages_are_whole_on_a_phone(site, opened, name):
     assert wrong == []
 
 
+def test_long_commands_are_whole_on_paper(site, opened):
+    tab, _ = opened(site / "optimizing.html", viewport={"width": 720, "height": 1000})
+    tab.emulate_media(media="print")
+    blocks = tab.locator("article pre")
+    assert blocks.count() > 3
+    assert all(blocks.evaluate_all("all => all.map(one => one.scrollWidth <= one.clientWidth)"))
+
+
 @pytest.mark.parametrize(
     ("name", "width"), [("troubleshooting", 1200), ("troubleshooting", 375), ("which-strategy", 375)]
 )

@@ -11,7 +11,7 @@ import pytest
 from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settings, matched_error
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
-from vibroswarm.core.numbers import listed
+from vibroswarm.core.numbers import count_of, listed
 from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of, warnings_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
@@ -218,6 +218,11 @@ def test_all_combinations_of_several_fields_are_named_by_their_values() -> None:
     assert question(outcome_of(result, compare=False)).startswith("none, positive and soft; robots 3 and 5: ")
     one_left_out = result.where(name=["none", "soft"], robots=3)
     assert title_of(one_left_out) == "none, robots 3; and soft, robots 3"
+
+
+def test_work_that_is_nearly_done_is_not_called_done() -> None:
+    assert count_of(1999, 2000, "run") == "1,999 of 2,000 runs (99 %)"
+    assert count_of(0, 0, "run") == "0 of 0 runs (0 %)"
 
 
 def test_names_with_commas_are_listed_between_semicolons() -> None:

@@ -227,8 +227,8 @@ def drawn_of(shown: int, total: int, thing: str) -> str:
 
 
 def count_of(done: int, wanted: int, thing: str) -> str:
-    """Write how many of some things are done: ``10 of 1,000 runs (1 %)``."""
-    return f"{whole(done)} of {count(wanted, thing)} ({stated_percent(done / max(wanted, 1))})"
+    """Write how many of some things are done: ``10 of 1,000 runs (1 %)``; 100 % only if all are."""
+    return f"{whole(done)} of {count(wanted, thing)} ({100 * done // max(wanted, 1)} %)"
 
 
 def counts(numbers: Iterable[int], thing: str) -> str:
