@@ -176,6 +176,13 @@ def test_a_simulation_is_not_told_from_itself_but_from_another(simulations: tupl
     assert different.effect.estimate > 0.01
 
 
+def test_limits_of_an_accuracy_hold_for_other_simulated_sessions_too(simulations: tuple[object, ...]) -> None:
+    """Two that are recognised as differently as these do not say how well others are."""
+    one, again, other = (sessions_of(result).samples for result in simulations)  # type: ignore[arg-type]
+    found = classifier_accuracy(one, [again[0], other[0]]).simulated_by_robot
+    assert (found.low, found.high) == (0.0, 1.0)
+
+
 def test_sessions_too_short_for_the_classifier_are_refused_in_a_sentence(
     simulations: tuple[object, ...],
 ) -> None:

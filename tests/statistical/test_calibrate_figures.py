@@ -58,12 +58,15 @@ def test_a_veer(misalignment: float) -> None:
 
 
 def test_figures_of_two_robots_drives_by_hand() -> None:
-    """Speeds alternate by 1 cm/s, + - - +, about those that the robots keep, and veers are theirs alone."""
+    """Speeds alternate by 1 cm/s, + - - +, about those that the robots keep, and veers are theirs alone.
+
+    Of twelve deviations from a line ten are free.
+    """
     kept = pl.DataFrame({"robot": [0, 1], "speed_m_s": [0.05, 0.07], "veer_rad_s": [0.1, 0.3]})
     steps = pl.DataFrame({"time_s": np.arange(12.0), "step": 0.01 * np.array([1, -1, -1, 1] * 3)})
     drives = kept.join(steps, how="cross").with_columns(speed_m_s=pl.col("speed_m_s") + pl.col("step"))
     speeds = {"speed_m_s": 0.06, "start_speed_m_s": 0.06, "drop": 0.0, "lag_one": -1 / 11}
-    spreads = {"between_m_s": 0.02 / 2**0.5, "within_m_s": 0.01, "share_between": 2 / 3}
+    spreads = {"between_m_s": 0.02 / 2**0.5, "within_m_s": 0.01 * 1.2**0.5, "share_between": 2 / 3.2}
     veers = {"veer_rad_s": 0.2, "veer_between_rad_s": 0.2 / 2**0.5, "veer_within_rad_s": 0.0}
     assert drive_of(drives) == pytest.approx(speeds | spreads | veers)
 

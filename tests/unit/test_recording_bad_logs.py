@@ -152,6 +152,61 @@ def test_a_robot_that_starts_late_is_counted(
     assert [late in lines for lines in found] == [True, False]
 
 
+def test_markers_that_are_swapped_for_a_second_are_counted(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def swap(rows: Rows) -> None:
+        for row in rows[1:]:
+            if row[6] == "None" and 50.0 < float(row[1]) < 51.0:
+                row[2:4] = {"1": ["2", "11.0"], "2": ["1", "10.0"]}.get(row[2], row[2:4])
+
+    found = [
+        recording_of([read_log(changed(change))], ground, preset("paper")).sessions[0]["told"]["jumps"]
+        for change in (swap, len)
+    ]
+    assert found == [4, 0]  # two robots, there and back
+
+
+def test_a_clock_that_jumps_is_told(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def jump(rows: Rows) -> None:
+        for row in rows[1:]:
+            row[1] = str(float(row[1]) + 3600.0 * (float(row[1]) > 50.0))
+
+    found = [
+        list(count_lines(recording_of([read_log(changed(change))], ground, preset("paper"))))
+        for change in (jump, len)
+    ]
+    words = " s without a row of any robot: a pause, or a clock that jumped"
+    assert [any(words in line for line in lines) for lines in found] == [True, False]
+
+
+def test_a_sample_without_an_energy_leaves_the_path_through_all_others(tmp_path: Path, ground: Floor) -> None:
+    """Its row was taken for the only one of a camera: the robot stood there for the whole session."""
+    places = [(10.0 * k, 0.1 * k) for k in range(1, 9)]
+    rows = [f"1,{time_s},{x_m:.1f},0.5,{'' if time_s == 30.0 else 1.25}," for time_s, x_m in places]
+    log = read_plain(tmp_path, "\n".join([PLAIN.format("note").strip(), *rows]))
+    recording = recording_of([log], ground, preset("paper"), any_floor=True)
+    path = recording.segments.select("start_s", "x_m").rows()
+    assert [(time_s, pytest.approx(x_m)) in path for time_s, x_m in places] == [True] * 8
+    assert recording.sessions[0]["told"]["positions_old"] == 0
+
+
+def test_positions_of_another_unit_are_refused(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def thousandfold(rows: Rows) -> None:
+        rows[1:] = [[*row[:4], str(float(row[4]) * 1000.0), *row[5:]] for row in rows[1:]]
+
+    log = read_log(changed(thousandfold))
+    with pytest.raises(
+        InputError, match=r"no sample lies on 'ours': their x is .* Positions must be in metres"
+    ):
+        recording_of([log], ground, preset("paper"))
+    recording_of([log], ground, preset("paper"), any_floor=True)
+
+
 def test_a_text_in_utf_16_is_named(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("robot,time_s\n0,1\n", encoding="utf-16")
     with pytest.raises(InputError, match="or text in UTF-16; give a text log in UTF-8"):
@@ -340,8 +395,8 @@ def test_what_was_read_is_counted_in_words() -> None:
         "  1 late row (by up to a second): sorted in",
     ]
     assert lines[5:7] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
-    assert lines[19] == "session 2: b.csv (csv)"
-    assert lines[20] == "  2,000 rows read"
-    assert lines[22] == "  2,000 repeated rows: removed"
+    assert lines[21] == "session 2: b.csv (csv)"
+    assert lines[22] == "  2,000 rows read"
+    assert lines[24] == "  2,000 repeated rows: removed"
     assert "  4.694 s, the longest such gap" in lines
-    assert not [line for line in lines[19:] if "off all tiles" in line]
+    assert not [line for line in lines[21:] if "off all tiles" in line]

@@ -233,17 +233,17 @@ def line_of(own: pl.DataFrame) -> Line:
     time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
     slope, start = np.polyfit(time, speed, 1)
     deviations = speed - start - slope * time
-    variance = float((deviations**2).mean())
+    squares, lagged = float((deviations**2).sum()), deviations[1:] * deviations[:-1]
     veer = own["veer_rad_s"].drop_nulls().to_numpy()
     is_known = veer.size >= LEAST_DRIVES
     return Line(
         speed_m_s=float(speed.mean()),
         start_speed_m_s=start,
         lost_per_s=-slope / start,
-        within_m_s=float(np.sqrt(variance)),
+        within_m_s=float(np.sqrt(squares / (time.size - 2))),  # the line takes two degrees of freedom
         veer_rad_s=float(veer.mean()) if is_known else np.nan,
         veer_within_rad_s=float(veer.std(ddof=1)) if is_known else np.nan,
-        lag_one=float((deviations[1:] * deviations[:-1]).mean()) / variance if variance > 0 else 0.0,
+        lag_one=float(lagged.mean()) / (squares / time.size) if squares > 0 else 0.0,
         drop=-slope * SPAN_S / start,
         start_error_m_s=_error_of_start(time, deviations),
     )
@@ -322,7 +322,7 @@ class Course(NamedTuple):
     spread_per_m: float
     """Spread of the turns about their median, divided by the length of the arc."""
     slow_share: float
-    """Mean autocorrelation of the turns over ``SLOW_LAGS``; NaN if it cannot be computed."""
+    """Mean autocorrelation of the turns over ``SLOW_LAGS``, below 0 by chance; NaN if it cannot be computed."""
     distance_spread: float
     """Standard deviation of the distances about their line in time, as a share of their median."""
     turns: int
@@ -366,7 +366,7 @@ def quartile_spread(values: Floats) -> float:
 
 
 def _slow_share(index: Ints, deviation: Floats, spread: float) -> float:
-    """Return the autocorrelation of turns over all pairs that are one of ``SLOW_LAGS`` apart, clipped to [0, 1].
+    """Return the autocorrelation of turns over all pairs that are one of ``SLOW_LAGS`` apart.
 
     The result is NaN if no two intervals are one of these lags apart, or if all deviations are equal.
 
@@ -385,4 +385,4 @@ def _slow_share(index: Ints, deviation: Floats, spread: float) -> float:
     variance = float((clipped**2).mean())
     if not pairs.size or variance <= 0.0:
         return np.nan
-    return float(np.clip(pairs.mean() / variance, 0.0, 1.0))
+    return float(pairs.mean() / variance)

@@ -437,20 +437,22 @@ def _table_of_robots(found: Dataset) -> tuple[Floats, Ints]:
     return np.array(rows, dtype=np.float64).reshape(-1, 12), np.array(runs, dtype=np.int64)
 
 
-def _slow_share(correlation: float, samples: float) -> float:
+def _slow_share(correlation: float, turns: float, samples: float) -> float:
     """Return the share of a veer's variance that is slow, from the mean autocorrelation of turns over ``SLOW_LAGS``.
 
     The slow part is linear between independent values every ``DRIFT_SAMPLES`` samples. It changes over these lags, and
-    deviations are those from a session's own middle, which takes a part of it away.
+    deviations are those from a session's own middle, which takes a part of both parts away.
 
     Args:
-        samples: number of samples of a session.
+        turns, samples: number of measured turns and of samples of a session.
     """
     lag = np.array(SLOW_LAGS) / DRIFT_SAMPLES
     kept = float(np.mean(1.0 - 1.5 * lag**2 + 0.75 * lag**3))  # correlation of the slow part over a lag
-    # The variance of the slow part's mean over a session, see ``_between_sessions``.
-    of_middle = 1.5 * DRIFT_SAMPLES / samples
-    return min(correlation / max(kept - of_middle * (1.0 - correlation), 0.1), 1.0)
+    # The variances of both parts' means over a session, see ``_between_sessions``.
+    of_drift, of_turns = 1.5 * DRIFT_SAMPLES / samples, 2.0 / turns
+    known = correlation + of_turns * (1.0 - correlation)
+    share = known / max(kept - (of_drift - of_turns) * (1.0 - correlation), 0.1)
+    return float(min(max(share, 0.0), 1.0))
 
 
 def _estimates(table: Floats) -> dict[str, float]:
@@ -482,9 +484,7 @@ def _estimates(table: Floats) -> dict[str, float]:
             "bend_per_m": float(driven[:, BEND].mean()),
             "bend_between_per_m": float(driven[:, BEND].std(ddof=1)),
             "bend_within_per_m": float(driven[:, SPREAD].mean()),
-            "slow_share": _slow_share(float(slow[:, SLOW].mean()), float(slow[:, SAMPLES].mean()))
-            if len(slow)
-            else 0.0,
+            "slow_share": _slow_share(*slow[:, [SLOW, TURNS, SAMPLES]].mean(axis=0)) if len(slow) else 0.0,
             "distance_spread": float(driven[:, DISTANCE].mean()),
         }
     return estimates

@@ -24,7 +24,7 @@ The energy distance of a feature is 0 only if two distributions are the same:
 ("Energy" is a statistician's term here; it has nothing to do with vibration.) As no value is paired with itself, D^2 is
 unbiased: for equal distributions it is 0 on average, whatever the counts, and may be slightly negative. Each column is
 divided by its standard deviation over the real sessions, so that seconds and metres have the same weight. The session
-is the unit: H is the mean over pairs of sessions, and its interval is over sessions of both kinds (``_over_sessions``);
+is the unit: H is the mean over pairs of sessions, and its interval is over sessions of both kinds (``over_sessions``);
 among the real sessions it is Student's with the pseudo-values of the jackknife, since their pairs overlap.
 """
 
@@ -321,10 +321,10 @@ def compare_distance(
         [effect_size(x, y, within_x, within_y) for y, within_y in others]
         for x, within_x in zip(scaled_real, among_real.each, strict=True)
     ]
-    return EnergyDistance(feature, _over_sessions(np.array(effects)), among_real.against)
+    return EnergyDistance(feature, over_sessions(np.array(effects)), among_real.against)
 
 
-def _over_sessions(effects: Floats) -> Interval:
+def over_sessions(effects: Floats) -> Interval:
     """Return the mean of effect sizes with limits that hold at least 95 % for other sessions of both kinds.
 
     All real sessions are compared with the same simulated ones. So the variance of the mean is the sum of two: that

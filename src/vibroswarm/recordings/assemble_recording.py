@@ -21,7 +21,16 @@ from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.recordings.floor_fit import check_floor
 from vibroswarm.recordings.infer_settings import infer_settings
 from vibroswarm.recordings.inferred import Inferred
-from vibroswarm.recordings.log import COUNTED, OWN_PLACE, Log, gaps_of, in_order, knots_of, segments_of
+from vibroswarm.recordings.log import (
+    COUNTED,
+    OWN_PLACE,
+    Log,
+    gaps_of,
+    in_order,
+    knots_of,
+    of_camera,
+    segments_of,
+)
 from vibroswarm.recordings.recording import PLACES as TRACKED
 from vibroswarm.recordings.recording import ROWS, Recording
 from vibroswarm.result import RECORDED, change_frame, floor_frame
@@ -34,11 +43,15 @@ LATE_BEGINNING_S: Final = 10.0
 """A log whose first row is later than this was begun late, or has a clock that did not begin with the session."""
 STOOD_M: Final = 0.005
 """A robot that never got farther than this along an axis did not move: positions are hardly less exact."""
+JUMP: Final = 3.0
+"""A step this many times as fast as the median one is none that a robot drove."""
+JUMP_M: Final = 0.025
+"""A shorter step may be an inexact position."""
 APART_S: Final = 60.0
 """If the rows of a robot are usually farther apart than this, times are probably not in seconds."""
 GONE_S: Final = 60.0
 """A robot whose last known position is older than this at the end of the session is counted as gone; one that is seen
-for the first time so much later than another, as late."""
+for the first time so much later than another, as late. A longer time without any row is a pause."""
 
 
 EDGE_M: Final = 1e-9
@@ -217,13 +230,16 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     frame = log.samples.with_columns(of_run, robot=robot).sort("time_s", "robot")
     frame = _with_intervals(frame, scenario.sample.stop_ms / 1000.0)
     tracks = log.tracks.with_columns(of_run, robot=robot)
-    paths = [
-        _path(run, k, name, frame.filter(pl.col("robot") == k), tracks.filter(pl.col("robot") == k), log)
-        for k, name in enumerate(names)
+    of_robots = [
+        (frame.filter(pl.col("robot") == k), tracks.filter(pl.col("robot") == k)) for k in range(len(names))
     ]
+    paths = [_path(run, k, names[k], samples, track, log) for k, (samples, track) in enumerate(of_robots)]
     segments = pl.concat([path.segments for path in paths]).sort("start_s", "robot", maintain_order=True)
-    # The latest tracked position of the robot at the time of each sample; null: there is none.
-    latest = tracks.select("robot", "time_s", tracked_s="time_s").sort("time_s")
+    # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
+    seen = pl.concat(
+        [track.clear() if not of_camera(track, samples) else track for samples, track in of_robots]
+    )
+    latest = seen.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
     rows = rows.with_columns(position_age_s=pl.col("time_s") - pl.col("tracked_s"))
     observations = _observations(frame, scenario, floor)
@@ -239,7 +255,9 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     }
     counts = _problem_counts(paths, rows, observations, scenario)
     both = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
+    silent_s = float(np.diff(np.sort(both["time_s"].to_numpy())).max(initial=0.0))
     counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": rows_apart_s(both)}
+    counts["silent_s"] = round(silent_s, 6) if silent_s > GONE_S else 0.0
     about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
     return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
 
@@ -334,9 +352,8 @@ def _path(
         "heading_rad": [segments["heading_rad"][-1]],
         "stop_start_s": [None],  # whether the robot stands at the end is not known
     }
-    return _RobotPath(
-        segments, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(track["time_s"].to_numpy())
-    )
+    seen_s = track["time_s"].to_numpy() if of_camera(track, samples) else np.zeros(0)
+    return _RobotPath(segments, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(seen_s))
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
@@ -393,6 +410,7 @@ def _problem_counts(
         "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
         "robots_unmoved": sum(_stood(path.segments) for path in paths),
         "posteriors_odd": odd.height,
+        "jumps": sum(_jumps(path.segments) for path in paths),
         "off_the_floor": int((observations["tile"] < 0).sum()),
     }
 
@@ -400,6 +418,15 @@ def _problem_counts(
 def _stood(segments: pl.DataFrame) -> bool:
     """Return whether a robot's path stays within a square of ``STOOD_M``."""
     return max(float(np.ptp(segments[name].to_numpy())) for name in ("x_m", "y_m")) < STOOD_M
+
+
+def _jumps(segments: pl.DataFrame) -> int:
+    """Return the number of steps of a robot's path that are longer than ``JUMP_M`` and too fast (``JUMP``)."""
+    speed = segments["speed_m_s"].to_numpy()[:-1]  # at its end the robot is taken to stand
+    steps_m = speed * np.diff(segments["start_s"].to_numpy())
+    moving = speed[speed > 0.0]
+    usual = float(np.median(moving)) if moving.size else 0.0
+    return int(((speed > JUMP * usual) & (steps_m > JUMP_M)).sum())
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:

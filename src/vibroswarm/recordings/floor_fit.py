@@ -20,7 +20,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.numbers import percent
+from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -139,8 +139,15 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     Args:
         samples: a table with the columns x_m, y_m, time_s and energy; those after a change of the floor do not count.
     Raises:
-        InputError: the floor fits clearly better if it is rotated or mirrored.
+        InputError: no sample lies on the floor, or it fits clearly better if it is rotated or mirrored.
     """
+    x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
+    if (floor.tile_at(x, y) < 0).all():
+        raise InputError(
+            f"no sample lies on '{floor.name or 'this floor'}': their x is {_range(x)} m, their y {_range(y)} m. "
+            "Positions must be in metres from its lower left corner; correct them, or add --any-floor to continue",
+            field="floor",
+        )
     if floor.is_changing:
         samples = samples.filter(pl.col("time_s") < floor.changes.time_s[0])
     fits = floor_fits(floor, samples)
@@ -164,6 +171,11 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
         "" if best is as_given else f"; {best.orientation} it would fit better ({_percent(best.probability)})"
     )
     return f"The floor may be wrong: {evidence}{better}."
+
+
+def _range(values: Floats) -> str:
+    """Write the least and the largest of positions, m."""
+    return f"{stated(values.min())} to {stated(values.max())}"
 
 
 def _percent(share: float) -> str:

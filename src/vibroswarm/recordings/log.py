@@ -97,7 +97,12 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
     "robots_unmoved": ("robot", " that never moved"),
     "positions_old": ("sample", " with a position older than the usual quarter of a second"),
     "position_oldest_s": ("", " s, the age of the oldest position"),
+    "jumps": (
+        "step",
+        " over three times as fast as a robot's usual ones: markers were swapped or misread, or robots lifted",
+    ),
     "off_the_floor": ("sample", " off all tiles"),
+    "silent_s": ("", " s without a row of any robot: a pause, or a clock that jumped"),
     "rows_apart_s": ("", " s usually between two rows of a robot: times must be in seconds"),
 }
 """Counts that are made while a log is read: what is counted (empty: a time), and what follows it."""
@@ -341,21 +346,29 @@ GAP_S: Final = 0.5
 """The camera sees a robot every 0.22 s or 0.44 s; an interval longer than this is a gap."""
 
 
+def of_camera(track: pl.DataFrame, samples: pl.DataFrame) -> bool:
+    """Return whether tracked positions of one robot are a camera's, which sees it more often than it samples.
+
+    Fewer are rows of samples whose energy is missing.
+    """
+    return track.height > samples.height
+
+
 def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
     """Return the known positions of one robot with their times: time_s, x_m, y_m, ordered by time.
 
     Args:
-        track: the robot's tracked positions. If there are none, the positions of its samples are used, at the start and
-            at the end of each stop.
+        track: the robot's tracked positions. Unless they are ``of_camera``, the positions of its samples are used too,
+            at the start and at the end of each stop.
         samples: the robot's rows of the motion table.
     """
     names = ["time_s", "x_m", "y_m"]
-    if track.height:
+    if of_camera(track, samples):
         return track.select(names)
     # A stop may start at the time of the previous sample. One of the two positions is dropped, so that times increase.
     stops = samples.select(pl.col("stop_start_s").alias("time_s"), "x_m", "y_m")
     return (
-        pl.concat([stops, samples.select(names)])
+        pl.concat([track.select(names), stops, samples.select(names)])
         .sort("time_s")
         .unique("time_s", keep="last", maintain_order=True)
     )
