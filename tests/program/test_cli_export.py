@@ -56,7 +56,9 @@ def test_a_library_is_written_once(library: Path, capsys: pytest.CaptureFixture[
         "src/vibroswarm_runtime.h", "src/vibroswarm_self_test.c",
     ]  # fmt: skip
     before = (library / "src" / "vibroswarm.c").read_text()
-    assert "exists already" in refusal_of(capsys, "export", "c", library, "--strategy", "none")
+    assert f"DIR: '{library}' exists already" in refusal_of(
+        capsys, "export", "c", library, "--strategy", "none"
+    )
     assert (library / "src" / "vibroswarm.c").read_text() == before
 
 

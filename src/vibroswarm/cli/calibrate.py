@@ -14,6 +14,7 @@ from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import refuse_settings, scenario_named
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_text
+from vibroswarm.errors import named
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
 
@@ -37,16 +38,16 @@ def compare(
     intervals: Annotated[
         bool,
         Option(
-            "also tell undisturbed intervals apart by turn and distance, with boosted trees (half a minute)"
+            "also classify undisturbed intervals by turn and distance, with boosted trees (half a minute)"
         ),
     ] = False,
     json: Json = False,
 ) -> None:
-    """Compare the samples of two results (lab import, run --out); each run is a session.
+    """Compare the samples of a recording with simulations of the same floor and settings; each run is a session.
 
     The paper's six similarities with their null values, and measures that discriminate.
 
-    example:
+    examples:
       vibroswarm calibrate compare lab simulated --json
       vibroswarm calibrate compare lab by-event-engine by-mujoco   # which simplification matters
     """
@@ -67,7 +68,8 @@ def compare(
     camera = RIGHT if no_camera else None
     _refuse_twice(simulated, "SIM")
     if picture is not None:
-        check_suffix(picture, SUFFIXES)  # before the comparison, which takes seconds
+        with named("--picture", of="--out"):
+            check_suffix(picture, SUFFIXES)  # before the comparison, which takes seconds
     if len(simulated) > 1:
         for option, given in (("--picture", picture), ("--pictures", pictures), ("--intervals", intervals)):
             refuse(given, option, "is for one simulation; give one SIM")
@@ -78,7 +80,8 @@ def compare(
     recorded, simulation = read_result(real), read_result(simulated[0])
     comparison = compare(recorded, simulation, camera=camera, intervals=intervals)
     if picture is not None:
-        write_comparison_picture(recorded, simulation, comparison, picture)
+        with named("--picture", of="--out"):
+            write_comparison_picture(recorded, simulation, comparison, picture)
     if pictures is not None:
         refuse(pictures.is_file(), str(pictures), "is a file; give the name of a folder")
         write_comparison_pictures(recorded, simulation, comparison, pictures)

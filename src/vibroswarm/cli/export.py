@@ -10,6 +10,7 @@ from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.options import Force, Json, ScenarioOptions
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import check_folder, whole_folder
+from vibroswarm.errors import named
 
 
 def c(
@@ -31,7 +32,8 @@ def c(
     from vibroswarm.export.timing import export_library
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
-    check_folder(folder, replace=force, marker=MARKER)
+    with named("DIR", of="--out"):
+        check_folder(folder, replace=force, marker=MARKER)
     made = scenario_from(scenario)
     with whole_folder(folder, replace=force, marker=MARKER) as part:
         found = export_library(made, part)

@@ -268,8 +268,10 @@ def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, 
 
     refuse(base and not out and not law, "--base", "has no effect without --out FILE or --law FILE")
     refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
-    for path in filter(None, () if force else (out, law)):
-        check_free(path)
+    for option, path in (("--out", out), ("--law", law)):
+        if path is not None and not force:
+            with named(option, of="--out"):
+                check_free(path)
 
 
 def spectrum(

@@ -10,6 +10,7 @@ from vibroswarm.cli.deliver import open_page, print_line, print_saved_file
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force
 from vibroswarm.cli.terminal import report
+from vibroswarm.errors import named
 
 
 def view(
@@ -54,8 +55,8 @@ def view(
         if file is None:
             continue
         refuse(file.suffix != suffix, f"--{option}", f"'{file}' does not end in {suffix}")
-        is_there = file.is_dir() or (file.exists() and not force)
-        refuse(is_there, str(file), "exists; add --force to replace it")
+        refuse(file.is_dir(), f"--{option}", f"'{file}' is a folder; give the name of a file")
+        refuse(file.exists() and not force, str(file), "exists; add --force to replace it")
     if picture is None:
         viser()  # raises an error before any work if this package is missing; only pictures do not need it
     report(f"reading {folder} and preparing its scene ...")
@@ -64,7 +65,8 @@ def view(
     if picture is not None:
         from vibroswarm.view.picture import write_picture
 
-        way = write_picture(result, number, picture, time_s=at)
+        with named("--picture", of="--out"):
+            way = write_picture(result, number, picture, time_s=at)
         print_saved_file(picture, f"drawn by {way}")
         return
     if html is not None:
