@@ -10,6 +10,7 @@ from pydantic import Field
 
 from helpers.scenario_fields import before, changed, chosen
 from vibroswarm import networks, strategies, tasks
+from vibroswarm.localisation.locate import estimates_key
 from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
@@ -93,6 +94,10 @@ def test_a_field_changes_hash_and_plan(name: str) -> None:
     moves |= section == "faults" and field in MotionFaults.model_fields
     moves |= name.startswith("strategy.explore.")  # which steers
     assert motions == (2 if moves else 1)
+    if not moves and section in ("odometry", "localisation", "rays"):
+        assert estimates_key(one, 1) != estimates_key(other, 1), (
+            "estimates of places are shared on one motion"
+        )
 
 
 def test_all_parameters_of_all_that_is_known_are_among_the_fields() -> None:

@@ -128,9 +128,12 @@ def test_who_is_in_range_hears() -> None:
         assert ((log.arrival_tick[k] >= 0) == (distance < 0.4))[clear].all()
         checked += int(clear.sum())
     assert checked > 150
+    assert log.counts(float(log.time_s[7]))["sent"].sum() == (log.tick <= log.tick[7]).sum()
 
 
 def test_delays_are_fixed_and_exponential() -> None:
+    (fixed,) = logs(over("delay", fixed_s=2.0, random_s=0.0), 1)
+    assert np.unique((fixed.arrival_tick - fixed.tick[:, None])[fixed.state != OWN]).tolist() == [100]
     found = [
         log.arrival_tick - log.tick[:, None] for log in logs(over("delay", fixed_s=2.0, random_s=3.0), 8)
     ]

@@ -120,6 +120,7 @@ def test_the_simple_formula_would_put_calibrated_robots_on_the_wrong_side() -> N
     assert simple == pytest.approx(0.460, abs=5e-4)
     assert share == pytest.approx(0.476, abs=5e-4)
     tested = readings_boundary(CALIBRATED.with_values(TILES))
+    assert tested == pytest.approx(expected_ones(CALIBRATED, 0.5))  # by rates that robots work out themselves
     assert simple < share < tested < 0.5
     assert decidability(CALIBRATED.with_values(TILES)).verdict == "decidable"
 

@@ -45,14 +45,6 @@ def test_two_samples_of_one_distribution_reach_the_ceiling() -> None:
     assert null_similarity("places", draw(1500), 1500) < reached - 0.05
 
 
-def test_few_samples_lower_the_ceiling_and_many_raise_it_to_one() -> None:
-    rng = np.random.default_rng(5)
-    values = rng.random((20_000, 2))
-    few, many = (ceiling("places", values, n, n) for n in (500, 10**7))
-    assert few < 0.75
-    assert many == pytest.approx(1.0, abs=1e-4)
-
-
 def test_a_shapeless_simulation_is_near_its_null_however_high_its_similarity() -> None:
     """Why the figure alone misleads: evenly spread points score nearly what the truth itself would."""
     rng = np.random.default_rng(6)
@@ -134,9 +126,6 @@ def test_the_logistic_fit_is_at_its_minimum() -> None:
     columns = rng.normal(size=(800, 3))
     label = rng.random(800) < 1 / (1 + np.exp(-2 * columns[:, 0] + 0.5))
     fitted = stretch_classifier().fit(columns, label)
-    weights = fitted[-1].coef_[0] / fitted[0].scale_
-    assert weights[0] == pytest.approx(2.0, abs=0.35)
-    assert np.abs(weights[1:]).max() < 0.3
     # The loss of both classes at equal weights, with the ridge, is least there.
     sign, weight = np.where(label, 1.0, -1.0), np.where(label, 0.5 / label.mean(), 0.5 / (1.0 - label.mean()))
     standard = fitted[0].transform(columns)

@@ -61,6 +61,7 @@ def test_answers_over_time_by_hand() -> None:
     assert numbers["right_time_share"] == pytest.approx((180 + 120) / 400)
     assert numbers["answer_delay_s"] == 60.0
     assert numbers["false_changes_per_h"] == 0.0
+    assert judged(course(*RIGHT_THEN_NEW, **{"change.at_s": [100, 200]})) == numbers  # the run ends at 200 s
 
 
 @pytest.mark.parametrize(
@@ -98,6 +99,8 @@ def test_robots_with_faults_do_not_count() -> None:
     found = course((0, 10.0, 0), (1, 20.0, 1), counts=(True, False))
     assert found.swarm == [Answer(10.0, 0)]
     assert len(found.robots) == 1
+    all_dead = simulate(scenario("forget", **INVERTED, **{"faults.radio_dead": 1.0}), 3, 1)
+    assert answers_in(all_dead)["right_time_share"].item() > 0.0  # then all count
 
 
 def test_without_a_change_of_the_truth_there_is_no_delay() -> None:

@@ -72,7 +72,12 @@ def damaged(seed: int, contrast: float) -> Samples:
 def test_a_region_holds_its_share_of_the_density() -> None:
     samples = damaged(2, 1.0)
     patches = declared(samples.size_m, [0.14, 0.2, DISC, Form(0.3, 0.1)])
-    posterior = posterior_of(samples, patches, shares_of(samples, patches), np.ones(500, dtype=bool))
+    shares = shares_of(samples, patches)
+    unseen = posterior_of(samples, patches, shares, np.zeros(500, dtype=bool))
+    assert np.bincount(unseen.shape, unseen.p) == pytest.approx(
+        [0.5, 0.25, 0.25], abs=1e-3
+    )  # however many places
+    posterior = posterior_of(samples, patches, shares, np.ones(500, dtype=bool))
     region = region_of(posterior)
     drawn = posterior.drawn(np.random.default_rng(5), 4000)
     inside = posterior.density(*drawn) >= region.least
@@ -96,6 +101,7 @@ def test_size_and_contrast_of_damage_are_in_its_region_and_others_are_not() -> N
                 posterior_of(samples, patches, shares_of(samples, patches), np.ones(500, dtype=bool))
             )
             held.append(region.holds(DISC, 0.33, 0.27, contrast))
+            assert max(region.contrast or (2.0,)) <= 1.0
             assert not region.holds(
                 DISC, 0.13, 0.47, contrast
             )  # controls: elsewhere, of another shape, much weaker

@@ -23,7 +23,7 @@ from vibroswarm.inspection.laws import law_of_measured
 from vibroswarm.inspection.patches import declared, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import looks_of
-from vibroswarm.inspection.stopping import LOOKS, Question, rule_of, stopping
+from vibroswarm.inspection.stopping import LOOKS, Question, _in_worst_block, rule_of, stopping
 from vibroswarm.scenario.scenario import preset
 
 SIDES_M = (0.1, 0.2)
@@ -42,17 +42,9 @@ def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
     assert told[0, 0] == pytest.approx(0.2 * ratio / (0.8 + 0.2 * ratio), rel=1e-3)
 
 
-def test_a_strict_risk_is_the_larger_one() -> None:
+def test_damage_that_does_not_fit_is_refused() -> None:
     samples = drawn_samples(6, count=200, spread_m=0.0)
     patches = declared(samples.size_m, SIDES_M)
-    value = values_at(samples.law, np.random.default_rng(1).random((200, 1)), False)
-    mean, strict = (
-        rule_of(samples, patches, Question(contrasts=(1.0,), strict=strict)).told(value)[0, 0]
-        for strict in (False, True)
-    )
-    assert strict > mean
-    told = stopping(samples, patches, Question(contrasts=(1.0,)), drawn=50)
-    assert told.told.shape == told.times_s.shape
     with pytest.raises(InputError, match=r"--least-cm: squares of 70 cm do not fit .* give 60 or less"):
         stopping(samples, patches, Question(least_m=0.7), drawn=50)
 
@@ -84,12 +76,14 @@ def test_the_least_damage_is_part_of_the_told_risk_whatever_is_declared(declared
 
 
 def test_the_worst_place_is_one_of_many_draws() -> None:
-    """Blocks are those of the centres that damage can have: a corner of the surface would have a tenth of the draws."""
-    samples = replace(drawn_samples(seed=1, count=40, spread_m=0.01), law=LAW)
-    patches = declared(samples.size_m, [0.2])
-    told = stopping(samples, patches, Question(0.2, (1.0,), risk=1e-12))
-    assert told.worst.estimate == 0.0  # nothing is ever cleared
-    assert told.worst.high < 0.15  # of 25 draws and more; 5 would be .43
+    """Blocks are those of the centres that damage can have: only in one of them, 8 cm wide, any is missed."""
+    random = np.random.default_rng(1)
+    x_m, y_m = random.uniform(0.1, 0.5, (2, 2000))
+    risk = np.where((x_m < 0.18) & (y_m > 0.42), 0.01, 1.0)
+    worst_m = _in_worst_block(random, x_m, y_m, risk, Question(0.2), (0.6, 0.6))
+    assert [at_m.size for at_m in worst_m] == [1000, 1000]
+    assert [at_m.min() for at_m in worst_m] == pytest.approx([0.1, 0.42], abs=1e-3)
+    assert [at_m.max() for at_m in worst_m] == pytest.approx([0.18, 0.5], abs=1e-3)
 
 
 @pytest.mark.parametrize("strict", [False, True])

@@ -196,6 +196,10 @@ def test_a_wall_places_a_robot_and_a_robot_does_not() -> None:
         assert each == pytest.approx(of.robots_per_m, rel=1e-3)
     assert f.means[0, :2].tolist() == [0.5, 0.5]
     assert program_of(Scenario().with_values({"swarm.robots": 1})).robots_per_m == 0.0
+    # Two robots of 8 and 3 cm whose centres pass within 11 cm of each other meet, on 1 m2; a factor of 6 is assumed.
+    ahead = {"swarm.robots": 2, "robot.body_radius_m": 0.08, "rays.disc_radius_m": 0.03}
+    straight = Scenario().with_values(ahead | {"rays.angle_deg": [0.0], "rays.side_m": [0.0]})
+    assert program_of(straight).robots_per_m == pytest.approx(6.0 * 2.0 * 0.11 * 4.0 / math.pi)
 
 
 def test_the_monitor_counts_what_was_not_expected() -> None:

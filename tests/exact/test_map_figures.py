@@ -70,8 +70,6 @@ def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
             for _, own in maps.filter(run=run).group_by("robot", maintain_order=True)
         ]
         assert stored.filter(run=run).select(FIGURES).row(0) == pytest.approx(np.mean(each, axis=0))
-    by_loops = detection_by_hand(simulate(scenario, 4, 3))
-    assert stored["detection_time_s"].to_list() == pytest.approx(by_loops, nan_ok=True)
     table = outcome_of(study).table
     assert table["map_brier"].item() == pytest.approx(stored["map_brier"].mean())
     assert table["map_brier_low"].item() < table["map_brier"].item() < table["map_brier_high"].item()
@@ -121,8 +119,10 @@ def test_who_keeps_no_map_has_no_scores(tmp_path: Path) -> None:
     result = cells.run(tmp_path / "study")
     assert [keeps_map(cell.scenario) for cell in cells.cells] == [False, True]
     assert result.agreements(0) is None
-    table = outcome_of(result).table
-    assert table["map_brier"].is_null().to_list() == [True, False]
+    found = outcome_of(result)
+    assert found.table["map_brier"].is_null().to_list() == [True, False]
+    assert study_document(found).tables["maps"].frame.height == 1
+    assert "maps" not in study_document(outcome_of(result.where(strategy__name="none"))).tables
 
 
 def test_damage_is_detected_where_there_is_some() -> None:
@@ -132,11 +132,11 @@ def test_damage_is_detected_where_there_is_some() -> None:
     damaged, sound = (study.agreements(cell)["detection_time_s"] for cell in (0, 1))
     assert sound.null_count() == 3
     assert 60.0 < damaged.mean() < 500.0
-    by_loops = detection_by_hand(simulate(base.with_values({"floor.source": "random:0.6"}), 5, 3))
-    assert damaged.to_list() == pytest.approx(by_loops)
-    # Negative control: robots that are never sure enough detect nothing, which counts as the whole time.
-    unsure = base.with_values({"floor.source": "random:0.6", "decision.credible_threshold": 0.9999999})
-    assert Study.of(unsure, 3, 5).run().agreements(0)["detection_time_s"].mean() > damaged.mean() + 50.0
+    # Of robots that must be surer, some have not detected it at the end, which counts as the whole time.
+    unsure = base.with_values({"floor.source": "random:0.6", "decision.credible_threshold": 0.9995})
+    later = Study.of(unsure, 3, 5).run().agreements(0)["detection_time_s"]
+    assert later.to_list() == pytest.approx(detection_by_hand(simulate(unsure, 5, 3)))
+    assert damaged.mean() + 50.0 < later.mean() < 600.0
 
 
 def test_leagues_and_detections_show_maps_where_robots_keep_them() -> None:
@@ -166,13 +166,3 @@ def test_leagues_and_detections_show_maps_where_robots_keep_them() -> None:
 
 def test_patches_have_no_scores() -> None:
     assert not keeps_map(preset("optimised-places").with_values({"floor.source": "patch:0.10"}))
-
-
-def test_the_page_of_a_study_has_them_where_robots_keep_maps() -> None:
-    base = preset("paper").with_values({"run.t_end_s": 60.0})
-    mapping = Study.of(base, runs=2, strategy__name=["none", "places"])
-    plain = Study.of(base, runs=2, strategy__name=["none", "soft"])
-    with_maps, without = (study_document(outcome_of(study.run())) for study in (mapping, plain))
-    assert "maps" in with_maps.tables
-    assert with_maps.tables["maps"].frame.height == 1
-    assert "maps" not in without.tables

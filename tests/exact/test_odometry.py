@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.localisation.locate import estimate
+from vibroswarm.localisation.locate import estimate, program_of
 from vibroswarm.localisation.odometry import ODOMETER, measure_moves
 from vibroswarm.motion.source import ENDS, MOVES
 from vibroswarm.scenario.scenario import Scenario
@@ -178,5 +178,6 @@ def test_a_bias_measured_at_stops_is_subtracted_as_its_mean() -> None:
     assert rates[0].std() == pytest.approx(20.0, rel=0.06)
     assert rates[0][:, 0] == pytest.approx(rates[0][:, 1])
     assert rates[1][:, 0].std() == pytest.approx(0.5, rel=0.08)
+    assert [math.degrees(program_of(of).gyro_bias_spread_rad_s) for of in (without, scenario)] == [20.0, 0.5]
     assert rates[1][:, 1].std() == pytest.approx(0.5 / math.sqrt(2.0), rel=0.08)
     assert np.corrcoef(rates[1].T)[0, 1] == pytest.approx(math.sqrt(0.5), abs=0.07)

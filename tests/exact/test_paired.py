@@ -8,15 +8,12 @@ import math
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.stats import binom, norm, t
 
 from vibroswarm.analysis.intervals import (
     Interval,
     generator,
     jackknife_error,
-    mean_interval,
     sign_flip,
     student_test,
     wilson_limits,
@@ -173,30 +170,6 @@ def test_holm_by_hand() -> None:
     assert holm([0.01, 0.04, 0.03, math.nan]) == pytest.approx([0.03, 0.06, 0.06, math.nan], nan_ok=True)
     assert holm([0.6, 0.9]) == [1.0, 1.0]
     assert holm([]) == []
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
-def test_holm_lies_between_the_plain_and_bonferroni(p: list[float]) -> None:
-    for plain_p, corrected in zip(p, holm(p), strict=True):
-        assert plain_p <= corrected <= min(1.0, len(p) * plain_p) + 1e-12
-    order = np.argsort(p, kind="stable")
-    assert (np.diff(np.array(holm(p))[order]) >= 0).all()
-
-
-def test_pairing_takes_out_what_runs_have_in_common() -> None:
-    """The negative control: taken as unpaired, the same difference goes unseen."""
-    random = generator(2, "pairing")
-    luck = random.normal(900, 330, 100)
-    first, second = luck + random.normal(-15, 20, 100), luck + random.normal(0, 20, 100)
-    (paired,) = compare(
-        figures(list(first), [0.0] * 100), figures(list(second), [0.0] * 100), ["decision_time_s"]
-    )
-    a, b = mean_interval(first), mean_interval(second)
-    unpaired_half = math.hypot(a.high - a.estimate, b.high - b.estimate)
-    assert paired.difference.excludes(0.0)
-    assert paired.difference.high - paired.difference.low < 0.1 * 2 * unpaired_half
-    assert unpaired_half > abs(paired.difference.estimate)
 
 
 def test_false_alarms_and_what_holm_does_to_them() -> None:

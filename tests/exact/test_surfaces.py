@@ -111,6 +111,8 @@ def test_values_of_0_and_1_are_kinds_bit_by_bit(spread: dict[str, float]) -> Non
     rows = ["0110100110", "1111100000"] * 5
     kinds = PAPER.with_values({"floor.tiles": rows, **spread})
     values = PAPER.with_values({"floor.values": [[float(c) for c in row] for row in rows], **spread})
+    of_values, of_kinds = values.floor_for(1, 0), kinds.floor_for(1, 0)
+    assert of_values == values.floor_for(1, 0) != of_kinds != of_values
     mine, theirs = simulate(values, 1, 5), simulate(kinds, 1, 5)
     for name in ("observations", "inference", "robots", "runs", "floors"):
         table, other = (getattr(one, name) for one in (mine, theirs))

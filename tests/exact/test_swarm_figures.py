@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import time
@@ -155,6 +156,17 @@ def test_icc_of_theory() -> None:
     assert found == pytest.approx(0.6, abs=0.02)
     alone = random.normal(0, 1, (4000, 5))
     assert abs(icc(alone.mean(axis=1), alone.var(axis=1) * 5, np.full(4000, 5.0))) < 0.02
+
+
+def test_the_size_of_runs_of_unequal_sizes_gives_the_variance_of_runs() -> None:
+    """By all signs of the effects of runs: on average the mean square between runs is the size times their variance."""
+    sizes = np.array([1.0, 2.0, 6.0, 7.0])
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
+    apart = signs - (signs @ sizes / sizes.sum())[:, None]
+    size = (apart**2 @ sizes / 3).mean()
+    between, within = apart[1] ** 2 @ sizes / 3, 6.0 / (sizes.sum() - 4)
+    found = icc(signs[1], np.full(4, 1.5), sizes)
+    assert found == pytest.approx((between - within) / (between + (size - 1.0) * within))
 
 
 def test_incidence_by_hand() -> None:

@@ -15,6 +15,7 @@ from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.verdict import headline, verdict
 from vibroswarm.errors import CodeError
 from vibroswarm.inference.outcomes import costs_of, forced_errors
+from vibroswarm.league.fronts import guess_level
 from vibroswarm.optimize.costs import COSTS
 from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.study.answers import answers_of
@@ -51,6 +52,17 @@ def test_estimates_are_scored_and_no_decision_is_right() -> None:
     assert headline(found).startswith("ESTIMATES: ")
     assert "is 0.48" in headline(found)
     assert verdict(paper, run=0).estimate_error is None
+    robots = [robot for run in (2, 14) for robot in verdict(paper, run).robots if robot.decision != -1]
+    assert {robot.decision for robot in robots} == {0, 1}
+    assert (
+        min(robot.belief_in_decision or 0.0 for robot in robots) >= paper.scenario.decision.credible_threshold
+    )
+
+
+def test_a_guess_is_the_cheapest_answer_on_all_floors() -> None:
+    """Answer 1 costs 1, 0 and 1 of 4; each truth costs more on average."""
+    three = PAPER.with_values({**THREE, "task.costs": [[0, 1, 4], [4, 0, 2], [2, 1, 0]]})
+    assert guess_level(three) == pytest.approx(0.8 * 0.5 / 3)
 
 
 def test_the_share_of_any_kind_may_be_asked_for() -> None:

@@ -170,6 +170,19 @@ def test_needed_by_hand() -> None:
     assert needed([cell([1.0] * 80)], 100.0, 0.05)["needed_s"].to_list() == [1.0]
 
 
+def test_pairs_by_hand() -> None:
+    """Where false alarms are too many from the very time on at which misses are few enough, nothing is told apart."""
+    rows = [
+        (0.6, 1, 2, 50.0, None),
+        (0.4, 0, 2, None, 50.0),
+        (0.3, 0, 2, None, 50.5),
+        (0.2, 0, 2, None, None),
+    ]
+    names = ["fill_ratio", "truth", "robots", "needed_s", "clear_until_s"]
+    found = pairs(pl.DataFrame(rows, schema=names, orient="row"))
+    assert found.select("fill_ratio_below", "time_s").rows() == [(0.2, 50.0), (0.3, 50.0), (0.4, None)]
+
+
 def test_on_the_boundary_nothing_can_be_missed() -> None:
     robots, runs = cell([1.0, 2.0], fill=0.5)
     on = (

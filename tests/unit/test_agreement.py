@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.agreement import Agreement, agreements_over_time
+from vibroswarm.analysis.agreement import Agreement, agreements_of, agreements_over_time
 from vibroswarm.analysis.intervals import wilson
 from vibroswarm.analysis.verdict import agreement_words, headline, verdict
 from vibroswarm.cli import main
@@ -41,11 +41,12 @@ def voted(voters: Scenario) -> Result:
 
 
 def by_hand(rows: list[tuple[int, int, float, int | None]], faulty: list[int]) -> Any:
-    """A result of one run, from robot, sample, time and opinion."""
-    columns = [pl.Series("run", [0] * len(rows), pl.UInt32)]
-    samples = pl.DataFrame(rows, schema=["robot", "sample", "time_s", "decision"], orient="row").with_columns(
-        columns
-    )
+    """A result from robot, sample, time and opinion in run 0; robot 9 of run 1 works."""
+    columns = [pl.Series("run", [0] * len(rows) + [1], pl.UInt32)]
+    every = [*rows, (9, 0, 1.0, 1)]
+    samples = pl.DataFrame(
+        every, schema=["robot", "sample", "time_s", "decision"], orient="row"
+    ).with_columns(columns)
     robots = samples.select("run", "robot").unique().with_columns(decision=pl.lit(-1))
     faults = samples.select("run", "robot").unique().filter(pl.col("robot").is_in(faulty)) if faulty else None
     return SimpleNamespace(inference=samples, motion=samples, robots=robots, faults=faults)
@@ -68,6 +69,16 @@ ROWS: list[tuple[int, int, float, int | None]] = [
 )
 def test_agreements_over_time_by_hand(faulty: list[int], spans: list[Agreement]) -> None:
     assert agreements_over_time(by_hand(ROWS, faulty), 0) == spans
+
+
+def test_an_agreement_lasts_by_hand() -> None:
+    """Three robots in five runs, of which the last decided differently; opinions of those with faults do not count."""
+    decision = np.array([[1, 1, 1], [1, 1, 1], [1, 1, 1], [0, 0, 0], [0, 1, 1]])
+    opinion = np.array([[1, 1, 1], [1, 0, 1], [1, 0, 1], [0, 0, 1], [0, 1, 1]])
+    works = np.array([[1, 1, 1], [1, 1, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]])
+    swarm = SimpleNamespace(agents={"decision": decision, "opinion": opinion}, failures={"works": works})
+    found = agreements_of(swarm, range(3, 8))  # type: ignore[arg-type]
+    assert found.rows() == [(3, True), (4, False), (5, True), (6, False)]
 
 
 def test_opinions_that_are_not_logged_agree_on_nothing() -> None:
@@ -104,13 +115,6 @@ def test_a_study_counts_the_agreements_that_single_runs_show(voters: Scenario, v
     assert figures.swarm_truth_undefined.estimate == pytest.approx(
         figures.agreed_on_0.estimate + figures.agreed_on_1.estimate
     )
-
-
-def test_final_decisions_have_no_agreements_to_lose() -> None:
-    study = Study.of(preset("paper").with_values(EVEN | {"run.t_end_s": 300.0}), runs=5)
-    result = study.run()
-    assert result.agreements(0) is None
-    assert math.isnan(outcome_of(result, compare=False).cells[0].summary.agreement_lasted.estimate)
 
 
 def test_a_lost_agreement_is_said(voted: Result) -> None:

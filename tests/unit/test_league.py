@@ -34,7 +34,7 @@ from vibroswarm.league.entries import (
     varied_by,
 )
 from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
-from vibroswarm.league.standings import FIGURES, League, Standings
+from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.words import players_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
@@ -181,12 +181,9 @@ def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
 def test_tables(standings: Standings) -> None:
     table, differences = standings.table, standings.differences("soft")
     assert table["forced_error"].is_sorted()
-    for figure in FIGURES:
-        assert (table[f"{figure}_low"] <= table[figure]).all()
     np.testing.assert_allclose((table["right"] + table["wrong"] + table["undecided"]).to_numpy(), 1.0)
     assert standings.floor_table.height == 3 * 4
     assert set(differences["reference"]) == {"soft"}
-    assert (differences["p_holm"] >= differences["p_value"]).all()
     means = dict(zip(table["name"], table["decision_time_s"], strict=True))
     for row in differences.filter(pl.col("figure") == "decision_time_s").iter_rows(named=True):
         assert row["difference"] == pytest.approx(means[row["name"]] - means["soft"])
@@ -209,7 +206,6 @@ def test_the_worst_floor_is_measured_by_other_motions(standings: Standings) -> N
 def test_differences_floor_by_floor(standings: Standings) -> None:
     table = standings.floor_differences("soft")
     assert table.height == 2 * 4 * 2
-    assert (table["p_holm"] >= table["p_value"]).all()
     smallest = table.filter(pl.col("figure") == "decision_time_s")["p_value"].min()
     held = table.filter(pl.col("figure") == "decision_time_s")["p_holm"].min()
     assert held == pytest.approx(min(8 * smallest, 1.0))  # two entries, four floors
