@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.optimize import isotonic_regression
 from scipy.special import logsumexp
 
@@ -37,7 +38,7 @@ from vibroswarm.inspection.damage import (
 )
 from vibroswarm.inspection.laws import law_of_measured, law_of_scenario
 from vibroswarm.inspection.missed import Trials, pooled_trials
-from vibroswarm.inspection.others import by_tiles, correlated
+from vibroswarm.inspection.others import by_patches, by_tiles, correlated
 from vibroswarm.inspection.patches import (
     SIZES_M,
     Form,
@@ -57,6 +58,7 @@ from vibroswarm.inspection.scan import (
     BLOCK_S,
     CELLS,
     called_patches,
+    critical_value,
     intact_statistics,
     near,
     p_value,
@@ -411,12 +413,17 @@ def measure_spreads(count: int) -> None:
 
 
 def measure_power(count: int) -> None:
-    """Print how often a robot's gain and drift are noticed on intact surfaces, and a right law."""
+    """Print how often a robot's gain, its drift, one of all robots, and a right law are refused on intact surfaces."""
     gains, drifts = (1.1, 1.25, 1.5, 2.0), (0.1, 0.2, 0.4)
     for name in ("optimised-places", "calibrated"):
-        refused = {"right": 0} | {
-            f"{what} {k:g}": 0 for what, ks in (("gain", gains), ("drift", drifts)) for k in ks
-        }
+        refused = dict.fromkeys(
+            [
+                "right",
+                *(f"gain {k:g}" for k in gains),
+                *(f"{of} {k:g}" for of in ("drift", "all") for k in drifts),
+            ],
+            0,
+        )
         for number, samples in enumerate(inspections(name, count, 1200.0, "random:0.0", 11)):
             time_s, is_first = samples.column("time_s"), samples.frame["robot"].to_numpy() == 0
             factors = {"right": np.ones(time_s.size)}
@@ -424,6 +431,7 @@ def measure_power(count: int) -> None:
             factors |= {
                 f"drift {k:g}": np.where(is_first, 1.0 + k * time_s / time_s.max(), 1.0) for k in drifts
             }
+            factors |= {f"all {k:g}": 1.0 + k * time_s / time_s.max() for k in drifts}
             for what, factor in factors.items():
                 refused[what] += checked(multiplied(samples, factor), number) != set()
         print(f"{name}: {'; '.join(f'{what} {share(k, count)}' for what, k in refused.items())}", flush=True)
@@ -618,6 +626,51 @@ def at_exact_places(random: np.random.Generator, count: int, law: Law) -> Sample
         "true_y_m": y_m,
     }
     return Samples(pl.DataFrame(columns).cast(dict(SAMPLES)), (1.0, 1.0), law, "drawn", "drawn")
+
+
+def measure_drift(count: int) -> None:
+    """Print how often a drift of all robots is noticed on intact plates without a grid, or else called damage.
+
+    The best test, which knows its size but not its sign: the mean of both likelihood ratios.
+    """
+    sensor = preset("paper").sensor
+    law, patches = Law(sensor, "preset paper"), declared((1.0, 1.0))
+    still = stats.gamma(sensor.still_shape, sensor.still_location, sensor.still_scale)
+    for drift, begin in ((0.0, 0.0), (0.2, 0.0), (0.2, -0.1), (0.4, -0.2)):
+        by_drift = by_any = damaged = 0
+        null, changed = [], []
+        for number in range(count):
+            random = generator(number, "plates that drift")
+            samples = at_exact_places(random, 400, law)
+            time_s = samples.column("time_s")
+            gains = np.stack([1.0 + sign * (begin + drift * time_s / time_s.max()) for sign in (1.0, -1.0)])
+            values = drawn_values(random, samples, 100)
+            for drawn, at in ((null, values), (changed, values * gains[0][:, None])):
+                # A value that is impossible by one of the two is nearly so.
+                logs = [np.maximum(still.logpdf(at / g[:, None]) - np.log(g)[:, None], -100.0) for g in gains]
+                off = np.maximum(still.logpdf(at), -100.0)
+                drawn.append(np.logaddexp(*[(log - off).sum(axis=0) for log in logs]))
+            read = multiplied(samples.with_columns(value=values[:, 0]), gains[0])
+            shares = shares_of(samples, patches)
+            critical = critical_value(intact_statistics(samples, patches, shares, 199, number), 0.05)
+            checks = law_checks(
+                read, by_patches(read, patches, shares, critical, 0.5), seed=number, drawn=199
+            )
+            found = set(checks.filter(pl.col("outcome") == "refused")["check"])
+            by_drift += "drift" in found
+            by_any += found != set()
+            called = scan_statistic(patches, log_likelihoods(shares, read.column("log_ratio")[:, None]))
+            damaged += found == set() and bool(called[0] >= critical)
+        best = [
+            (np.concatenate(changed) >= np.quantile(np.concatenate(null), 1.0 - level)).mean()
+            for level in (0.05, 0.05 / 3)
+        ]
+        print(
+            f"drift of all by {drift:.0%} from {1.0 + begin:g}: noticed as drift {share(by_drift, count)}, "
+            f"by any check {share(by_any, count)}; not noticed but called damaged {share(damaged, count)}; best test "
+            f"{best[0]:.0%} at 5 %, {best[1]:.0%} at 1.67 %",
+            flush=True,
+        )
 
 
 def measure_checks(count: int, name: str) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from helpers.documents import ROOT
 from helpers.inspections import drawn_samples
@@ -15,7 +16,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.inspection.checks import PLACES, _statistics, law_checks
-from vibroswarm.inspection.damage import drawn_values, values_at
+from vibroswarm.inspection.damage import drawn_values, tiles_below, values_at
 from vibroswarm.inspection.laws import hash_of_run, law_for_session
 from vibroswarm.inspection.others import Others, by_patches, by_tiles
 from vibroswarm.inspection.patches import declared, shares_of
@@ -76,6 +77,32 @@ def test_drift_is_not_testable_where_each_robot_has_one_time() -> None:
     assert outcomes(samples.with_columns(value=value), nothing)["drift"] == "not refused"
     for time_s in (np.zeros(100), robot):
         assert outcomes(samples.with_columns(value=value, time_s=time_s), nothing)["drift"] == "not testable"
+
+
+def test_a_drift_that_all_robots_share_is_found_by_all_together() -> None:
+    """Robot by robot it was noticed in 4 of these 10."""
+    samples = replace(drawn_samples(1, count=600, spread_m=0.0), law=LAW)
+    samples = samples.with_columns(robot=np.arange(600.0) % 20)
+    nothing = Others(samples, {robot: np.zeros(9) for robot in range(20)}, np.zeros(600))
+    gain, noticed = 0.8 + 0.4 * np.arange(600) / 600, {"steady": 0, "drifting": 0}
+    for seed in range(10):
+        value = values_at(LAW, np.random.default_rng(seed).random(600), False)
+        for what, factor in (("steady", 1.0), ("drifting", gain)):
+            noticed[what] += (
+                outcomes(samples.with_columns(value=factor * value), nothing)["drift"] == "refused"
+            )
+    assert noticed["steady"] <= 1  # the control
+    assert noticed["drifting"] >= 9
+
+
+def test_robots_and_times_are_compared_on_the_same_tile_where_the_law_says_that_tiles_differ() -> None:
+    samples = drawn_samples(1, count=400, spread_m=0.0)
+    score, vibrates = np.random.default_rng(1).normal(size=(400, 1)), np.zeros(400, dtype=bool)
+    higher = 0.5 * tiles_below(samples)[:, None] / 9
+    for name, alike in {"calibrated": True, "paper": False}.items():
+        some = replace(samples, law=Law(preset(name).sensor, ""))
+        found = [_statistics(some, ndtr(each), vibrates)[1:, 0] for each in (score, score + higher)]
+        assert (found[0] == pytest.approx(found[1], rel=1e-6)) == alike
 
 
 @pytest.mark.parametrize("reach_m", [0.0, 0.03])

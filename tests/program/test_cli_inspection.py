@@ -194,12 +194,14 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("semicolons.csv", text.replace(",", ";")),
         ("tabs.csv", text.replace(",", "\t")),
         ("repeated.csv", "\n".join(twice)),
+        ("robots.csv", "\n".join(f"{line.partition(',')[0]},{line}" for line in text.splitlines())),
         ("few.csv", "\n".join(text.splitlines()[:6])),
     ):
         (tmp_path / name).write_text(changed)
     for name, words in (
         ("two.csv", "two columns: x_mm and x_m"),
         ("repeated.csv", "one column of values"),  # the first was taken
+        ("robots.csv", "robot in two columns"),
         ("none.csv", "no column for x"),
         ("odd.csv", "not a unit"),
         ("mixed.csv", "one unit"),
@@ -423,6 +425,10 @@ def test_what_is_odd_about_a_file_is_said(capsys: pytest.CaptureFixture[str], tm
         capsys, "inspect", renamed, "--laws", laws, "--size", "1x1", "--tiles", "5x5", "--robot-spread", "10%"
     )
     assert "all samples count as one robot's; not read: 'robot_id'" in said
+    # Rows of two floors were taken as one, without a word.
+    floors = saved(tmp_path / "floors.csv", [[k % 2, *row] for k, row in enumerate(ROWS)], f"floor,{HEAD}")
+    said = words_of(capsys, "inspect", *small(floors, "--tiles", "5x5"))
+    assert "Column 'floor' has 2 values, and is not read" in said
     # A raster may begin in the corner: one of 16 places.
     raster = [[r, t, k % 4 * 333, k // 4 % 4 * 333, v] for k, (r, t, _, _, v) in enumerate(ROWS)]
     assert "Warning" not in output_of(

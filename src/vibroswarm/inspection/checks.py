@@ -4,7 +4,7 @@
 |---|---|
 | law of still places | largest difference between the distribution of values there and that of the law (Kolmogorov) |
 | robots against each other | largest mean of a robot's scores less those of all, in standard errors |
-| drift | largest correlation of these with time, in standard errors |
+| drift | largest correlation of these with time, of a robot or of all together, in standard errors |
 | places | how far a robot's values fit the map of the others less at its places than they should: largest (m - S) / s |
 
 The score of a value is Phi^-1(F(value)), with F that of the place's kind, or a reading of 0 or 1 itself. Each statistic
@@ -14,7 +14,8 @@ are corrected by Holm's method, so that at most 5 % of right laws are refused by
 
 **Still places** are those at which the other robots feel nothing (``others``), so that no value says by itself where it
 counts. Robots are compared with each other, and with time, also on places that vibrate by the others' map: there
-only with scores on the same tile, so that it does not matter how strong damage is.
+only with scores on the same tile, so that it does not matter how strong damage is; where the law says that tiles
+differ, also on still ones.
 
 Where something vibrates and places are not exact, some samples were taken on the other kind of place all the same.
 Values that are more likely there are then left out, of the samples as of the drawn ones, and F is that of the values
@@ -164,6 +165,7 @@ def _statistics(some: Samples, rank: Floats, vibrates: NDArray[np.bool_]) -> Flo
     score = _against_the_place(some, score, counted, vibrates)
     robot, time_s = some.frame["robot"].to_numpy(), some.column("time_s")
     between, drift = np.zeros(rank.shape[1]), np.zeros(rank.shape[1])
+    together, squared = np.zeros(rank.shape[1]), np.zeros(rank.shape[1])
     for one in np.unique(robot):
         own = robot == one
         count = counted[own].sum(axis=0)
@@ -171,19 +173,24 @@ def _statistics(some: Samples, rank: Floats, vibrates: NDArray[np.bool_]) -> Flo
         between = np.maximum(between, enough * np.abs(score[own].sum(axis=0)) / np.sqrt(np.maximum(count, 1)))
         when = np.where(counted[own], time_s[own, None], np.nan)
         when = np.nan_to_num(when - np.nansum(when, axis=0) / np.maximum(count, 1))
-        length = np.maximum(np.sqrt((when**2).sum(axis=0)), 1e-9)
-        drift = np.maximum(drift, enough * np.abs((when * score[own]).sum(axis=0)) / length)
+        slope, square = (when * score[own]).sum(axis=0), np.maximum((when**2).sum(axis=0), 1e-18)
+        drift = np.maximum(drift, enough * np.abs(slope) / np.sqrt(square))
+        together += slope
+        squared += square
+    drift = np.maximum(drift, np.abs(together) / np.sqrt(squared))
     return np.stack([apart_from_law, between, drift])
 
 
 def _against_the_place(
     some: Samples, score: Floats, counted: NDArray[np.bool_], vibrates: NDArray[np.bool_]
 ) -> Floats:
-    """Return scores less their mean on all still places, or on the same vibrating tile, in standard deviations.
+    """Return scores less their mean on all still places, or on the same tile, in standard deviations.
 
     What all robots measure alike on a tile, such as damage of another contrast, so is no difference between robots.
+    Still tiles are alike, unless the law says that they differ.
     """
-    place = np.unique(np.where(vibrates, 1 + tiles_below(some), 0), return_inverse=True)[1]
+    differ = vibrates | bool(some.law.sensor.tile_spread)
+    place = np.unique(np.where(differ, 1 + 2 * tiles_below(some) + vibrates, 0), return_inverse=True)[1]
     of_place = (np.arange(place.max() + 1)[:, None] == place).astype(np.float64)
     mean = (of_place @ score) / np.maximum(of_place @ counted, 1.0)
     apart = np.where(counted, score - mean[place], 0.0)

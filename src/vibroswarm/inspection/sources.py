@@ -229,6 +229,8 @@ ENDS: Final = (-4.5, 4.5)
 """Ends of the values that a law knows, as standard normal quantiles."""
 VALUES: Final = ("value", "energy", "rms")
 """Names of the column of values."""
+SURFACES: Final = ("floor", "plate", "surface", "run", "session")
+"""Names of columns that say of which surface, or of which inspection, a row is."""
 
 
 def samples_of_csv(
@@ -291,15 +293,22 @@ def _doubt_of_times(apart_s: float) -> Iterator[str]:
 
 
 def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Iterator[str]:
-    """Yield that columns may say which robot took the samples, which count as one robot's; and that values are missing.
+    """Yield that columns may say which robot took the samples, or of which surface; and that values are missing.
 
     Args:
         left_out: rows without a value.
     """
     read = {column.name for column in by.columns.values()}
-    unread = [f"'{name}'" for name in table.columns if name not in read]
+    unread = [name for name in table.columns if name not in read]
     if by.columns["robot"].times == 0.0 and unread:
-        yield f"Without a column 'robot' all samples count as one robot's; not read: {some(unread, 12)}."
+        names = some([f"'{name}'" for name in unread], 12)
+        yield f"Without a column 'robot' all samples count as one robot's; not read: {names}."
+    for name in unread:
+        if name.lower() in SURFACES and (different := table[name].n_unique()) > 1:
+            yield (
+                f"Column '{name}' has {different} values, and is not read: all rows count as samples of one "
+                "inspection of one surface; give a file of each."
+            )
     if left_out > WITHOUT * table.height:
         yield (
             f"{left_out} of {table.height} rows have no value: if a sensor gives none where it vibrates strongly, "
@@ -407,11 +416,7 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
                 f"it has {some(names, 12)}",
                 field=str(path),
             )
-        if len(fitting) > 1:
-            raise InputError(
-                f"has {use} in two columns: {' and '.join(name for name, _ in fitting)}; leave one",
-                field=str(path),
-            )
+        _refuse_two(use, [name for name, _ in fitting], path)
         name, unit = fitting[0]
         if unit not in units:
             raise InputError(
@@ -426,9 +431,16 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
         raise InputError(f"needs one column of values, named {' or '.join(VALUES)}", field=str(path))
     found["energy"] = Column(values[0])
     robots = [name for name, word in lower.items() if word == "robot"]
+    _refuse_two("robot", robots, path)
     # Without a column of robots, any column of numbers stands for it, times 0: all samples are of robot 0.
     found["robot"] = Column(robots[0]) if robots else Column(found["time_s"].name, times=0.0)
     return ColumnMap("places and values", found)
+
+
+def _refuse_two(use: str, names: Sequence[str], path: Path) -> None:
+    """Refuse two columns for one use."""
+    if len(names) > 1:
+        raise InputError(f"has {use} in two columns: {' and '.join(names)}; leave one", field=str(path))
 
 
 def grid_of(rows: int, columns: int, size_m: tuple[float, float]) -> Floor:
