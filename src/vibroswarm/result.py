@@ -22,9 +22,9 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.tables import Schema, parquet_bytes, read_table
+from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, texts, words
-from vibroswarm.errors import InputError, check_flags, path_of, shown, whole_number_of
+from vibroswarm.errors import InputError, check_flags, check_kind, path_of, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -274,6 +274,21 @@ class Result(NotebookView):
         ]
         geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
         return Floor(tiles, *geometry, name=row["name"], changes=self._changes_of(run))  # type: ignore[arg-type]
+
+    def check(self) -> None:
+        """Check the tables as ``read`` does, as a program may have altered them.
+
+        Raises:
+            InputError: a table is missing or does not fit the others or the scenario; the message names the column.
+        """
+        check_threads()  # polars, which starts threads, would hang in a forked process
+        frames: dict[str, Any] = {name: getattr(self, name) for name in TABLES}
+        for name, frame in frames.items():
+            if frame is None and name in OPTIONAL:
+                continue
+            check_kind(frame, pl.DataFrame, f"result.{name}", "a polars data frame")
+            frames[name] = check_table(frame, SCHEMAS[name], f"result.{name}", name)
+        check_result(frames, self.scenario, None, simulated=self.seed is not None)
 
     def _changes_of(self, run: int) -> Changes:
         """Return the changes of a run's floor."""

@@ -37,14 +37,14 @@ REQUIRED: Final[dict[str, tuple[str, ...]]] = {
 """Columns that have no nulls in a simulated result; a recording may lack their values."""
 
 
-def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated: bool) -> None:
+def check_result(frames: Frames, scenario: Scenario, folder: Path | None, *, simulated: bool) -> None:
     """Refuse tables that do not fit each other or the scenario.
 
     Args:
         frames: tables by name, each of its schema (``result.SCHEMAS``); None for an optional table that is absent.
-        folder: the result's folder, for messages. simulated: whether the result is no recording; then the columns of
-            ``REQUIRED`` must have no nulls, except for beliefs of robots without samples, and for columns that the
-            strategy does not have (``_not_given``).
+        folder: the result's folder, for messages; None: it is not read from one.
+        simulated: whether the result is no recording; then the columns of ``REQUIRED`` must have no nulls, except for
+            beliefs of robots without samples, and for columns that the strategy does not have (``_not_given``).
     Raises:
         InputError: a table is wrong; the message names the file and the column.
     """
@@ -98,12 +98,12 @@ def _not_given(scenario: Scenario) -> set[str]:
     return found
 
 
-def _file(folder: Path, name: str) -> str:
-    """Return the path of a table's file, for messages."""
-    return str(folder / f"{name}.parquet")
+def _file(folder: Path | None, name: str) -> str:
+    """Return the path of a table's file, or its place in a result that is not read from a folder, for messages."""
+    return f"result.{name}" if folder is None else str(folder / f"{name}.parquet")
 
 
-def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path | None) -> None:
     """Check that the tables ``ends`` and ``robots`` have a row for each robot of each run, sorted by run and robot.
 
     The table runs, which defines the runs, must be sorted, and floors must have the same runs in the same order. The
@@ -155,7 +155,7 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
         raise InputError("column 'run' is not that of runs", field=_file(folder, "floors"))
 
 
-def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path | None) -> None:
     """Check order and times of samples, ends, segments and moves; compare tables with a row per sample.
 
     Samples must be sorted by run, time and robot, and each robot's sample numbers must grow with time. No stop may
@@ -196,7 +196,7 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
 
 
 def _check_starts(
-    table: pl.DataFrame, ends: pl.DataFrame, last_s: float, folder: Path, name: str, word: str
+    table: pl.DataFrame, ends: pl.DataFrame, last_s: float, folder: Path | None, name: str, word: str
 ) -> None:
     """Check that segments or moves are sorted, begin no later than ``last_s``, and that each robot has one from 0 on.
 
@@ -213,7 +213,7 @@ def _check_starts(
         )
 
 
-def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> None:
+def _check_sorted(table: pl.DataFrame, time: str, folder: Path | None, name: str) -> None:
     """Check that a table is sorted by run, time (its column ``time``) and robot; rows may be equal in all three."""
     if table.height < 2:
         return
@@ -230,7 +230,7 @@ def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> No
         )
 
 
-def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path, name: str) -> None:
+def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path | None, name: str) -> None:
     """Check that no time in a column exceeds ``most``, the latest time that the run allows, s."""
     largest: Any = table[column].max()
     if largest is not None and largest > most:
@@ -248,7 +248,7 @@ def _ends_s(scenario: Scenario) -> float:
     return scenario.run.t_end_s + scenario.tick_s + TOLERANCE_S
 
 
-def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
+def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path | None) -> None:
     """Check that each floor's tiles fit its rows and columns, and that every sampled tile exists on its run's floor.
 
     A sample off all tiles has the tile -1, which passes.
@@ -268,7 +268,7 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
         )
 
 
-def _check_changes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+def _check_changes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path | None) -> None:
     """Check that changes are ordered, after time 0, and of tiles that the floor of their run has."""
     if "changes" not in tables:
         return
@@ -293,7 +293,7 @@ def _check_changes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
         raise InputError(f"column 'kind' holds more than {kinds - 1}, the last of this scenario", field=name)
 
 
-def _check_numbers(observations: pl.DataFrame, scenario: Scenario, folder: Path) -> None:
+def _check_numbers(observations: pl.DataFrame, scenario: Scenario, folder: Path | None) -> None:
     """Check that what is measured beside energies is what the sensor measures, and is a number."""
     further = [name for name in observations.columns if name not in OBSERVATIONS]
     model = sensors.known().get(scenario.sensor.model)
@@ -310,7 +310,7 @@ def _check_numbers(observations: pl.DataFrame, scenario: Scenario, folder: Path)
             raise InputError(f"column '{column}' holds a value that is not a number", field=name)
 
 
-def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path | None) -> None:
     """Check that tiles, readings, truths and decisions are kinds, classes and answers that the scenario has."""
     kinds, readings = scenario.sensor.kinds, scenario.sensor.readings
     task = tasks.known().get(scenario.task.name)
@@ -335,7 +335,7 @@ def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder:
             )
 
 
-def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path | None) -> None:
     """Check decisions, consensus, times (at most the end of the run), numbers of robots, and posterior counts.
 
     Robots that decided have a decision time, and all others have none, also those whose decision is not known (null).

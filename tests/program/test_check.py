@@ -267,7 +267,7 @@ BAD = {
     "network: a probability": (
         "from vibroswarm.networks import Network\n\n\n"
         "mine = Network(name='mine', lost=lambda sender, receiver, d, p, w: 0.3)\n",
-        "FAIL  compiled as in plain Python: lost: returned 0.3; return True or False",
+        "FAIL  it compiles and runs: network 'mine': lost returned neither True nor False",
     ),
     "network: cannot be compiled": (
         NETWORK.replace("tick + 1 + n.count % 40", "'soon'"),

@@ -220,10 +220,13 @@ WRONG_VALUES = (
     .replace("    return p.decides\n", "    if p.decides != 3.0:\n        return p.decides\n")
 )
 BAD = {
-    "a syntax error": (GOOD.replace("class State:", "class State"), 2, "line 13"),
+    "a syntax error": (GOOD.replace("class State:", "class State"), 2, r"SyntaxError: [^(]* \(line 13\)\s*$"),
     "raises as it is loaded": (GOOD + "\nraise ValueError('no')\n", 2, r"ValueError: no \(line 34\)"),
     "no strategy": (GOOD.replace("mine = ", "other = "), 2, "'mine' is not there.*the file has other"),
-    "other arguments": (GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2, "line 17.*takes 1 arguments"),
+    "other arguments": (
+        GOOD.replace("def begin(s, a, d, p, w)", "def begin(s)"), 2,
+        r"^vibroswarm: error: \S*[^:]*line 17, in begin: takes 1 arguments \(s\); .* w\s*$",
+    ),
     "arguments in another order": (
         GOOD.replace("on_sample(s, a, x,", "on_sample(s, x, a,"), 2, "line 21.*given, in this order, s, a, x, out",
     ),
@@ -240,6 +243,8 @@ BAD = {
     ),
     "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 22.*s.m: no such field"),
     "text for a decision": (GOOD.replace("return p.decides", "return 'yes'"), 2, "cannot be compiled"),
+    "a name that is not there": (GOOD.replace("s.n += 1", "s.n += one"), 2, "line 22: NameError: name 'one' is not"),
+    "a share to send": (GOOD.replace("return True", "return 0.5"), 1, "on_sample returned neither True nor False"),
     "no kind of decision": (GOOD, 1, "a decision is none of", "decides=7"),
     "no kind of decision, counting": (COUNTS_BITS, 1, "a decision is none of", "decides=7"),
     "a part of a decision": (WRONG_VALUES, 1, "a decision is none of", "decides=0.5"),

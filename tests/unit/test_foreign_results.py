@@ -23,6 +23,7 @@ from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import SCHEMAS, TABLES, Result
+from vibroswarm.run_page.write import write_run_page
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -55,6 +56,14 @@ def there(made: Path, tmp_path: Path) -> Path:
     for name in ("result", "recording"):
         shutil.copytree(made / name, tmp_path / name)
     return tmp_path
+
+
+def test_a_result_altered_in_memory_has_no_page(made: Path, tmp_path: Path) -> None:
+    result = Result.read(made / "result")
+    write_run_page(result, tmp_path / "run.html")
+    altered = replace(result, robots=result.robots.drop("decision"))
+    with pytest.raises(InputError, match=r"^result\.robots: .* 'decision' is missing$"):
+        write_run_page(altered, tmp_path / "run.html")
 
 
 def changed(path: Path, change: Change) -> None:

@@ -37,6 +37,7 @@ BAD = {
         "measure: returned nan; return",
     ),
     "measure has another shape": ("return u + kind", "return 1.0", "measure: returned"),
+    "reading returns nothing": ("return value > 1.0", "pass", "reading: returned None; return a class"),
     "reading raises": ("return value > 1.0", "return 1 / 0", "line 9, in reading: ZeroDivisionError"),
     "reading falls": ("return value > 1.0", "return abs(value - 0.5) > 0.2", "reading falls as u grows"),
     "reading is no class": ("return value > 1.0", "return 7 * (value > 1.0)", "reading: returned 7; return"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import linecache
 import re
 import traceback
 from collections.abc import Callable, Iterator
@@ -109,7 +111,21 @@ def _compiler_message(error: Exception, files: dict[str, Callable[..., Any]]) ->
         line_numbers = re.findall(re.escape(file) + r"[\" ,]*\(?(?:line )?(\d+)", text)
         if line_numbers:
             return f"cannot be compiled: {file}, line {line_numbers[0]}: {message}"
+    for file in files:
+        line = _line_of_unknown(message, file)
+        if line is not None:
+            return f"cannot be compiled: {file}, line {line}: {message}"
     return f"cannot be compiled: {', '.join(files)}: {message}"
+
+
+def _line_of_unknown(message: str, file: str) -> int | None:
+    """Return the first line of a file that reads the name which is not defined; the compiler does not tell it."""
+    unknown = re.search(r"name '(\w+)' is not defined", message)
+    if unknown is None:
+        return None
+    nodes = ast.walk(ast.parse("".join(linecache.getlines(file))))
+    lines = [node.lineno for node in nodes if isinstance(node, ast.Name) and node.id == unknown[1]]
+    return min(lines, default=None)
 
 
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:

@@ -29,7 +29,7 @@ from vibroswarm.inference import default_hooks
 from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
-from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, STRATEGY_HOOKS
+from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, PARAMETERS, STRATEGY_HOOKS, is_shipped
 from vibroswarm.strategies.world import u
 
 FOLDER: Final = Path(__file__).parent
@@ -44,6 +44,7 @@ IMPORT: Final = "from vibroswarm.inference.default_hooks import"
 HEADER: Final = """from typing import Any, NamedTuple
 
 from vibroswarm.core.jit import inlined_uncached
+from vibroswarm.errors import CodeError
 """
 """Beginning of a generated module ``hooks``."""
 CLASS: Final = """
@@ -59,6 +60,13 @@ def {head}:
     {body}
 """
 """Text of a function that only accesses fields and arrays by their declared names."""
+TRUTH: Final = """found = own_{hook}({arguments})
+    if found != 0 and found != 1:
+        raise CodeError("{kind} '{name}': {hook} returned neither True nor False")
+    return found != 0"""
+"""Body of a hook that calls a user's and refuses what is no truth value: a probability would count as True."""
+TRUTHS: Final = ("on_sample", "on_timer", "lost")
+"""Hooks that return a truth value."""
 
 
 @cache
@@ -231,6 +239,17 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
     if strategy.on_message is None and strategy.on_counts is not None:
         # Pass a single message to ``on_counts``, as a count of one.
         hooks["on_message(s, a, m, sender, t_s, d, p, w)"] = "on_counts(s, m.bit, 1 - m.bit, p, w)"
+    checked = [
+        (declared, hook)
+        for declared in (strategy, network)
+        for hook in TRUTHS
+        if not is_shipped(getattr(declared, hook, None))
+    ]
+    for declared, hook in checked:
+        kind, arguments = type(declared).__name__.lower(), ", ".join(PARAMETERS[hook])
+        hooks[f"{hook}({arguments})"] = TRUTH.format(
+            hook=hook, arguments=arguments, kind=kind, name=declared.name
+        )
     text += "".join(HOOK.format(head=head, body=body) for head, body in hooks.items())
     module = generated_module(name, text, is_saved=is_saved)
     space = vars(module)
@@ -241,6 +260,8 @@ def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: 
             if hook in space:
                 continue  # generated as text above
             space[hook] = compiled_hook(getattr(declared, hook) or getattr(default_hooks, hook), compiled)
+    for declared, hook in checked:
+        space[f"own_{hook}"] = compiled_hook(getattr(declared, hook), compiled)
     space["reading_of"] = detailed_reading if strategy.reads_details else own_reading
     space["HAS_TIMER"] = strategy.on_timer is not None
     space["HAS_STEER"] = strategy.steer is not None

@@ -160,13 +160,14 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         result: simulated, or of a recording (without a seed). run: number of the run. title: heading of the page; by
             default the number of robots and the name of the floor.
     Raises:
-        InputError: ``result`` is no ``Result``, has no such run, was simulated without segments, or is of a recording
-            without decisions; or its strategy or network is not loaded.
+        InputError: ``result`` is no ``Result``, has no such run, was simulated without segments, is of a recording
+            without decisions, or does not pass ``Result.check``; or its strategy or network is not loaded.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     why_not = why_no_page(result)
     if why_not is not None or result.segments is None:
         raise InputError(f"no page can be made: {why_not}")
+    result.check()  # a program may have altered its tables
     floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]

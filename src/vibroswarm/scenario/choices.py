@@ -9,7 +9,7 @@ entry; the table of such an entry is a plain dictionary that is not validated.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache, partial
 from typing import Annotated, Any, ClassVar
 
@@ -25,16 +25,19 @@ from vibroswarm.strategies.static_analysis import reads_places
 from vibroswarm.tasks import known as known_tasks
 
 
-def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: str = "") -> InputError:
+def field_error(
+    error: ValidationError, suggest: Callable[[str], str], prefix: str = "", dotted: Collection[str] = ()
+) -> InputError:
     """Return an ``InputError``, in words for users, for the first of Pydantic's validation errors.
 
     Args:
         suggest: given an unknown field, returns text such as ", did you mean 'x'?". prefix: of the field's name.
+            dotted: names of fields that are unknown only as they were written in quotes, as "run.t_end_s".
     """
     first = error.errors(include_url=False)[0]
     name = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        if suggest(name) == f", did you mean '{name}'?":  # "run.t_end_s" = 60.0, which is right in [grid]
+        if name in dotted:  # "run.t_end_s" = 60.0, which is right in [grid]
             return InputError("is a key with a dot; in TOML, write it without quotes", field=prefix + name)
         return InputError(f"there is no such field{suggest(name)}", field=prefix + name)
     cause = first.get("ctx", {}).get("error")

@@ -393,14 +393,18 @@ def _module(name: str, text: str, file: str) -> ModuleType:
         raise
     except BaseException as error:  # SystemExit too, which would end the program
         del sys.modules[name]
-        raise InputError(f"{_reason(error)}{_line_of(error, file)}", field=file) from None
+        if isinstance(error, InputError) and str(error).startswith(f"{file}, line "):
+            raise error from None  # of ``check_function``, which names the line of the function
+        raise InputError(f"{_reason(error, file)}{_line_of(error, file)}", field=file) from None
     return module
 
 
-def _reason(error: BaseException) -> str:
+def _reason(error: BaseException, file: str) -> str:
     """Return why a file cannot be loaded, from the error that its code raised."""
     if isinstance(error, InputError):
         return str(error)
+    if isinstance(error, SyntaxError) and error.filename == file:
+        return f"cannot be loaded: SyntaxError: {error.msg}"  # without the line, which follows
     if isinstance(error, ModuleNotFoundError) or "relative import" in str(error):
         return (
             f"cannot be loaded: {error}; a file imports installed packages only, no file beside it (results keep a "

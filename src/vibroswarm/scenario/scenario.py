@@ -316,7 +316,7 @@ def _as_input_error() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        raise field_error(error, _nearest_field) from None
+        raise field_error(error, _nearest_field, dotted=field_names()) from None
 
 
 def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:
@@ -582,8 +582,10 @@ class FieldNames(NotebookView):
         """Return the attributes that a session may complete, each once."""
         return list(dict.fromkeys(name.partition(".")[0] for name in self._below()))
 
-    def __getattr__(self, name: str) -> str | FieldNames:
+    def __getattr__(self, name: str) -> Any:
         """Return the full dotted name of a field, or the ``FieldNames`` of a section or table.
+
+        Type checkers take either for Any: which one it is depends on the name.
 
         Raises:
             AttributeError: there is no field, section or table of that name; the nearest name is suggested.

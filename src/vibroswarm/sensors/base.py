@@ -337,8 +337,9 @@ class SensorModel(Plugin):
         count = self.number_of("readings", p)
         with errors_in(self.code):
             found = np.asarray(self._read(value, p))
-            classes = found.astype(np.int64)
-        is_class = (classes == found) & (classes >= 0) & (classes < count)
+        # Of what are no numbers, such as None, no class is right.
+        classes = found.astype(np.int64) if found.dtype.kind in "biuf" else np.full(found.shape, -1)
+        is_class = (classes >= 0) & (classes < count) & (classes == found)
         if found.shape != (value.shape if self.sense is None else value.shape[:1]) or not is_class.all():
             raise CodeError(
                 f"sensor '{self.name}', {'reading' if self.class_of is None else 'class_of'}: returned "
