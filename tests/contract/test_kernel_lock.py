@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -118,3 +119,12 @@ def test_where_there_can_be_no_locks_nobody_waits(tmp_path: Path) -> None:
     lock = KernelLock(tmp_path, "a")
     lock.acquire()
     lock.release()
+
+
+def test_nobody_waits_for_a_file_of_another_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied")  # a lock held by another has this number too
+
+    monkeypatch.setattr(kernel_lock.os, "open", refused)
+    monkeypatch.setattr(kernel_lock, "sleep", lambda s: pytest.fail("waits"))
+    KernelLock(tmp_path, "a").acquire()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import webbrowser
 from pathlib import Path
@@ -13,7 +14,8 @@ import pytest
 from helpers.commands import json_of, output_of, refusal_of, words_of
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.core.folders import FORMAT, kind_of
+from vibroswarm.cli.show import _needs_kernels
+from vibroswarm.core.folders import FORMAT, kind_of, manifest_text
 from vibroswarm.documents.saved import begin, save
 from vibroswarm.show.document import Document, Table
 
@@ -96,6 +98,15 @@ def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
     assert out_of(name) in err
     assert "give another --out, or add --force to replace it" in err
     assert results(output_of(capsys, "show", out_of(name))) == shown, "nothing was changed"
+
+
+def test_a_damaged_file_is_named_when_its_folder_is_refused(tmp_path, capsys):
+    out = tmp_path / "out"
+    command = [*COMMANDS["evaluate"], "--out", out]
+    output_of(capsys, *command)
+    (out / "study.toml").unlink()
+    refusal = refusal_of(capsys, *command)
+    assert "out: study.toml cannot be read: there is no such file; give another --out, or add" in refusal
 
 
 @pytest.mark.slow
@@ -253,6 +264,12 @@ def test_a_changed_table_of_a_command_is_refused(tmp_path, capsys):
     assert main(["show", str(table)]) == 0
     pl.read_parquet(table).head(1).write_parquet(table)
     assert f"{table}: " in refusal_of(capsys, "show", table)
+
+
+def test_a_pipe_in_the_place_of_a_scenario_is_not_opened(tmp_path):
+    (tmp_path / "vibroswarm.json").write_text(manifest_text("result"))
+    os.mkfifo(tmp_path / "scenario.toml")  # opening it would wait for ever
+    assert _needs_kernels(tmp_path)
 
 
 def test_a_damaged_run_is_said_and_computed_again(tmp_path, caplog):

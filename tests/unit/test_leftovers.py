@@ -199,6 +199,24 @@ def test_a_folder_that_may_not_be_written_to_is_refused(
             pass
 
 
+def test_a_folder_of_which_a_part_cannot_be_removed_stays_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "result"
+    shards = path / "shards"
+    shards.mkdir(parents=True)
+    (path / "study.toml").touch()
+    monkeypatch.setattr(
+        os, "access", lambda place, mode: Path(place) != shards
+    )  # as the system does, except for root
+    words = r"cannot be removed: '.*shards' may not be written to"
+    with pytest.raises(InputError, match=words), whole_folder(path, replace=True):
+        pass
+    with pytest.raises(InputError, match=words):
+        atomic_io.remove_folder(path)
+    assert sorted(tmp_path.rglob("*")) == [path, shards, path / "study.toml"]
+
+
 @pytest.mark.parametrize("letter", ["n", "\u8a08"])  # one byte, and three in UTF-8
 def test_names_as_long_as_a_file_system_allows_are_written(letter: str, tmp_path: Path) -> None:
     size = len(letter.encode())

@@ -221,6 +221,17 @@ def test_a_study_file_of_the_user_is_never_overwritten(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_a_pipe_or_deep_nesting_in_the_place_of_a_study_file_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    os.mkfifo(file)
+    with pytest.raises(InputError, match="exists but is not a study"):
+        Store.existing(tmp_path, STUDY)
+    file.unlink()
+    file.write_text("runs = " + "[" * 10_000)
+    with pytest.raises(InputError, match="exists but is not a study"):
+        Store.existing(tmp_path, STUDY)
+
+
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("ten years")
     for folder in (tmp_path, tmp_path / "thesis.tex"):

@@ -7,7 +7,7 @@
 | holds anything else | it is refused, exit code 2; ``--force`` replaces it if vibroswarm wrote it |
 | is a file, lies in a file, or is a symbolic link to nothing | it is refused |
 | may not be written to by the user | it is refused |
-| would be replaced but is the working folder, or holds it | it is refused |
+| would be replaced but is the working folder or holds it, or has a folder that may not be written to | it is refused |
 """
 
 from __future__ import annotations
@@ -20,7 +20,13 @@ from typing import Any
 
 from vibroswarm.cli.interruption import saves_in
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.core.atomic_io import OURS, refuse_unwritable, refuse_working_folder, remove_folder
+from vibroswarm.core.atomic_io import (
+    OURS,
+    refuse_unremovable,
+    refuse_unwritable,
+    refuse_working_folder,
+    remove_folder,
+)
 from vibroswarm.errors import InputError
 
 ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choose another name.*)$")
@@ -70,8 +76,11 @@ def claim(
     try:
         check(out)
     except InputError as error:
-        # the message without its field and its advice, for the new messages below
+        # the message without its field and its advice, for the new messages below, which name the folder
         why = ADVICE.sub("", error.reason)
+        file = Path(error.field or "")
+        if out in file.parents:
+            why = f"{file.relative_to(out)} {why}"
         if out.is_symlink():
             raise InputError(
                 f"{why}; give another --out (--force replaces no symbolic link)", field=str(out)
@@ -85,5 +94,8 @@ def claim(
                 f"'{out}' is not a vibroswarm result, so --force does not replace it",
                 field="--out",
             ) from None
-        if at_once:  # --force is given, and vibroswarm wrote the folder
+        # --force is given, and vibroswarm wrote the folder.
+        if at_once:
             remove_folder(out)
+        else:
+            refuse_unremovable(out)

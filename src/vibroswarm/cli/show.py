@@ -12,6 +12,8 @@ from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Json, run_plain
 from vibroswarm.cli.terminal import printing
 from vibroswarm.core.folders import kind_of
+from vibroswarm.core.untrusted_files import read_text
+from vibroswarm.errors import InputError
 
 PAGES = ("report.html", "run.html", "run-1.html")
 """Pages that commands write, in the order in which ``--open`` looks for them."""
@@ -50,10 +52,6 @@ def show(
         open_page(pages[0])
 
 
-MOST_CHARACTERS: Final = 1_000_000
-"""Most characters of a scenario that are searched."""
-
-
 SETTINGS: Final = {"result": "scenario.toml", "recording": "scenario.toml", "study": "study.toml"}
 """The file with all fields of the scenario, in folders whose results are computed when they are shown."""
 
@@ -75,9 +73,8 @@ def _needs_kernels(folder: Path) -> bool:
     if settings is None or os.path.lexists(folder / PRINTED):
         return False
     try:
-        with (folder / settings).open(encoding="utf-8") as file:
-            text = file.read(MOST_CHARACTERS)
-    except (OSError, UnicodeError):  # reported when the result is read
+        text = read_text(folder / settings, "a scenario")
+    except InputError:  # reported when the result is read
         return True
     has_law = any(f'model = "{name}"' in text for name in LAWFUL)
     return not has_law or "edge" in text or "sensor.model" in text  # the last: a study of several sensors

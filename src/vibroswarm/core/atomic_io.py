@@ -450,10 +450,10 @@ def remove_folder(path: Path) -> None:
     """Remove a folder and its content, unless another process works in it.
 
     Raises:
-        InputError: another process holds the folder's lock, or it is the working folder or holds it.
+        InputError: another process holds the folder's lock, or as of ``refuse_unremovable``.
         RunError: the folder cannot be removed.
     """
-    refuse_working_folder(path)
+    refuse_unremovable(path)
     # The lock only shows that no other process works in the folder. Its file lies in the folder, and Windows renames no
     # folder with an open file, so it is released first; a process that takes it in between loses its work.
     with folder_lock(path):
@@ -480,6 +480,21 @@ def refuse_working_folder(path: Path) -> None:
             "give the name of another",
             field="--out",
         )
+
+
+def refuse_unremovable(path: Path) -> None:
+    """Refuse a folder that is to be removed or replaced but cannot be, before it is renamed and half of it is gone.
+
+    Raises:
+        InputError: it is the working folder or holds it, or the user may not write to a folder within.
+    """
+    refuse_working_folder(path)
+    if not path.is_dir():  # there is none, or its name is impossible
+        return
+    for place, folders, _ in os.walk(path):
+        for part in (Path(place, name) for name in folders):
+            if not part.is_symlink() and not os.access(part, os.R_OK | os.W_OK | os.X_OK):
+                raise InputError(f"'{path}' cannot be removed: '{part}' may not be written to", field="--out")
 
 
 def refuse_unwritable(path: Path) -> None:
@@ -602,3 +617,4 @@ def _check_folder(path: Path, replace: bool, marker: str) -> None:
                 f"'{path}' is not a vibroswarm result (no {marker} in it), so --force does not replace it",
                 field="--out",
             )
+        refuse_unremovable(path)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import string
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -61,15 +60,21 @@ def _saved(path: Path) -> str | None:
     """Return the hash that a file holds; None if there is no such file, or it is damaged."""
     with suppress(OSError, UnicodeError):
         saved = path.read_text(encoding="ascii")
-        if len(saved) == DIGITS and not set(saved) - set(string.hexdigits):
-            return saved
+        digest = saved[:DIGITS]
+        if saved == _sealed(digest):
+            return digest
     return None
+
+
+def _sealed(digest: str) -> str:
+    """Return the text that is saved for a hash: with one changed digit, results would name code that never was."""
+    return f"{digest} {hashlib.sha256(digest.encode()).hexdigest()}"
 
 
 def _save(path: Path, digest: str) -> None:
     """Save a hash in a file; without effect if the file cannot be written."""
     with suppress(InputError, RunError), whole_file(path, replace=True) as part:
-        part.write_text(digest, encoding="ascii")
+        part.write_text(_sealed(digest), encoding="ascii")
 
 
 def syntax_hash(package: Path, sources: Iterable[Path]) -> str:

@@ -50,13 +50,17 @@ class KernelLock:
         """Wait until no other process holds the lock, and take it; do nothing where there are no locks."""
         if sys.platform == "win32" or self._is_held:
             return
+        try:
+            file = self._file()
+        except OSError:  # the folder or the file cannot be written to
+            return
         until_s = monotonic() + WAIT_S
         while monotonic() < until_s:
             try:
-                fcntl.lockf(self._file(), fcntl.LOCK_EX | fcntl.LOCK_NB, 1, self._offset)
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, self._offset)
             except OSError as error:
                 if error.errno not in BY_ANOTHER:
-                    return  # the folder cannot be written to, or has no locks
+                    return  # the folder has no locks
                 sleep(POLL_S)
             else:
                 self._is_held = True

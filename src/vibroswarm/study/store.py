@@ -40,7 +40,7 @@ from vibroswarm.core.folders import (
 )
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import scan_frame
-from vibroswarm.core.untrusted_files import entry, read_text, texts
+from vibroswarm.core.untrusted_files import entry, parsed_toml, read_text, texts
 from vibroswarm.errors import InputError, RunError, in_file
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
@@ -445,7 +445,7 @@ def _is_as_written(text: str) -> bool:
 
 def _fingerprint(text: str) -> str:
     """Hash a study's TOML without ``NOT_OF_THE_CELLS``: the text, so that all versions agree on it."""
-    values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
+    values = {k: v for k, v in parsed_toml(text, MARKER).items() if k not in NOT_OF_THE_CELLS}
     return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
 
 
@@ -464,8 +464,8 @@ def _is_of(path: Path, study: Study) -> bool:
     """
     if path.name == MARKER:
         try:
-            return _fingerprint(path.read_text(encoding="utf-8")) == _fingerprint(study.to_toml())
-        except ValueError:
+            return _fingerprint(read_text(path, "a study")) == _fingerprint(study.to_toml())
+        except InputError:
             return False
     return (path.name == SHARDS and path.is_dir()) or path.name.startswith((f".{MARKER}.", f".{MANIFEST}."))
 
