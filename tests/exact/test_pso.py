@@ -126,6 +126,8 @@ def test_more_runs_go_where_the_best_is_hard_to_tell() -> None:
     assert allocate([1.0], [0.1], [10], 7).tolist() == [7]
     assert allocate([math.inf], [0.1], [10], 7).tolist() == [0]
     assert allocate([1.0, 1.0], [0.0, 0.0], [5, 5], 4).tolist() == [2, 2]
+    # Weights 1 / d^2, with d at least half a standard error: 400 and 11.1; of the best the root of their squares.
+    assert allocate([0.0, 0.01, 0.3], [0.1] * 3, [10] * 3, 970).tolist() == [483, 483, 4]
 
 
 def test_a_candidate_with_a_failed_run_cannot_win() -> None:

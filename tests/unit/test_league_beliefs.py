@@ -82,6 +82,8 @@ def test_weights_are_those_of_the_prior() -> None:
     assert math.sqrt(weights["n"] @ (counts - 50.0) ** 2) == pytest.approx(
         math.sqrt((101**2 - 1) / 12), rel=0.02
     )
+    leaning = Entry("leaning", "none", {"decision.prior_alpha": 6, "decision.prior_beta": 2})
+    assert prior_weights(OWN, leaning, league(leaning)) @ counts == pytest.approx(75.0, rel=0.02)
     # Beta-binomial: N a b (a + b + N) / ((a + b)^2 (a + b + 1)), with a = b = 98; without k = 50 it is wider.
     variance = 100 * 98 * 98 * 296 / (196**2 * 197)
     chance_of_half = 0.0653

@@ -10,7 +10,7 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.league.entries import Entry, floors_of
-from vibroswarm.league.fault_curves import FILL, MARGIN, borne, fault_curves
+from vibroswarm.league.fault_curves import FILL, MARGIN, _verdict, borne, fault_curves
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
@@ -80,6 +80,9 @@ def test_what_is_borne_ends_at_the_first_number_that_is_not() -> None:
         ]
     )
     rows = {row["name"]: (row["borne"], row["open"]) for row in borne(curves).iter_rows(named=True)}
+    limits = [(-MARGIN, MARGIN / 2), (MARGIN / 2, 2 * MARGIN), (2 * MARGIN, 3 * MARGIN), (None, None)]
+    found = [_verdict({"rise_low": low, "rise_high": high}) for low, high in limits]
+    assert found == [True, None, False, None]
     assert rows == {"a": (1, True), "b": (2, False), "c": (0, False), "d": (0, True)}
 
 

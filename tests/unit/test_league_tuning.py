@@ -122,6 +122,8 @@ def test_a_box_lies_within_the_bounds() -> None:
         for field, near in _box(centre, ranges).items():
             assert ranges[field]["from"] <= near["from"] < near["to"] <= ranges[field]["to"]
             assert near["from"] <= centre[field] <= near["to"]
+    decades = _box({"x": 100.0}, {"x": {"from": 1.0, "to": 1e4, "scale": "log"}})["x"]
+    assert (decades["from"], decades["to"]) == pytest.approx((10**1.5, 10**2.5)), "a quarter of four"
 
 
 def test_spaces_are_of_strategies_and_fields_that_exist() -> None:

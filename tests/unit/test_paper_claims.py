@@ -214,6 +214,7 @@ def test_the_error_of_a_published_saving_is_that_of_unpaired_runs() -> None:
 
 
 def test_runs_that_are_nearly_all_equal_have_no_standard_error() -> None:
+    assert mean("a", "paper", "x", [1.0] * 9 + [2.0], less=1.5)["estimate"] == pytest.approx(-0.4)
     assert mean("a", "paper", "x", [1.0] * 9 + [2.0])["standard_error"] is None
     assert mean("a", "paper", "x", [1.0, 1.0, 2.0, 3.0, 4.0])["standard_error"] == pytest.approx(
         0.5831, abs=1e-4

@@ -403,6 +403,7 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
 
 def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path: Path) -> None:
     truth = truth_of_grid(nodes, 50)
+    assert (truth.winner.rows[:20] != nodes.best.scored.rows).any(), "runs that the grid has not seen"
     report = grid_document(nodes, truth, MADE)
     believed, true, _ = rows_of(report, "truth")
     assert (believed["score"], believed["runs"]) == (nodes.best.scored.score.estimate, 20)

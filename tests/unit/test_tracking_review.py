@@ -15,6 +15,7 @@ import pytest
 from helpers.video_writer import VideoWriter
 from vibroswarm.documents.tracking import tracking_document
 from vibroswarm.show.page import page_html
+from vibroswarm.tracking import track
 from vibroswarm.tracking.camera import Camera, Lens, matrix_of, outwards
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, chosen, shots_of
 from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of
@@ -203,6 +204,22 @@ def test_samples_and_stops_are_matched_once_each_and_the_others_are_named(tmp_pa
     assert "stop" not in found
     matched, lone = match_samples(tracking.stops, samples.filter(pl.col("time_s") != 106.5), offset)
     assert {doubt.kind for doubt in doubts_of(tracking, matched, lone)} == {"sample", "stop"}
+
+
+def test_samples_get_the_places_that_the_camera_saw_and_none_in_gaps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Taken before the video, at 16 cm, halfway between two frames, in a gap of 2 s, and after the video."""
+    tracking = tracking_of(tmp_path)
+    hidden = pl.col("time_s").is_between(12.0, 14.0) & (pl.col("robot") == 1)
+    tracking = replace(tracking, positions=tracking.positions.filter(~hidden))
+    monkeypatch.setattr(track, "clock_offset", lambda *_: ClockOffset(100.0, 0.01, 2, 4))
+    samples = pl.DataFrame({"robot": 1, "time_s": [99.0, 102.0, 103.05, 113.0, 121.0], "energy": 1.0})
+    found = track.with_positions(tracking, samples, "log.csv")
+    assert (found.outside, found.unseen) == (2, 1)
+    assert found.log.samples["time_s"].to_list() == [102.0, 103.05]
+    assert found.log.samples["x_m"].to_list() == pytest.approx([0.16, 0.1915], abs=1e-6)
+    assert found.log.samples["y_m"].to_list() == pytest.approx([0.6, 0.6], abs=1e-6)
 
 
 def test_frames_are_bounded_and_every_kind_has_some() -> None:
