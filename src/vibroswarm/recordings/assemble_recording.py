@@ -200,11 +200,17 @@ def _late_beginning_of(log: Log) -> float:
     return first_s if first_s > LATE_BEGINNING_S else 0.0
 
 
-def rows_apart_s(rows: pl.DataFrame) -> float:
-    """Return the median time between two rows (robot, time_s) of a robot, s; 0 if it is not longer than usual."""
+def rows_apart_s(rows: pl.DataFrame, least_s: float = APART_S) -> float:
+    """Return the median time between two rows (robot, time_s) of a robot, s; 0 if it is not over ``least_s``."""
     between_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot")).drop_nulls().to_series()
     apart_s = float(np.median(between_s)) if between_s.len() else 0.0
-    return round(apart_s, 6) if apart_s > APART_S else 0.0
+    return round(apart_s, 6) if apart_s > least_s else 0.0
+
+
+def _silent_s(rows: pl.DataFrame) -> float:
+    """Return the longest time without a row of any robot, s; 0 if it is short, or no longer than a few intervals."""
+    silent_s = float(np.diff(np.sort(rows["time_s"].to_numpy())).max(initial=0.0))
+    return round(silent_s, 6) if silent_s > max(GONE_S, JUMP * rows_apart_s(rows, 0.0)) else 0.0
 
 
 class _Session(NamedTuple):
@@ -230,16 +236,14 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     frame = log.samples.with_columns(of_run, robot=robot).sort("time_s", "robot")
     frame = _with_intervals(frame, scenario.sample.stop_ms / 1000.0)
     tracks = log.tracks.with_columns(of_run, robot=robot)
-    of_robots = [
-        (frame.filter(pl.col("robot") == k), tracks.filter(pl.col("robot") == k)) for k in range(len(names))
-    ]
-    paths = [_path(run, k, names[k], samples, track, log) for k, (samples, track) in enumerate(of_robots)]
+    camera = tracks if of_camera(tracks, frame) else tracks.clear()
+    paths = []
+    for k, name in enumerate(names):
+        samples, track, seen = (table.filter(pl.col("robot") == k) for table in (frame, tracks, camera))
+        paths.append(_path(run, k, name, samples, track, seen, log))
     segments = pl.concat([path.segments for path in paths]).sort("start_s", "robot", maintain_order=True)
     # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
-    seen = pl.concat(
-        [track.clear() if not of_camera(track, samples) else track for samples, track in of_robots]
-    )
-    latest = seen.select("robot", "time_s", tracked_s="time_s").sort("time_s")
+    latest = camera.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
     rows = rows.with_columns(position_age_s=pl.col("time_s") - pl.col("tracked_s"))
     observations = _observations(frame, scenario, floor)
@@ -255,9 +259,8 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     }
     counts = _problem_counts(paths, rows, observations, scenario)
     both = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
-    silent_s = float(np.diff(np.sort(both["time_s"].to_numpy())).max(initial=0.0))
     counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": rows_apart_s(both)}
-    counts["silent_s"] = round(silent_s, 6) if silent_s > GONE_S else 0.0
+    counts |= {"silent_s": _silent_s(both), "jumps": sum(map(_jumps, paths)) if camera.height else 0}
     about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
     return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
 
@@ -329,17 +332,24 @@ class _RobotPath(NamedTuple):
 
 
 def _path(
-    run: int, robot: int, name: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log
+    run: int,
+    robot: int,
+    name: int,
+    samples: pl.DataFrame,
+    track: pl.DataFrame,
+    seen: pl.DataFrame,
+    log: Log,
 ) -> _RobotPath:
     """Compute the path of one robot in a session.
 
     Args:
         run: number of the session. robot, name: index of the robot, and its number in the log.
-        samples: samples of the robot, by time. track: its tracked positions, by time. log: log of the session.
+        samples: samples of the robot, by time. track: its tracked positions, by time. seen: those of a camera.
+        log: log of the session.
     Raises:
         InputError: the robot has no rows.
     """
-    knots = knots_of(track, samples)
+    knots = knots_of(track, seen, samples)
     if knots.is_empty():
         raise InputError(f"robot {name} has no rows", field=log.name)
     segments = segments_of(run, robot, knots, samples)
@@ -352,8 +362,9 @@ def _path(
         "heading_rad": [segments["heading_rad"][-1]],
         "stop_start_s": [None],  # whether the robot stands at the end is not known
     }
-    seen_s = track["time_s"].to_numpy() if of_camera(track, samples) else np.zeros(0)
-    return _RobotPath(segments, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(seen_s))
+    return _RobotPath(
+        segments, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(seen["time_s"].to_numpy())
+    )
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
@@ -410,7 +421,6 @@ def _problem_counts(
         "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
         "robots_unmoved": sum(_stood(path.segments) for path in paths),
         "posteriors_odd": odd.height,
-        "jumps": sum(_jumps(path.segments) for path in paths),
         "off_the_floor": int((observations["tile"] < 0).sum()),
     }
 
@@ -420,8 +430,9 @@ def _stood(segments: pl.DataFrame) -> bool:
     return max(float(np.ptp(segments[name].to_numpy())) for name in ("x_m", "y_m")) < STOOD_M
 
 
-def _jumps(segments: pl.DataFrame) -> int:
+def _jumps(path: _RobotPath) -> int:
     """Return the number of steps of a robot's path that are longer than ``JUMP_M`` and too fast (``JUMP``)."""
+    segments = path.segments
     speed = segments["speed_m_s"].to_numpy()[:-1]  # at its end the robot is taken to stand
     steps_m = speed * np.diff(segments["start_s"].to_numpy())
     moving = speed[speed > 0.0]

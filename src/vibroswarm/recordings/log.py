@@ -346,25 +346,25 @@ GAP_S: Final = 0.5
 """The camera sees a robot every 0.22 s or 0.44 s; an interval longer than this is a gap."""
 
 
-def of_camera(track: pl.DataFrame, samples: pl.DataFrame) -> bool:
-    """Return whether tracked positions of one robot are a camera's, which sees it more often than it samples.
+def of_camera(tracks: pl.DataFrame, samples: pl.DataFrame) -> bool:
+    """Return whether tracked positions of a session are a camera's, which sees robots more often than they sample.
 
     Fewer are rows of samples whose energy is missing.
     """
-    return track.height > samples.height
+    return tracks.height > samples.height
 
 
-def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
+def knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
     """Return the known positions of one robot with their times: time_s, x_m, y_m, ordered by time.
 
     Args:
-        track: the robot's tracked positions. Unless they are ``of_camera``, the positions of its samples are used too,
-            at the start and at the end of each stop.
+        track: the robot's tracked positions. seen: those of a camera; if there are none, the positions of its samples
+            are used too, at the start and at the end of each stop.
         samples: the robot's rows of the motion table.
     """
     names = ["time_s", "x_m", "y_m"]
-    if of_camera(track, samples):
-        return track.select(names)
+    if seen.height:
+        return seen.select(names)
     # A stop may start at the time of the previous sample. One of the two positions is dropped, so that times increase.
     stops = samples.select(pl.col("stop_start_s").alias("time_s"), "x_m", "y_m")
     return (
