@@ -156,7 +156,8 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> Iterator[str]:
     one_robot = len(samples.robots) == 1
     unmade = checks.filter(pl.col("outcome") == "not made", (pl.col("check") != BETWEEN) | (not one_robot))
     for check, number in unmade.select("check", "samples").iter_rows():
-        few = f"only {count(number, 'sample')} on still places"
+        some = f"only {count(number, 'sample')}" if number else "no sample"
+        few = f"{some} on still places"
         if check != LAW_CHECKS[0]:
             who = "at most one robot has" if check == BETWEEN else "no robot has"
             few = f"{who} {LEAST_PER_ROBOT} samples on places of a known kind"

@@ -303,12 +303,13 @@ def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Itera
     if by.columns["robot"].times == 0.0 and unread:
         names = some([f"'{name}'" for name in unread], 12)
         yield f"Without a column 'robot' all samples count as one robot's; not read: {names}."
-    for name in unread:
-        if name.lower() in SURFACES and (different := table[name].n_unique()) > 1:
-            yield (
-                f"Column '{name}' has {different} values, and is not read: all rows count as samples of one "
-                "inspection of one surface; give a file of each."
-            )
+    different = {name: table[name].n_unique() for name in unread if name.lower() in SURFACES}
+    several = [f"column '{name}' with {many} values" for name, many in different.items() if many > 1]
+    if several:
+        yield (
+            f"Not read: {listed(several)}; all rows count as samples of one inspection of one surface: give a file of "
+            "each."
+        )
     if left_out > WITHOUT * table.height:
         yield (
             f"{left_out} of {table.height} rows have no value: if a sensor gives none where it vibrates strongly, "

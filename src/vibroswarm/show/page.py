@@ -43,6 +43,8 @@ CONTENTS_FROM: Final = 4
 """Entries from which there is a table of contents."""
 LONG_FROM: Final = 30
 """Entries of a table of contents from which only the current part is unfolded."""
+LONG: Final = 250
+"""A certificate whose title and warnings have more characters is set in smaller letters, to print on one sheet."""
 PHOTO_ADDRESS: Final = re.compile(r"data:image/(?:jpeg|png);base64,[A-Za-z0-9+/=]+")
 """Allowed addresses of photographs. They hold the photograph itself, and no character that has to be escaped."""
 
@@ -105,7 +107,8 @@ def page_html(document: Document) -> str:
 
 def certificate_html(document: Document) -> str:
     """Return a document as one page without scripts that prints on one sheet of A4; with warnings: not certified."""
-    return _environment().get_template("certificate.html").render(document=document)
+    is_long = len(" ".join([document.title, *document.warnings])) > LONG
+    return _environment().get_template("certificate.html").render(document=document, is_long=is_long)
 
 
 def fragment_html(document: Document) -> str:
