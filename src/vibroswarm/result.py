@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -24,7 +25,7 @@ from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, texts, words
-from vibroswarm.errors import InputError, check_flags, check_kind, path_of, shown, whole_number_of
+from vibroswarm.errors import InputError, check_flags, check_kind, named, path_of, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -290,6 +291,21 @@ class Result(NotebookView):
             frames[name] = check_table(frame, SCHEMAS[name], f"result.{name}", name)
         check_result(frames, self.scenario, None, simulated=self.seed is not None)
 
+    @contextmanager
+    def check_on_error(self) -> Iterator[None]:
+        """Run ``check`` if the ``with`` block fails: an altered table is a better reason than the error that it caused.
+
+        Results that are sound cost nothing; checking first would cost more than replaying a simple strategy.
+
+        Raises:
+            InputError: as of ``check``; if the tables are sound, the error of the block is raised.
+        """
+        try:
+            yield
+        except Exception:
+            self.check()
+            raise
+
     def _changes_of(self, run: int) -> Changes:
         """Return the changes of a run's floor."""
         if self.changes is None:
@@ -307,7 +323,7 @@ class Result(NotebookView):
             RunError: the disk is full or failed.
         """
         check_flags(replace=replace)
-        with whole_folder(path_of(path), replace=replace) as part:
+        with named("path", of="--out"), whole_folder(path_of(path), replace=replace) as part:
             self.write_into(part)
 
     def write_into(self, folder: Path) -> None:

@@ -151,6 +151,12 @@ def replay(result: Result, scenario: Scenario) -> Result:
             "replay a result of a strategy that does not steer, such as 'none'",
             field="result",
         )
+    with result.check_on_error():
+        return _replayed(result, result.seed, scenario)
+
+
+def _replayed(result: Result, seed: int, scenario: Scenario) -> Result:
+    """Return what ``replay`` does, of arguments that it has checked."""
     runs = result.runs["run"].to_list()
     motion = Motion(
         samples=result.motion,
@@ -162,15 +168,15 @@ def replay(result: Result, scenario: Scenario) -> Result:
     observations = result.observations
     floors = {run: result.floor(run) for run in runs}
     if any(getattr(scenario, section) != getattr(result.scenario, section) for section in OF_OBSERVATION):
-        floors = floors_of(scenario, result.seed, runs)
+        floors = floors_of(scenario, seed, runs)
         # The new result has energies if the given one has.
         energies = observations["energy"].null_count() < observations.height
-        observations = observe(scenario, result.seed, result.motion, floors, energies=energies)
+        observations = observe(scenario, seed, result.motion, floors, energies=energies)
     timeline = timeline_of(scenario, motion)
-    inference, finals, reports = infer_and_report(scenario, result.seed, timeline, observations)
-    places = places_of(scenario, result.seed, timeline)
+    inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
+    places = places_of(scenario, seed, timeline)
     return result_of(
-        scenario, result.seed, floors, motion, observations, inference, finals, result.source, places, reports
+        scenario, seed, floors, motion, observations, inference, finals, result.source, places, reports
     )
 
 

@@ -15,6 +15,7 @@ import polars as pl
 import pytest
 
 from helpers.manifests import resealed
+from vibroswarm import inspect, replay, verdict
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.core.tables import ALLOWED, check_table
 from vibroswarm.errors import InputError
@@ -64,6 +65,23 @@ def test_a_result_altered_in_memory_has_no_page(made: Path, tmp_path: Path) -> N
     altered = replace(result, robots=result.robots.drop("decision"))
     with pytest.raises(InputError, match=r"^result\.robots: .* 'decision' is missing$"):
         write_run_page(altered, tmp_path / "run.html")
+
+
+@pytest.mark.parametrize("use", [verdict, inspect, lambda result: replay(result, result.scenario)])
+def test_a_result_altered_in_memory_is_refused_where_it_does_not_serve(
+    made: Path, use: Callable[[Result], object]
+) -> None:
+    result = Result.read(made / "result")
+    use(result)
+    with pytest.raises(InputError, match=r"^result\.observations: None is not a polars data frame$"):
+        use(replace(result, observations=None))  # type: ignore[arg-type]
+
+
+def test_a_path_is_refused_by_the_name_of_the_argument(made: Path) -> None:
+    result = Result.read(made / "result")
+    for write in (result.write, lambda path: write_run_page(result, path)):
+        with pytest.raises(InputError, match=r"^path: "):
+            write(made / "log.csv" / "it")  # in a file
 
 
 def changed(path: Path, change: Change) -> None:

@@ -102,6 +102,8 @@ def test_a_column_map_is_no_place_for_wrong_types() -> None:
     ):
         with pytest.raises(InputError):
             column_map(text, "map")
+    with pytest.raises(InputError, match="enery: unknown column, did you mean 'energy'"):
+        column_map('[columns]\nrobot = "r"\nenery = "e"', "map")
 
 
 def test_a_result_folder_that_is_a_pipe_is_refused(tmp_path: Path) -> None:

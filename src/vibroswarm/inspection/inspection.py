@@ -293,8 +293,9 @@ def _samples_of(
         source = read_result(Path(source))
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    law = _law_of(source, run, laws, spreads, draws)
-    return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
+    with source.check_on_error():
+        law = _law_of(source, run, laws, spreads, draws)
+        return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
 
 
 def _refuse_given(values: dict[str, Any], words: str) -> None:

@@ -280,6 +280,7 @@ def column_map(text: str, name: str, has_energies: bool = True) -> ColumnMap:
     columns = values.get("columns")
     if not isinstance(columns, dict):
         raise InputError("has no [columns]", field=name)
+    by_use = {use: _column(use, value, name) for use, value in columns.items()}
     lacking = [use for use in REQUIRED if use not in columns and (has_energies or use != "energy")]
     if lacking:
         more = "; only with --acceleration it may be missing" if lacking[0] == "energy" else ""
@@ -300,7 +301,7 @@ def column_map(text: str, name: str, has_energies: bool = True) -> ColumnMap:
         raise InputError("must be a table of fields of the scenario", field=f"{name}, settings")
     return ColumnMap(
         name=str(values.get("name", name)),
-        columns={use: _column(use, value, name) for use, value in columns.items()},
+        columns=by_use,
         missing=tuple(text_value.strip() for text_value in missing),
         settings=settings,
     )

@@ -29,7 +29,7 @@ from vibroswarm.analysis.verdict import (
 )
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, number
-from vibroswarm.errors import InputError, check_kind, path_of
+from vibroswarm.errors import InputError, check_kind, named, path_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.networks import network as network_of
@@ -386,4 +386,5 @@ def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
         RunError: the disk is full or failed.
     """
     path = path_of(path)
-    write_page(record_of(result, run), path)
+    with named("path", of="--out"):
+        write_page(record_of(result, run), path)
