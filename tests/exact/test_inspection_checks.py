@@ -80,19 +80,19 @@ def test_drift_is_not_testable_where_each_robot_has_one_time() -> None:
 
 
 def test_a_drift_that_all_robots_share_is_found_by_all_together() -> None:
-    """Robot by robot it was noticed in 4 of these 10."""
+    """Robot by robot it was noticed in fewer than half."""
     samples = replace(drawn_samples(1, count=600, spread_m=0.0), law=LAW)
     samples = samples.with_columns(robot=np.arange(600.0) % 20)
     nothing = Others(samples, {robot: np.zeros(9) for robot in range(20)}, np.zeros(600))
     gain, noticed = 0.8 + 0.4 * np.arange(600) / 600, {"steady": 0, "drifting": 0}
-    for seed in range(10):
+    for seed in range(8):
         value = values_at(LAW, np.random.default_rng(seed).random(600), False)
         for what, factor in (("steady", 1.0), ("drifting", gain)):
             noticed[what] += (
                 outcomes(samples.with_columns(value=factor * value), nothing)["drift"] == "refused"
             )
     assert noticed["steady"] <= 1  # the control
-    assert noticed["drifting"] >= 9
+    assert noticed["drifting"] >= 7
 
 
 def test_robots_and_times_are_compared_on_the_same_tile_where_the_law_says_that_tiles_differ() -> None:

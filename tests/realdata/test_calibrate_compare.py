@@ -55,6 +55,7 @@ def test_real_sessions_are_nearer_each_other_than_the_simulator_is(found: Compar
 
 def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> None:
     assert found.classifier.simulated.estimate > 0.7
+    assert found.classifier.simulated.low > 0.5
     # Of three sessions of each kind: the limits hold for other simulated sessions too, and are wide.
     assert found.classifier.simulated_by_robot.estimate > 0.7
     assert found.classifier.real is not None

@@ -167,6 +167,21 @@ def test_markers_that_are_swapped_for_a_second_are_counted(
     assert found == [4, 0]  # two robots, there and back
 
 
+def test_a_robot_whose_marker_is_lost_early_has_old_positions(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    """Then it has fewer tracked positions than samples, which are a camera's all the same."""
+
+    def lose(rows: Rows) -> None:
+        rows[1:] = [row for row in rows[1:] if row[6] != "None" or row[2] != "1" or float(row[1]) < 20.0]
+
+    told = recording_of([read_log(changed(lose))], ground, preset("paper"), any_floor=True).sessions[0][
+        "told"
+    ]
+    assert told["positions_old"] > 10
+    assert told["jumps"] == 0
+
+
 def test_a_clock_that_jumps_is_told(
     changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
 ) -> None:

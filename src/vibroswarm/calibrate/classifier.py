@@ -198,7 +198,7 @@ def classifier_accuracy(
     Args:
         real, simulated: samples of each session (``features.sessions_of``), at least one session each.
             Intervals, at 95 % confidence, are over the real sessions, that of ``simulated_by_robot`` over the simulated
-            ones too; with one real session the limits are 0 and 1.
+            ones too (with one simulated session, for that one); with one real session the limits are 0 and 1.
     Raises:
         InputError: a session has no times spent avoiding, or is too short for one stretch of each robot; or fewer than
             two robots took part in all sessions; or scikit-learn is not installed.
