@@ -276,9 +276,11 @@ class Result(NotebookView):
         geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
         return Floor(tiles, *geometry, name=row["name"], changes=self._changes_of(run))  # type: ignore[arg-type]
 
-    def check(self) -> None:
+    def check(self, run: int | None = None) -> None:
         """Check the tables as ``read`` does, as a program may have altered them.
 
+        Args:
+            run: check the rows of this run only, which takes less time; by default those of all runs.
         Raises:
             InputError: a table is missing or does not fit the others or the scenario; the message names the column.
         """
@@ -288,6 +290,8 @@ class Result(NotebookView):
             if frame is None and name in OPTIONAL:
                 continue
             check_kind(frame, pl.DataFrame, f"result.{name}", "a polars data frame")
+            if run is not None and frame.schema.get("run", pl.Null()).is_integer():
+                frame = frame.filter(pl.col("run") == run)
             frames[name] = check_table(frame, SCHEMAS[name], f"result.{name}", name)
         check_result(frames, self.scenario, None, simulated=self.seed is not None)
 

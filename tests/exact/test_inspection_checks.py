@@ -105,6 +105,17 @@ def test_robots_and_times_are_compared_on_the_same_tile_where_the_law_says_that_
         assert (found[0] == pytest.approx(found[1], rel=1e-6)) == alike
 
 
+def test_a_robot_of_twice_the_gain_is_found_where_tiles_have_a_sample_or_two() -> None:
+    """Less the mean of its tile, a sample that is alone there says nothing."""
+    samples = replace(drawn_samples(1, count=300, spread_m=0.0), law=Law(preset("calibrated").sensor, ""))
+    score = np.random.default_rng(1).normal(size=(300, 1)) + (samples.frame["robot"].to_numpy()[:, None] == 0)
+    few = np.arange(300) // 2  # tiles of two samples
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("vibroswarm.inspection.checks.tiles_below", lambda some: few)
+        between = _statistics(samples, ndtr(score), np.zeros(300, dtype=bool))[1, 0]
+    assert between > 5.0
+
+
 @pytest.mark.parametrize("reach_m", [0.0, 0.03])
 def test_samples_feel_what_is_drawn(reach_m: float) -> None:
     samples = drawn_samples(3, count=60, spread_m=0.04)

@@ -248,7 +248,7 @@ BAD = {
     "no kind of decision": (GOOD, 1, "a decision is none of", "decides=7"),
     "no kind of decision, counting": (COUNTS_BITS, 1, "a decision is none of", "decides=7"),
     "a part of a decision": (WRONG_VALUES, 1, "a decision is none of", "decides=0.5"),
-    "no decision in one case": (WRONG_VALUES, 1, "such as decision, returned None", "decides=3"),
+    "no decision in one case": (WRONG_VALUES, 1, r"a function returned None \(on_sample", "decides=3"),
     "two bits": (WRONG_VALUES, 1, "the bit of a message is neither 0 nor 1", "bit=2"),
     "two bits, counting": (
         COUNTS_BITS.replace("    return True\n", "    out.bit = p.raises_at\n    return True\n"),

@@ -554,7 +554,8 @@ def _normal_p_value(d: Values) -> float:
     spread = math.sqrt(float((d * d).sum()))
     if spread == 0.0:
         return 1.0
-    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), _least_p_value(int(np.count_nonzero(d))))
+    differ = np.count_nonzero(np.abs(d) > 1e-12 * np.abs(d).max())  # not by rounding alone
+    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), _least_p_value(int(differ)))
 
 
 def _least_p_value(n: int) -> float:

@@ -448,8 +448,8 @@ def _slow_share(correlation: float, turns: float, samples: float) -> float:
     """
     lag = np.array(SLOW_LAGS) / DRIFT_SAMPLES
     kept = float(np.mean(1.0 - 1.5 * lag**2 + 0.75 * lag**3))  # correlation of the slow part over a lag
-    # The variances of both parts' means over a session, see ``_between_sessions``. Turns of neighbouring intervals share
-    # the error of a heading (correlation 1/2), so that their mean varies twice as much if all are measured.
+    # The variances of both parts' means over a session, see ``_between_sessions``. Turns of neighbouring intervals
+    # share a part (correlation 1/2), so that their mean varies twice as much if all are measured.
     of_drift, of_turns = 1.5 * DRIFT_SAMPLES / samples, (1.0 + min(turns / samples, 1.0)) / turns
     known = correlation + of_turns * (1.0 - correlation)
     share = known / max(kept - (of_drift - of_turns) * (1.0 - correlation), 0.1)

@@ -35,7 +35,7 @@ def c(
     with named("DIR", of="--out"):
         check_folder(folder, replace=force, marker=MARKER)
     made = scenario_from(scenario)
-    with whole_folder(folder, replace=force, marker=MARKER) as part:
+    with named("DIR", of="--out"), whole_folder(folder, replace=force, marker=MARKER) as part:
         found = export_library(made, part)
     print_document(found, as_json=json)
     begin = "examples/inspection/inspection.ino"

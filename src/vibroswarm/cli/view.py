@@ -70,7 +70,8 @@ def view(
         print_saved_file(picture, f"drawn by {way}")
         return
     if html is not None:
-        frames = write_html(result, number, html, speed=speed)
+        with named("--html", of="--out"):
+            frames = write_html(result, number, html, speed=speed)
         print_saved_file(
             html, f"{numbers.count(frames, 'frame')}, {numbers.number(html.stat().st_size / 1e6, 1)} MB"
         )

@@ -493,7 +493,9 @@ def refuse_unremovable(path: Path) -> None:
         return
     for place, folders, _ in os.walk(path):
         for part in (Path(place, name) for name in folders):
-            if not part.is_symlink() and not os.access(part, os.R_OK | os.W_OK | os.X_OK):
+            if part.is_symlink() or not part.exists():  # another process may remove it meanwhile
+                continue
+            if not os.access(part, os.R_OK | os.W_OK | os.X_OK):
                 raise InputError(f"'{path}' cannot be removed: '{part}' may not be written to", field="--out")
 
 

@@ -67,7 +67,7 @@ def _saved(path: Path) -> str | None:
 
 
 def _sealed(digest: str) -> str:
-    """Return the text that is saved for a hash: with one changed digit, results would name code that never was."""
+    """Return the text that is saved for a hash: with one changed digit, results would name code that does not exist."""
     return f"{digest} {hashlib.sha256(digest.encode()).hexdigest()}"
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import ast
+import dis
 import linecache
 import re
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 from vibroswarm.core.jit import PACKAGE
@@ -55,7 +56,9 @@ def _reason_of(error: Exception) -> str | None:
     if isinstance(error, IndexError):
         return "an index is beyond the end of an array"
     if isinstance(error, TypeError) and "None" in str(error):
-        return "a function that returns a number, such as decision, returned None"
+        return (
+            "a function returned None (on_sample, on_timer and lost return True or False, decision a number)"
+        )
     return None
 
 
@@ -123,9 +126,16 @@ def _line_of_unknown(message: str, file: str) -> int | None:
     unknown = re.search(r"name '(\w+)' is not defined", message)
     if unknown is None:
         return None
-    nodes = ast.walk(ast.parse("".join(linecache.getlines(file))))
-    lines = [node.lineno for node in nodes if isinstance(node, ast.Name) and node.id == unknown[1]]
-    return min(lines, default=None)
+    try:
+        codes = [compile("".join(linecache.getlines(file)), file, "exec")]  # not run
+    except SyntaxError:  # the file has changed since
+        return None
+    lines = []
+    for code in codes:  # grows by the functions within
+        codes += [part for part in code.co_consts if isinstance(part, CodeType)]
+        reads = (one for one in dis.get_instructions(code) if one.opname == "LOAD_GLOBAL")
+        lines += [one.positions.lineno for one in reads if one.argval == unknown[1] and one.positions]
+    return min((line for line in lines if line), default=None)
 
 
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:

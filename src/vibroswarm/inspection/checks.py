@@ -4,7 +4,7 @@
 |---|---|
 | law of still places | largest difference between the distribution of values there and that of the law (Kolmogorov) |
 | robots against each other | largest mean of a robot's scores less those of all, in standard errors |
-| drift | largest correlation of these with time, of a robot or of all together, in standard errors |
+| drift | largest slope of these over time, of a robot or summed over all, in standard errors |
 | places | how far a robot's values fit the map of the others less at its places than they should: largest (m - S) / s |
 
 The score of a value is Phi^-1(F(value)), with F that of the place's kind, or a reading of 0 or 1 itself. Each statistic
@@ -68,6 +68,8 @@ refused", "refused", "not made" (too few samples are on still places) or "not te
 each robot has one time). p-values are null without a test. ``power``: of places."""
 LEAST_PER_ROBOT: Final = 10
 """Robots with fewer samples are not compared."""
+LEAST_PER_TILE: Final = 5
+"""Tiles with fewer samples are not compared with themselves, see ``_against_the_place``."""
 SURE: Final = 0.02
 """A place is still if vibration is felt there with this probability at most, and vibrates if it is not felt with it."""
 LEAST_POWER: Final = 0.5
@@ -175,9 +177,9 @@ def _statistics(some: Samples, rank: Floats, vibrates: NDArray[np.bool_]) -> Flo
         when = np.nan_to_num(when - np.nansum(when, axis=0) / np.maximum(count, 1))
         slope, square = (when * score[own]).sum(axis=0), np.maximum((when**2).sum(axis=0), 1e-18)
         drift = np.maximum(drift, enough * np.abs(slope) / np.sqrt(square))
-        together += slope
-        squared += square
-    drift = np.maximum(drift, np.abs(together) / np.sqrt(squared))
+        together += enough * slope
+        squared += enough * square
+    drift = np.maximum(drift, np.abs(together) / np.sqrt(np.maximum(squared, 1e-18)))
     return np.stack([apart_from_law, between, drift])
 
 
@@ -187,10 +189,14 @@ def _against_the_place(
     """Return scores less their mean on all still places, or on the same tile, in standard deviations.
 
     What all robots measure alike on a tile, such as damage of another contrast, so is no difference between robots.
-    Still tiles are alike, unless the law says that they differ.
+    Still tiles are alike, unless the law says that they differ and a tile has ``LEAST_PER_TILE`` samples: the mean of
+    fewer would take away what is looked for.
     """
-    differ = vibrates | bool(some.law.sensor.tile_spread)
-    place = np.unique(np.where(differ, 1 + 2 * tiles_below(some) + vibrates, 0), return_inverse=True)[1]
+    tile = tiles_below(some)
+    _, number, count = np.unique(tile, return_inverse=True, return_counts=True)
+    often = count[number] >= LEAST_PER_TILE
+    differ = vibrates | (often & bool(some.law.sensor.tile_spread))
+    place = np.unique(np.where(differ, 1 + 2 * tile + vibrates, 0), return_inverse=True)[1]
     of_place = (np.arange(place.max() + 1)[:, None] == place).astype(np.float64)
     mean = (of_place @ score) / np.maximum(of_place @ counted, 1.0)
     apart = np.where(counted, score - mean[place], 0.0)

@@ -303,7 +303,7 @@ def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Itera
     if by.columns["robot"].times == 0.0 and unread:
         names = some([f"'{name}'" for name in unread], 12)
         yield f"Without a column 'robot' all samples count as one robot's; not read: {names}."
-    different = {name: table[name].n_unique() for name in unread if name.lower() in SURFACES}
+    different = {name: table[name].drop_nulls().n_unique() for name in unread if name.lower() in SURFACES}
     several = [f"column '{name}' with {many} values" for name, many in different.items() if many > 1]
     if several:
         yield (

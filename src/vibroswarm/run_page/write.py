@@ -167,7 +167,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     why_not = why_no_page(result)
     if why_not is not None or result.segments is None:
         raise InputError(f"no page can be made: {why_not}")
-    result.check()  # a program may have altered its tables
+    result.check(run)  # a program may have altered its tables
     floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]

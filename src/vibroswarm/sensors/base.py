@@ -337,7 +337,7 @@ class SensorModel(Plugin):
         count = self.number_of("readings", p)
         with errors_in(self.code):
             found = np.asarray(self._read(value, p))
-        # Of what are no numbers, such as None, no class is right.
+        # Values that are not numbers, such as None, are no class.
         classes = found.astype(np.int64) if found.dtype.kind in "biuf" else np.full(found.shape, -1)
         is_class = (classes >= 0) & (classes < count) & (classes == found)
         if found.shape != (value.shape if self.sense is None else value.shape[:1]) or not is_class.all():

@@ -62,7 +62,7 @@ PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
 """Arguments of each hook. Their number and order are checked; a hook may give them names that none of them has here."""
 ANSWERS: Final = {
     "decision": "0, 1 or -1 (undecided)", "belief": "a probability, or math.nan", "lost": "True or False",
-    "on_sample": "True or False",
+    "on_sample": "True or False", "on_timer": "True or False",
 }  # fmt: skip
 """What hooks return whose result is used, in words."""
 UNUSED: Final = "unused"

@@ -369,7 +369,7 @@ class _Plain:
                 content.bit = 1 - content.bit
             else:
                 content.kind = (content.kind + 1) % robot.world.kinds
-        return is_true("on_sample or on_timer", sends or False) and not self.is_silent(robot, tick)
+        return is_true("on_sample or on_timer", sends) and not self.is_silent(robot, tick)
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
         """Call the strategy's ``on_sample`` and ``steer``, and record a row; return the message that is sent, or [].
@@ -458,7 +458,7 @@ class _Plain:
 
 
 def is_true(hook: str, value: object) -> bool:
-    """Return what a hook returned as a truth value; a probability, or None, is an error that compiled code hides."""
+    """Return what a hook returned as a truth value; a probability, or None, is an error."""
     if value not in (0, 1):
         raise InputError(f"returned {shown(value)}; return True or False", field=hook)
     return bool(value)
