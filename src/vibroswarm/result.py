@@ -306,7 +306,7 @@ class Result(NotebookView):
         """
         try:
             yield
-        except Exception:
+        except Exception:  # of any kind: nothing is swallowed, an unsound table is only named first
             self.check()
             raise
 

@@ -171,7 +171,7 @@ def test_needed_by_hand() -> None:
 
 
 def test_pairs_by_hand() -> None:
-    """Where false alarms are too many from the very time on at which misses are few enough, nothing is told apart."""
+    """If false alarms become too many at the very time at which misses become few enough, no time is left."""
     rows = [
         (0.6, 1, 2, 50.0, None),
         (0.4, 0, 2, None, 50.0),

@@ -47,6 +47,8 @@ JUMP: Final = 3.0
 """A step this many times as fast as the median one is none that a robot drove."""
 JUMP_M: Final = 0.025
 """A shorter step may be an inexact position."""
+SILENT: Final = 3.0
+"""A silence of all robots this many times as long as a robot's usual interval between rows is a pause."""
 APART_S: Final = 60.0
 """If the rows of a robot are usually farther apart than this, times are probably not in seconds."""
 GONE_S: Final = 60.0
@@ -210,7 +212,7 @@ def rows_apart_s(rows: pl.DataFrame, least_s: float = APART_S) -> float:
 def _silent_s(rows: pl.DataFrame) -> float:
     """Return the longest time without a row of any robot, s; 0 if it is short, or no longer than a few intervals."""
     silent_s = float(np.diff(np.sort(rows["time_s"].to_numpy())).max(initial=0.0))
-    return round(silent_s, 6) if silent_s > max(GONE_S, JUMP * rows_apart_s(rows, 0.0)) else 0.0
+    return round(silent_s, 6) if silent_s > max(GONE_S, SILENT * rows_apart_s(rows, 0.0)) else 0.0
 
 
 class _Session(NamedTuple):
