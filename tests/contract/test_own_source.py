@@ -178,6 +178,8 @@ WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
     "fewer kinds": (with_moves(lambda t: t.with_columns(pl.col("kind").cast(FEWER))), "moves has the columns"),
     "a stop unknown": (with_samples(lambda t: t.with_columns(stop_start_s=UNKNOWN)), "'stop_start_s' lacks a value"),
     "an endless stop": (with_samples(lambda t: t.with_columns(stop_s=pl.lit(math.inf, pl.Float32))), "'stop_s' holds"),
+    "a stop after its sample": (with_samples(lambda t: t.with_columns(stop_start_s=t["time_s"] + 1)), "is after its"),
+    "a number twice": (with_samples(lambda t: t.with_columns(sample=pl.lit(0, pl.UInt32))), "are not numbered 0, 1, 2"),
     "no robot": (with_samples(lambda t: t.with_columns(robot=pl.lit(None, pl.UInt16))), "'robot' lacks a value"),
     "samples as a list": (with_samples(lambda t: t.rows()), "the table samples is list"),
     "no end": (with_ends(lambda t: t.with_columns(end_s=UNKNOWN)), "ends: column 'end_s' lacks a value"),

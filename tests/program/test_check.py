@@ -157,15 +157,18 @@ SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_c
 MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
 FEW = CASES[:2]
 """Cases for motion: ``test_motion_contract.py`` holds our sources to all, and finds what is wrong, check by check."""
-FEW_SETTINGS = {name: network_checks.SETTINGS[name] for name in ("five robots, none", "one robot, none")}
-"""Settings for networks: ``test_our_networks.py`` holds ours to more."""
 
 
 @pytest.fixture
 def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (motion_checks, motion_tables):
         monkeypatch.setattr(module, "CASES", FEW)
-    monkeypatch.setattr(network_checks, "SETTINGS", FEW_SETTINGS)
+    monkeypatch.setattr(network_checks, "SIZES", (1, 5))
+
+
+def test_a_network_for_one_swarm_size_is_checked_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(network_checks.OF_OURS, "tree", {"network.tree.parents": [-1, -1, 0, 0]})
+    assert [scenario.swarm.robots for _, scenario in network_checks._scenarios("tree")] == [4, 4]
 
 
 KINDS = """

@@ -39,6 +39,8 @@ from vibroswarm.league.words import players_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
 from vibroswarm.study import executors
+from vibroswarm.study.scenario_words import ScenarioWords
+from vibroswarm.study.words import detection_scenario
 
 pytestmark = pytest.mark.usefixtures("without_layout")
 
@@ -455,6 +457,16 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
     capsys.readouterr()
     assert main(["league", *NONE, *SMALL, *QUICK]) == 0
     assert "Not tuned for a league" in capsys.readouterr().out
+
+
+def test_what_fits_the_robots_of_a_league_or_a_detection_alone_is_taken() -> None:
+    words: ScenarioWords = {
+        "network": "tree",
+        "settings": ["network.tree.parents=[-1,-1,0,0]"],
+        "robots": [4],
+    }
+    assert players_of(**words).base.swarm.robots == 4
+    assert detection_scenario(**words).swarm.robots == 4
 
 
 def test_a_league_of_shares_chooses_a_sensor_and_a_task_and_says_so() -> None:

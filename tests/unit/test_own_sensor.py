@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from vibroswarm import preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.sensors.base import forget
+from vibroswarm.sensors.base import forget, register
 
 GOOD = """
 import numpy as np
@@ -116,3 +118,14 @@ def test_what_is_wrong_is_said_in_a_sentence(what: str, capsys: pytest.CaptureFi
     assert told in error
     assert "Traceback" not in error
     assert not list(Path().glob("run/*.parquet"))
+
+
+def test_a_sensor_whose_global_changes_reads_what_it_measures() -> None:
+    forget("mine")
+    session: dict[str, Any] = {"__name__": "session", "WIDTH": 0.1}
+    exec(GOOD.replace("return u + kind", "return WIDTH * u + 2 * kind"), session)  # noqa: S102
+    register(session["mine"])
+    scenario = preset("paper").with_values({"sensor.model": "mine", "run.t_end_s": 60.0})
+    for session["WIDTH"] in (0.1, 4.0):
+        seen = simulate(scenario, 1, energies=True).observations
+        assert (seen["observation"] == (seen["energy"] > 1.0)).all()

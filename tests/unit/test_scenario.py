@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import re
 import tomllib
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import (
     Scenario,
     field_names,
+    fields,
     parse_setting,
     parse_settings,
     preset,
@@ -741,6 +743,13 @@ def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
         InputError, match=r"^swarm: is a section; name one of its fields, such as swarm\.robots$"
     ):
         Scenario()["swarm"]
+
+
+@pytest.mark.parametrize("strategy", ["none", "soft"])
+def test_scenarios_and_names_of_fields_can_be_pickled(strategy: str) -> None:
+    scenario = preset("paper").with_values({"strategy.name": strategy, "network.name": "tree"})
+    assert pickle.loads(pickle.dumps(scenario)) == scenario  # noqa: S301
+    assert pickle.loads(pickle.dumps(fields.swarm)).robots == "swarm.robots"  # noqa: S301
 
 
 @pytest.mark.parametrize("name", ["walk.model_dump", "floor.drawn_by_run", "strategy.table"])

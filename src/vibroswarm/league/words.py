@@ -102,7 +102,7 @@ def players_of(
         chosen("strategy", name)
         for name in several(strategies) or default_strategies(*([kinds] if shares else []))
     ]
-    own: ScenarioWords = {**scenario, "strategy": None, "robots": None}
+    own: ScenarioWords = {**scenario, "strategy": None, "robots": several(robots)[:1]}
     if shares is not None:
         tiles = f"{SIZE['floor.rows']}x{SIZE['floor.columns']}"
         own |= {"strategy": names[0], "floor": floors[0].source, "tiles": tiles}

@@ -342,6 +342,15 @@ def _wrong_rows(
             )
     if samples.is_empty():
         return
+    # Numbers continue those of earlier pieces. They are addresses of chance: a repeated one repeats a reading.
+    first = 0 if before_s == 0.0 else pl.col("sample").first().over("robot")
+    wrong = samples.filter(pl.col("sample") != first + pl.int_range(pl.len()).over("robot"))
+    if wrong.height:
+        yield (
+            f"the table samples: those of robot {wrong['robot'][0]} are not numbered 0, 1, 2, ... in the order of time"
+        )
+    if (samples["stop_start_s"] > samples["time_s"]).any():
+        yield "the table samples: a stop_start_s is after its time_s"
     time_s = samples["time_s"].to_numpy()
     # Samples at ``after_s`` itself belong to the next piece.
     if time_s.min() < before_s - quarter_s or time_s.max() > after_s - quarter_s:

@@ -4,7 +4,7 @@ A source of motion (an engine, a recording, a camera track) gives these tables:
 
 * ``samples``: one row per sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the sample is
   taken; ``stop_start_s`` is the start of that stop. ``drive_s``, ``turn_s``, ``avoid_s`` and ``stop_s`` add up to the
-  time since the robot's previous sample (or since the start of the run).
+  time since the robot's previous sample (or since the start of the run). ``sample`` numbers a robot's samples from 0.
 * ``ends``: one row per run and robot: the time up to which motion is known, the robot's pose at that time, and the
   start of the stop that it then makes, in which it hears nothing (null if it is not in such a stop).
 * ``segments`` (on request): arcs of constant speed and turn rate, from ``start_s`` to the robot's next row;
@@ -24,7 +24,8 @@ A source of motion (an engine, a recording, a camera track) gives these tables:
 * ``failures``, of a source whose runs may fail: the time from which the robots of a failed run stand still, and why.
   Nothing is known of that run after that time; its robots sample no more, and count as undecided.
 
-At the ticks, bodies never overlap and never leave the arena. A simulator of soft contact states in its ``tolerance``
+Times are whole numbers of control periods (ticks), and so are the times of a log once they are rounded. At the ticks,
+bodies never overlap and never leave the arena. A simulator of soft contact states in its ``tolerance``
 how far they may. Motion never depends on the floor, the sensor, the messages or the decisions, unless a strategy
 steers.
 

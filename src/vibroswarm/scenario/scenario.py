@@ -178,6 +178,10 @@ class Scenario(Sections, NotebookView):
 
         return tomli_w.dumps(_without_empty(self.model_dump(mode="python", exclude_none=True)))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the scenario as TOML, with the users' files that it needs, for processes without them."""
+        return _unpickled, (self.to_toml(), plugins.texts_of(self.codes))
+
     def with_values(self, values: Mapping[str, Any]) -> Scenario:
         """Return a copy with some fields replaced.
 
@@ -317,6 +321,12 @@ def _as_input_error() -> Iterator[None]:
         yield
     except ValidationError as error:
         raise field_error(error, _nearest_field, dotted=field_names()) from None
+
+
+def _unpickled(text: str, files: tuple[tuple[str, str], ...]) -> Scenario:
+    """Return the scenario that ``Scenario.__reduce__`` pickled."""
+    plugins.install_all(files)
+    return Scenario.from_toml(text)
 
 
 def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:
@@ -590,14 +600,15 @@ class FieldNames(NotebookView):
         Raises:
             AttributeError: there is no field, section or table of that name; the nearest name is suggested.
         """
-        # Private names are looked up by Python's own tools, and are never fields.
-        below = [] if name.startswith("_") else self._below()
+        if name.startswith("_"):  # looked up by Python's own tools, such as pickle before there is a section
+            raise AttributeError(name)
+        below = self._below()
         full = f"{self._section}.{name}" if self._section else name
         if name in below:
             return full
         if any(known.startswith(f"{name}.") for known in below):
             return FieldNames(full)
-        raise AttributeError(f"there is no field {full!r}{nearest(name, dir(self)) if below else ''}")
+        raise AttributeError(f"there is no field {full!r}{nearest(name, dir(self))}")
 
     def __repr__(self) -> str:
         return f"FieldNames({self._section or 'all'}: {len(self._below())} fields)"

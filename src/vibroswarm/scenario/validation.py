@@ -324,7 +324,8 @@ def _check_kinds(s: Sections) -> None:
         return
     answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
     if len(answers) != decisions:
-        fitting = "majority" if strategy.answers_kinds else "fill_ratio, or a strategy such as dirichlet"
+        other = "fill_ratio, or a strategy with answers_kinds, such as dirichlet"
+        fitting = "majority" if strategy.answers_kinds else other
         raise InputError(
             f"'{s.task.name}' has {len(answers)} answers, and '{s.strategy.name}' decides among {decisions}; "
             f"choose {fitting}",

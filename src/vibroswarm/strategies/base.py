@@ -160,8 +160,8 @@ class Strategy(Plugin):
             stand for what a robot knows. The robot's estimate is then that of the kind that the task asks for (``kind``
             of its parameters; else 1) by the Dirichlet distribution of these counts.
         many_readings: whether readings may be of more than two classes.
-        answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1. Its
-            readings may be of many classes too.
+        answers_kinds: whether it decides among as many answers as there are kinds of tile, 0 to kinds - 1, such as
+            which is most common, instead of 0 or 1. Its readings may be of many classes too.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
         reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``. It has
             values if the parameter ``energies`` is True.

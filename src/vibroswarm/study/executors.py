@@ -98,7 +98,12 @@ def workers_for(
     """
     if count is not None:
         count = whole_number_of(count, "workers", 1, MOST_WORKERS)
-    check_kind(executor, (str, Executor), "executor", "the name of an executor, or an Executor")
+    check_kind(
+        executor,
+        (str, Executor),
+        "executor",
+        "threads, processes, the address of a Dask scheduler, or an Executor",
+    )
     own = count or processors()
     if isinstance(executor, Executor):
         yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)

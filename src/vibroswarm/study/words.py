@@ -175,7 +175,7 @@ def detection_scenario(
 
     Args:
         more_than: share of the tiles that is asked about. boundary_of: "tiles" or "readings". scenario: other words;
-            numbers of robots are those of the detection, not of its scenario.
+            of several numbers of robots, the first is that of the scenario.
     Raises:
         InputError: two words say the same.
     """
@@ -183,7 +183,7 @@ def detection_scenario(
     values: dict[str, Any] = {}
     if more_than is not None:
         values["decision.decision_boundary"] = more_than
-    scenario["robots"] = None
+    scenario["robots"] = several(scenario.get("robots"))[:1]
     if scenario.get("tiles") is not None and scenario.get("floor") is None:
         # Of the floor only the number of tiles is used: any number of tiles has this share.
         scenario["floor"] = source_of("random", 0.0)

@@ -1,18 +1,18 @@
 """Checks of every network, each a function that yields what is wrong, in words; nothing if all is well.
 
-All checks run on the same scenarios: settings of ``SETTINGS`` with the network, in an eventful minute (``SHORT``).
+All checks run on the same scenarios: swarms of ``SIZES`` with the network, in an eventful minute (``SHORT``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
 import polars as pl
 
 from vibroswarm.analysis.message_log import message_log
-from vibroswarm.core.numbers import stated
+from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import InputError
 from vibroswarm.networks import known
 from vibroswarm.result import Result
@@ -33,12 +33,10 @@ from vibroswarm.testing.runs import (
     tables_of,
 )
 
-SETTINGS: Final[dict[str, dict[str, Any]]] = {
-    f"{words}, {strategy}": {"swarm.robots": robots, "strategy.name": strategy}
-    for strategy in ("none", "positive")
-    for words, robots in (("one robot", 1), ("five robots", 5), ("twelve", 12))
-}
-"""Fields of the scenarios of the checks, by the description of each scenario."""
+SIZES: Final = (1, 5, 12)
+"""Numbers of robots in the scenarios of the checks."""
+MOST: Final = 32
+"""Largest swarm that is tried if a network takes none of these."""
 OF_OURS: Final[dict[str, dict[str, Any]]] = {
     "loss": {"network.loss.share": 0.3},
     "range": {"network.range.range_m": 0.4},
@@ -60,18 +58,32 @@ def check_network(name: str) -> list[Finding]:
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
     """Yield the scenarios in which the network ``name`` is checked, each with its description."""
-    base = preset("paper").with_values({**SHORT, "network.name": name, **OF_OURS.get(name, {})})
-    # By its own check, a network that is fitted to certain swarm sizes refuses others, which are left out. If it has no
-    # check of its own, a refused scenario is an error.
-    own_check = known()[name].check
-    for words, values in SETTINGS.items():
-        try:
-            scenario = base.with_values(values)
-        except InputError:
-            if own_check is None:
-                raise
-            continue
-        yield words, scenario
+    own = {**SHORT, "network.name": name, **OF_OURS.get(name, {})}
+    for strategy in ("none", "positive"):
+        for robots in _sizes(name, own):
+            values = own | {"swarm.robots": robots, "strategy.name": strategy}
+            yield f"{count(robots, 'robot')}, {strategy}", preset("paper").with_values(values)
+
+
+def _sizes(name: str, own: dict[str, Any]) -> Sequence[int]:
+    """Return the numbers of robots with which a network is checked.
+
+    By its own check, a network for certain swarm sizes refuses others, which are left out. If it has no check of its
+    own, or refuses all, a refused scenario is an error.
+    """
+    if known()[name].check is None:
+        return SIZES
+    taken = [robots for robots in range(1, MOST + 1) if _takes(own | {"swarm.robots": robots})]
+    return [robots for robots in SIZES if robots in taken] or taken[:1] or SIZES
+
+
+def _takes(values: dict[str, Any]) -> bool:
+    """Return whether a scenario of these values is valid."""
+    try:
+        preset("paper").with_values(values)
+    except InputError:
+        return False
+    return True
 
 
 def _pieces(name: str) -> Pieces:
@@ -138,7 +150,7 @@ def _none_too_early(scenario: Scenario) -> Iterator[str]:
 def _heard_before(result: Result) -> Iterator[str]:
     """Yield, in words, each sample before which a robot had received more messages than the others had sent by then.
 
-    The strategies of ``SETTINGS`` send one message at each sample, so the others' samples are the messages sent. A
+    The strategies of the scenarios send one message at each sample, so the others' samples are the messages sent. A
     robot that stands for a sample hears nothing, so it can have received only messages sent before its stop began.
 
     Args:
@@ -146,10 +158,10 @@ def _heard_before(result: Result) -> Iterator[str]:
     """
     rows = result.motion.select("robot", "time_s", "stop_start_s")
     received = result.inference["messages_received"].to_list()
-    for (robot, _, stop_s), count in zip(rows.iter_rows(), received, strict=True):
+    for (robot, _, stop_s), heard in zip(rows.iter_rows(), received, strict=True):
         sent = rows.filter((pl.col("robot") != robot) & (pl.col("time_s") < stop_s)).height
-        if count > sent:
-            yield f"robot {robot} has received {count} messages by {stated(stop_s)} s, when the others had sent {sent}"
+        if heard > sent:
+            yield f"robot {robot} has received {heard} messages by {stated(stop_s)} s, when the others had sent {sent}"
 
 
 # Names of the checks, as ``vibroswarm check`` prints them.
