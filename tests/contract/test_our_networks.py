@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from base64 import b64decode
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vibroswarm import networks
-from vibroswarm.analysis.message_log import LOST, OWN, MessageLog, message_log
+from vibroswarm.analysis.message_log import LOST, OWN, MessageLog, log_size, message_log
 from vibroswarm.errors import InputError
+from vibroswarm.inference.agents import send_draws
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import tree
 from vibroswarm.networks.loss_by_size import share_lost
@@ -100,6 +102,24 @@ def test_messages_are_conserved(
     assert counts["received"].to_list() == result.robots["messages_received"].to_list()
     others = counts["sent"].sum() - counts["sent"]
     assert (counts["received"] + counts["lost"] + counts["not_due"]).to_list() == others.to_list()
+    assert counts["addressed"].to_list() == others.to_list()
+
+
+def test_a_radio_that_dies_as_a_message_arrives_does_not_hear_it() -> None:
+    """While its robot drives, and as it stops for a sample, in which it hears nothing."""
+    runs = simulate(over("ideal"), 3, 1, energies=False, moves=True)
+    robot_0 = runs.motion.filter(robot=0)
+    stop, sample = ((50.0 * robot_0[name]).round().to_numpy() for name in ("stop_start_s", "time_s"))
+    arrival = message_log(runs).arrival_tick[:, 0]
+    at_stop = int(np.flatnonzero(np.isin(stop, arrival))[1])
+    driving = [
+        tick for tick in arrival.tolist() if not ((stop <= tick) & (tick <= sample)).any() and tick > 0
+    ]
+    for tick in (driving[9], driving[9] + 1, stop[at_stop] + 1, sample[at_stop] + 1, sample[at_stop] + 2):
+        dead = {"faults.radio_dead": [0], "faults.radio_dead_from_s": 0.02 * tick}
+        result = replay(runs, over("ideal").with_values(dead))
+        counted = message_log(result).counts()["received"].to_list()
+        assert counted == result.robots["messages_received"].to_list(), tick
 
 
 @pytest.mark.parametrize("network", ["bursts", "delay", "loss_by_size", "range", "tree"])
@@ -170,23 +190,13 @@ def test_so_much_is_lost(robots: int) -> None:
     assert abs(lost - share * count) < 4.0 * math.sqrt(count * share * (1 - share))
 
 
-def lost_in_order(
-    scenario: Scenario, runs: int
-) -> tuple[list[np.ndarray[Any, Any]], list[np.ndarray[Any, Any]]]:
-    """For each receiver of each run, which of the messages to it were lost, and their ticks."""
-    lost, ticks = [], []
-    for log in logs(scenario, runs):
-        for i in range(log.state.shape[1]):
-            to_it = log.sender != i
-            lost.append(log.arrival_tick[to_it, i] < 0)
-            ticks.append(log.tick[to_it])
-    return lost, ticks
-
-
-def pairs_lost(sequences: list[np.ndarray[Any, Any]]) -> tuple[int, int, int]:
-    """Pairs of consecutive messages of which both were lost, pairs, and lost messages."""
-    both = sum(int((lost[1:] & lost[:-1]).sum()) for lost in sequences)
-    return both, sum(lost.size - 1 for lost in sequences), sum(int(lost.sum()) for lost in sequences)
+def lost_in_order(scenario: Scenario, runs: int) -> list[np.ndarray[Any, Any]]:
+    """For each receiver of each run, which of the messages to it were lost."""
+    return [
+        log.arrival_tick[log.sender != i, i] < 0
+        for log in logs(scenario, runs)
+        for i in range(log.state.shape[1])
+    ]
 
 
 def run_lengths(sequences: list[np.ndarray[Any, Any]]) -> np.ndarray[Any, Any]:
@@ -201,12 +211,14 @@ def test_bursts_of_length_one_are_independent_loss() -> None:
     """The same share and the same lengths of bursts as of `loss`; of length 10 s they differ."""
     p = {"bad_share": 0.3, "lost_in_bad": 0.8, "lost_in_good": 0.1}
     share = 0.3 * 0.8 + 0.7 * 0.1
-    single, _ = lost_in_order(over("bursts", bad_s=0.0, **p), 12)
-    plain, _ = lost_in_order(over("loss", share=share), 12)
-    long, _ = lost_in_order(over("bursts", bad_s=10.0, **p), 12)
+    single = lost_in_order(over("bursts", bad_s=0.0, **p), 12)
+    plain = lost_in_order(over("loss", share=share), 12)
+    long = lost_in_order(over("bursts", bad_s=10.0, **p), 12)
     count = sum(lost.size for lost in single)
     assert count > 4000
-    assert abs(pairs_lost(single)[2] - share * count) < 3.3 * math.sqrt(count * share * (1 - share))
+    assert abs(sum(int(lost.sum()) for lost in single) - share * count) < 3.3 * math.sqrt(
+        count * share * (1 - share)
+    )
 
     def chi2(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any]) -> float:
         expected = np.outer([one.sum(), other.sum()], one + other) / (one.sum() + other.sum())
@@ -217,20 +229,25 @@ def test_bursts_of_length_one_are_independent_loss() -> None:
 
 
 def test_bursts_last_as_long_as_they_should() -> None:
-    """The chance that two messages in a row are lost, from the theory of a Markov chain in time."""
-    share, bad_s = 0.3, 10.0
-    scenario = over("bursts", bad_share=share, bad_s=bad_s, lost_in_bad=1.0, lost_in_good=0.0)
-    lost, ticks = lost_in_order(scenario, 60)
-    tau_s = bad_s * (1.0 - share)
-    expected = sum(
-        float((share * (share + (1 - share) * np.exp(-0.02 * np.diff(tick) / tau_s))).sum()) for tick in ticks
-    )
-    both, pairs, _ = pairs_lost(lost)
-    by_receiver = np.array([pairs_lost([one])[0] for one in lost])
-    error = float(by_receiver.std(ddof=1)) * math.sqrt(len(lost))
-    assert abs(both - expected) < 3.3 * error
-    assert error < 0.07 * expected
-    assert both > 2.0 * pairs * share**2  # negative control: far from independent
+    """Message by message to 400 receivers: how often two in a row are lost, by a Markov chain in time."""
+    bursts, b, in_bad, in_good, bad_s = networks.known()["bursts"], 0.3, 0.2, 0.9, 0.2
+    p = bursts.params(bad_share=b, bad_s=bad_s, lost_in_bad=in_bad, lost_in_good=in_good)
+    a = SimpleNamespace(**bursts.arrays_of(p, {"robots": 400}))
+    assert bursts.send is not None
+    gaps, lost = np.tile([1, 1, 2, 6], 50), []
+    for number, tick in enumerate(np.cumsum(gaps)):
+        arrival, d = np.full(400, -1), send_draws(1, 0, 0, number)
+        bursts.send(None, a, 0, tick, number, 2, None, None, arrival, d, p, SimpleNamespace(tick_s=0.02))
+        assert np.isin(arrival, (-1, tick + 1)).all()
+        lost.append(arrival < 0)
+    share = b * in_bad + (1 - b) * in_good
+    assert np.mean(lost[0]) == pytest.approx(share, abs=3.3 * 0.5 / 20)
+    both = np.logical_and(lost[1:], lost[:-1])
+    for gap in (1, 2, 6):
+        stays = math.exp(-0.02 * gap / (bad_s * (1 - b)))
+        expected = share**2 + (in_bad - in_good) ** 2 * b * (1 - b) * stays
+        found = both[gaps[1:] == gap]
+        assert found.mean() == pytest.approx(expected, abs=3.3 * 0.5 / math.sqrt(found.size))
 
 
 def test_a_tree_is_filled_level_by_level() -> None:
@@ -259,6 +276,27 @@ def test_a_message_alone_takes_its_hops() -> None:
                 total_ms += 60.0 * hops[sender][receiver]
                 late = log.arrival_tick[k, receiver] - log.tick[k] - total_ms / 20.0
                 assert 0.0 < late <= 2.0  # it begins within its control period, and is read at the next
+
+
+def test_who_finds_a_node_busy_waits_or_loses_the_message() -> None:
+    """By hand, in ms: a message of one frame takes 10 a hop, a log of two frames 20, each node to one at a time."""
+    tree_ = networks.known()["tree"]
+    p = tree_.params(parents=(-1, -1, 0), message_bytes=24, log_bytes=30, frame_ms=10.0, retry_ms=15.0)
+    n, a = SimpleNamespace(is_ready=False), SimpleNamespace(**tree_.arrays_of(p, {"robots": 3}))
+    half_a_tick = send_draws(1, 0, 0, 0)._replace(first=0.5)
+
+    def sent(sender: int, tick: int) -> list[int]:
+        arrival, w = np.full(3, -1), SimpleNamespace(robots=3, tick_ms=20)
+        assert tree_.send is not None
+        tree_.send(n, a, sender, tick, 0, 24, None, None, arrival, half_a_tick, p, w)
+        return arrival.tolist()
+
+    # From 10 by the base to robot 1 at 30, to robot 2 at 40; its log keeps robot 0 and the base busy until 60.
+    assert sent(0, 0) == [-1, 2, 3]
+    assert (*a.free_ms, *a.base_free_ms) == (60.0, 30.0, 40.0, 60.0)
+    # From 30; to robot 0 it is lost at 45, as the base is busy until 60; to robot 2 it waits, and is there at 90.
+    assert sent(1, 1) == [-1, -1, 5]
+    assert (*a.free_ms, *a.base_free_ms) == (90.0, 110.0, 90.0, 110.0)
 
 
 @pytest.mark.slow
@@ -331,6 +369,14 @@ def unpacked(column: dict[str, str]) -> np.ndarray[Any, Any]:
     return np.frombuffer(b64decode(column["bytes"]), dtype=np.dtype(column["type"]).newbyteorder("<"))
 
 
-def test_a_run_that_there_is_not_has_no_log() -> None:
+def test_a_run_that_there_is_not_has_no_log_nor_one_with_too_many_messages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = simulate(over("loss"), 1, 1)
     with pytest.raises(InputError, match="the result has no run 7"):
-        message_log(simulate(over("loss"), 1, 1), 7)
+        message_log(result, 7)
+    entries = message_log(result).state.size
+    assert entries == log_size(result)
+    monkeypatch.setattr("vibroswarm.analysis.message_log.MAX_ENTRIES", entries - 1)
+    with pytest.raises(InputError, match="too many to list"):
+        message_log(result)

@@ -445,5 +445,5 @@ def test_what_is_probably_not_meant_is_a_warning(capsys: pytest.CaptureFixture[s
         asked = ["--set", "strategy.reset.tells_anew=true", "--set", f"task.changed.since={since}"]
         assert main([*short, *inverted, *tells, *asked]) == 0
         assert ("robots withdraw each answer but are asked only once" in capsys.readouterr().err) == is_warned
-    assert main([*short, "--set", "change.at_s=30", "--set", "change.to=invert"]) == 0
-    assert "the run ends at 20 s, and the floor changes at 30 s" in capsys.readouterr().err
+    assert main([*short, "--set", "change.at_s=20", "--set", "change.to=invert"]) == 0
+    assert "the run ends at 20 s, and the floor changes at 20 s" in capsys.readouterr().err

@@ -86,6 +86,7 @@ def test_the_law_at_a_contrast_is_that_of_mixed_quantiles(contrast: float) -> No
     value = between.ppf(np.linspace(0.005, 0.995, 100))
     np.testing.assert_allclose(likelihood_at(sensor, contrast, value), between.pdf(value), rtol=0.01)
     assert not np.allclose(likelihood_at(sensor, 0.5 + 0.1 * contrast, value), between.pdf(value), rtol=0.1)
+    assert (likelihood_at(sensor, contrast, np.array([-50.0, 50.0])) == 0.0).all()
     # Factors of tiles and robots widen it, as they widen the law of a kind.
     spread = sensor.model_copy(update={"tile_spread": 0.3})
     at = np.linspace(-3.0, 12.0, 4001)

@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 from scipy.stats import gamma
 
-from vibroswarm.observation.energy_model import MOST, energies_of, error_rates, log_ratios, typical_factors
+from vibroswarm.observation.energy_model import (
+    MOST,
+    energies_of,
+    error_rates,
+    log_likelihood,
+    log_ratios,
+    log_ratios_of_classes,
+    typical_factors,
+)
 from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.scenario import preset
 
 U = (np.arange(10_000) + 0.5) / 10_000
 
@@ -53,6 +62,10 @@ def test_readings_of_a_ratio_are_as_much_likelier_on_vibrating_tiles(spread: flo
     common = (chances[0] > 1e-3) & (chances[1] > 1e-3)
     assert common.sum() >= 8
     assert np.log(chances[0] / chances[1])[common] == pytest.approx(middle[common], abs=0.26)
+    at = np.linspace(0.0, 40.0, 4001)
+    for kind in (False, True):  # factors have the mean 1, and so leave the mean energy as it is
+        mean = np.trapezoid(at * np.exp(log_likelihood(sensor, kind, at)), at)
+        assert mean == pytest.approx(drawn(sensor, kind).mean(), rel=0.005)
 
 
 def test_measured_energies_give_shares_of_bins() -> None:
@@ -67,6 +80,18 @@ def test_measured_energies_give_shares_of_bins() -> None:
     assert clear.sum() > 15
     assert np.abs(found - expected)[clear].mean() < 0.4
     assert (np.sign(found) == np.sign(expected))[np.abs(expected) > 1.0].all()
+    apart = sensor.model_copy(
+        update={"still_energies": (*range(1, 17),), "vibrating_energies": (*range(17, 33),)}
+    )
+    # 16 bins of two energies each: 2 + 1/2 of one kind, and 0 + 1/2 of the other.
+    assert ratios(apart, np.array([4, 30], dtype=np.float32)) == pytest.approx([-np.log(5.0), np.log(5.0)])
+
+
+def test_of_several_kinds_it_is_that_of_any_but_still() -> None:
+    three = {"sensor.model": "confusion", "sensor.confusion.accuracy": 0.8, "strategy.name": "dirichlet"}
+    sensor = preset("paper").with_values({**three, "task.name": "majority"}).sensor
+    assert np.exp(log_ratios_of_classes(sensor, np.arange(3))) == pytest.approx([0.1 / 0.8, 4.5, 4.5])
+    assert np.exp(log_ratios_of_classes(sensor, np.arange(3), 1)) == pytest.approx([0.1 / 0.8, 8.0, 1.0])
 
 
 def test_a_bit_that_is_not_the_energys_counts_as_a_bit() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.core.rng import Purpose, uniform, uniforms
@@ -52,6 +52,7 @@ def test_each_robot_fails_as_often_as_any_other() -> None:
     assert abs(alike - 0.4) < 0.1, "kinds do not fall on the same robots"
 
 
+@example(robots=50, share=0.29, other=0.0)  # 14.5, but for rounding errors of the product
 @given(robots=st.integers(1, 60), share=st.floats(0, 1), other=st.floats(0, 1))
 @settings(max_examples=80, deadline=None, derandomize=True, database=None)
 def test_shares_are_rounded_half_up_and_no_sensor_is_stuck_at_both(
@@ -97,6 +98,11 @@ def test_faults_after_the_end_are_none() -> None:
     assert sorted(table["from_s"].to_list()) == sorted(times[~fine].tolist())
     assert fault_frame(Scenario(), 7, RUNS, np.full(len(RUNS), 1200.0)) is None
     assert working(Scenario(), 7, RUNS).all()
+    at_the_end = scenario(stopped=[0], stopped_from_s=1200.0)
+    assert working(at_the_end, 7, [0]).all()
+    none = fault_frame(at_the_end, 7, [0], np.full(1, 1200.02))  # a whole tick
+    assert none is not None
+    assert none.is_empty()
 
 
 def test_faults_after_a_run_that_ended_early_are_none() -> None:

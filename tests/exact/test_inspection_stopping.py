@@ -75,11 +75,16 @@ def test_the_least_damage_is_part_of_the_told_risk_whatever_is_declared(declared
     assert (told >= least).all()
 
 
-def test_the_worst_place_is_one_of_many_draws() -> None:
-    """Blocks are those of the centres that damage can have: only in one of them, 8 cm wide, any is missed."""
+@pytest.mark.parametrize("least_risk", [0.01, 0.06])
+def test_the_worst_place_is_one_of_many_draws(least_risk: float) -> None:
+    """Blocks are those of the centres that damage can have: only in one of them, 8 cm wide, most is missed, or nearly.
+
+    That one is missed by far elsewhere counts once.
+    """
     random = np.random.default_rng(1)
     x_m, y_m = random.uniform(0.1, 0.5, (2, 2000))
-    risk = np.where((x_m < 0.18) & (y_m > 0.42), 0.01, 1.0)
+    risk = np.where((x_m < 0.18) & (y_m > 0.42), least_risk, 1.0)
+    risk[y_m.argmin()] = 1e-9
     worst_m = _in_worst_block(random, x_m, y_m, risk, Question(0.2), (0.6, 0.6))
     assert [at_m.size for at_m in worst_m] == [1000, 1000]
     assert [at_m.min() for at_m in worst_m] == pytest.approx([0.1, 0.42], abs=1e-3)
@@ -151,7 +156,7 @@ def test_missed_damage_is_that_of_the_first_look_which_tolerates_the_risk() -> N
         assert share.low - 0.01 <= cleared.mean() <= share.high + 0.01
     assert found.missed.estimate > 2.0 * found.missed_at_end.estimate
     assert found.worst.estimate >= found.missed.estimate
-    assert found.worst.n >= 1000
+    assert found.worst.n == 1000  # of its own
 
 
 def test_robots_that_lose_messages_stop_later_than_a_centre() -> None:
@@ -166,6 +171,17 @@ def test_robots_that_lose_messages_stop_later_than_a_centre() -> None:
     assert some.robots_s is not None
     assert some.robots_s > some.cleared_s
     assert none.robots_s is None or none.robots_s > some.robots_s
+
+
+def test_a_robot_that_knows_too_little_lets_no_swarm_clear() -> None:
+    """Robot 0 has one sample; the centre, with those of all, clears and misses damage."""
+    samples = replace(drawn_samples(7, count=120, spread_m=0.0), law=LAW)
+    robot = np.maximum(np.arange(120) % 3, np.arange(120) > 0).astype(np.int64)
+    question = Question(least_m=0.4, contrasts=(0.5,), risk=0.2, loss=1.0)
+    found = stopping(samples.with_columns(robot=robot), declared(samples.size_m, [0.4]), question, drawn=200)
+    assert found.robots_s is None
+    assert found.missed_by_robots is not None
+    assert found.missed_by_robots.estimate == 0.0 < found.missed.low
 
 
 def test_robots_that_hear_nobody_may_stop_before_the_centre() -> None:

@@ -19,7 +19,8 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
 from vibroswarm.inference.agents import world_of
-from vibroswarm.observation.energy_model import energies_of, shares_below
+from vibroswarm.observation.decision_boundary import expected_classes_on
+from vibroswarm.observation.energy_model import energies_of, rates, shares_below
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.scenario.fields import Sensor
@@ -207,12 +208,19 @@ def test_two_shares_are_the_random_floor_of_one() -> None:
 def test_share_of_a_kind_counts_the_part_in_the_arena() -> None:
     generator = np.random.default_rng(5)
     floor = Floor(generator.integers(4, size=(4, 6)), 0.3, 0.2, left_m=-0.2, bottom_m=0.35)
-    x, y = generator.random((2, 400_000))
+    x, y = generator.random((2, 400_000)) * [[1.0], [0.6]]
     tile = floor.tile_at(x, y)
     seen = np.bincount(floor.tiles.ravel()[tile[tile >= 0]], minlength=4) / (tile >= 0).sum()
-    shares = [floor.share_within(kind, 1.0, 1.0) for kind in range(4)]
+    shares = [floor.share_within(kind, 1.0, 0.6) for kind in range(4)]
     np.testing.assert_allclose(shares, seen, atol=0.005)
-    assert task("majority").answer(floor, Asked(1.0, 1.0, 0.0, 0.5, 4), None) == int(np.argmax(shares))  # type: ignore[arg-type]
+    asked, share = Asked(1.0, 0.6, 0.0, 0.5, 4), task("share")
+    assert task("majority").answer(floor, asked, None) == int(np.argmax(shares))  # type: ignore[arg-type]
+    assert share.number(floor, asked, share.params(kind=3)) == shares[3]
+    four = {"sensor.model": "confusion", "sensor.confusion.kinds": 4, "strategy.name": "dirichlet"}
+    sensor = preset("paper").with_values({**four, "task.name": "majority"}).sensor
+    below = np.append(floor.tiles.ravel(), 0)[tile]  # 0 beside the floor
+    expected = rates(sensor)[below].mean(axis=0)
+    np.testing.assert_allclose(expected_classes_on(sensor, floor, (1.0, 0.6)), expected, atol=0.005)
 
 
 def test_a_tie_of_kinds_has_no_answer() -> None:

@@ -106,6 +106,23 @@ def test_robots_weigh_all_numbers() -> None:
         np.testing.assert_allclose(told, ratio[seen["robot"] == robot].cumsum(), rtol=1e-6)
 
 
+def test_shares_are_counted_on_floors_with_as_much_of_each_kind() -> None:
+    three = SensorModel(
+        name="three",
+        kinds=lambda p: 3,
+        readings=lambda p: 3,
+        sense=sense,
+        numbers=lambda p: ("noise", "signal"),
+        reading=lambda value, p: np.digitize(value[:, 1], (0.5, 1.5)),
+    )
+    p = three.params()
+    for kind, values in enumerate(three.reference_values(p)):
+        assert len(values) == pytest.approx(100_000 / 3, rel=0.015)
+        counts = np.bincount(three.classes(values, p), minlength=3) + 0.5
+        (shares,) = three.shares_up_to(kind, np.ones(1), p)
+        assert shares == pytest.approx(np.cumsum(counts)[:2] / counts.sum())
+
+
 def test_all_ways_of_running_agree(tmp_path: Path) -> None:
     one = scenario()
     assert list(equals_plain(one)) == []

@@ -150,6 +150,9 @@ def test_readings_on_a_patch_follow_its_contrast() -> None:
         expected = 1.0 - mean_shares_below(law, np.array([level]))[2, 0]
         assert ones[where].mean() == pytest.approx(expected, abs=4 * 0.5 / math.sqrt(where.sum()))
     assert ones.mean() == pytest.approx(expected_ones_on(law, floor, (1.0, 1.0)), abs=4 * 0.5 / 200)
+    small = Floor(np.zeros((5, 5)), 0.1, 0.2, surface=Surface(patches=(Patch(0.25, 0.5, 0.4, 0.4, 0.5),)))
+    half, still_too = (1.0 - mean_shares_below(law, np.array([0.5]))[kind, 0] for kind in (2, 0))
+    assert expected_ones_on(law, small, (1.0, 1.0)) == pytest.approx(0.16 * half + 0.84 * still_too)
     above = rows["energy"].to_numpy() > law.rms_threshold  # energies and bits agree
     assert (above == (ones == 1)).all()
 
@@ -190,6 +193,7 @@ def test_results_keep_floors_and_searches_read_the_same(source: str, tmp_path: A
     again = Result.read(tmp_path / "kept")
     assert again == result
     assert all(again.floor(run) == scenario.floor_for(2, run) for run in range(6))
+    assert again.floor(0) != again.floor(1)
     np.testing.assert_allclose(result.runs["fill_ratio"], [again.floor(run).fill_ratio for run in range(6)])
     outcomes = outcomes_of([scenario], 2, range(6))[0]
     assert outcomes.decision.ravel().tolist() == result.robots["decision"].to_list()
@@ -215,6 +219,8 @@ def test_patches_are_drawn_for_each_run_do_not_overlap_and_stay_when_more_are_ad
     )
     assert min(one.contrast for one in drawn) >= 0.5
     assert all(one.width_m == one.height_m for one in drawn)
+    sides = [named_patches("patch:0.1..0.2x0.1..0.2", UNIT, 1, run)[0][2:4] for run in range(500)]
+    assert abs(np.corrcoef(np.transpose(sides))[0, 1]) < 4 / math.sqrt(500)
 
 
 def test_random_fields_have_the_stated_correlation() -> None:
@@ -303,6 +309,7 @@ def test_files_of_values_become_floors(tmp_path: Any) -> None:
     toml.write_text('[floor]\nsource = "values:mine.csv"\n[task]\nname = "mean"\n', encoding="utf-8")
     scenario = Scenario.read(toml)
     assert scenario.floor.source == "mine.csv"
+    assert scenario.floor_for(1, 0).tiles.tolist() == [[0, 0, 1], [1, 1, 0]]
     assert simulate(scenario.with_values({"run.t_end_s": 60.0}), 1, 1).runs["fill_ratio"][0] == pytest.approx(
         (0 + 0.25 + 1 + 0.5 + 0.5 + 0.335) / 6  # 0.333 in steps of 1/200
     )

@@ -50,6 +50,12 @@ def test_what_is_written_is_read_again(tmp_path, suffix, tiles):
     assert np.array_equal(read_tiles(path, tiles.shape), tiles)
 
 
+def test_kinds_above_9_are_written_apart(tmp_path):
+    tiles = [[10, 0, 1], [1, 2, 9]]
+    write_tiles(tmp_path / "kinds.txt", tiles)
+    assert read_tiles(tmp_path / "kinds.txt").tolist() == tiles
+
+
 @pytest.mark.parametrize(
     "content",
     [

@@ -19,6 +19,7 @@ ONES = {
     "random-fixed:0.48": 48,
     "random-fixed:0.46": 46,
 }
+BOARD = {(r, c) for r in range(10) for c in range(10) if (r + c) % 2 == 0}
 
 
 def test_all_patterns_are_known():
@@ -65,8 +66,15 @@ def test_the_drawings():
     ],
 )
 def test_alternating_is_a_checkerboard_less_some_tiles(name, lacks):
-    board = {(r, c) for r in range(10) for c in range(10) if (r + c) % 2 == 0}
-    assert set(zip(*np.nonzero(pattern(name)), strict=True)) == board - lacks
+    assert set(zip(*np.nonzero(pattern(name)), strict=True)) == BOARD - lacks
+
+
+def test_shares_of_kinds_alternate_as_their_numbers_allow():
+    checkerboard = pattern("alternating:0.5,0.5")
+    assert set(zip(*np.nonzero(checkerboard == 0), strict=True)) == BOARD
+    tiles = pattern("alternating:0.3,0.36,0.34")
+    assert np.bincount(tiles.ravel()).tolist() == [30, 36, 34]
+    assert (np.diff(tiles, axis=0) == 0).sum() + (np.diff(tiles, axis=1) == 0).sum() < 10
 
 
 @pytest.mark.parametrize(

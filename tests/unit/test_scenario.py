@@ -471,7 +471,7 @@ def test_a_wrong_word_names_the_right_ones(name: str) -> None:
         ({"arena.height_m": 0.02}, "arena.height_m", "0.015"),
         ({"swarm.start_margin_m": 0.6}, "swarm.start_margin_m", "at most 0.5"),
         ({"swarm.robots": 5000}, "swarm.robots", "5000"),
-        ({"run.t_end_s": 9000.0}, "robot.battery_life_s", "9000"),
+        ({"run.t_end_s": 8400.0}, "robot.battery_life_s", "8400"),
         ({"sample.sample_interval_ms": 0.0, "sample.stop_ms": 0.0}, "sample.sample_interval_ms", "20 ms"),
         ({"run.control_period_ms": 500}, "run.control_period_ms", "500 ms"),
         ({"sensor.model": "energies"}, "sensor.vibrating_energies", "missing"),
