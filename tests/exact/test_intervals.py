@@ -234,14 +234,24 @@ def test_paired_differences_hold_the_truth_skewed_ones_too(draw: str) -> None:
 def test_a_difference_far_out_has_a_p_value_smaller_than_the_draws_can_give() -> None:
     far = np.full(60, 1.0) + np.linspace(-0.3, 0.3, 60)
     found = sign_flip(far)
-    assert 2.0**-59 <= found.p_value < 1e-9  # 1999 draws alone give no less than 1e-3
-    assert found.p_value >= 2 * stats.norm.sf(far.sum() / np.sqrt((far**2).sum())) * 0.999
-    twelve = sign_flip(np.linspace(0.9, 1.1, 12))
-    assert twelve.p_value >= 2.0**-11
+    assert found.p_value == 2.0**-59  # 1999 draws alone give no less than 1e-3
     eleven = sign_flip([1.0] * 11 + [0.0] * 109)  # runs that are alike have no sign
-    assert eleven.p_value >= 2.0**-10
+    assert eleven.p_value == 2.0**-10
+    far[:2] = -0.5
+    normal = 2 * stats.norm.sf(far.sum() / np.sqrt((far**2).sum()))
+    assert sign_flip(far).p_value == pytest.approx(normal)
     near = np.linspace(-1.0, 1.2, 60)
     assert sign_flip(near).p_value > 0.05
+
+
+@pytest.mark.parametrize("exception", [2.0, -0.3])
+def test_a_small_p_value_of_few_differences_is_exact(exception: float) -> None:
+    """It was 1e-3, the least that 1999 draws give, whatever all sums with random signs say."""
+    d = np.append(np.exp(np.linspace(-1.0, 2.0, 13)), exception)
+    sums = np.array(list(itertools.product([1, -1], repeat=d.size))) @ d
+    exact = (np.abs(sums) >= d.sum() - 1e-9).mean()
+    assert exact < 5e-4
+    assert sign_flip(d).p_value == pytest.approx(exact)
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))

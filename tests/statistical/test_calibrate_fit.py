@@ -22,7 +22,7 @@ from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.calibrate.drive import course_of, line_of
 from vibroswarm.calibrate.features import FEATURES
-from vibroswarm.calibrate.few_groups import limits_of
+from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
 from vibroswarm.calibrate.fit import FITS, avoidance_beyond, fit_loss, stop_of
 from vibroswarm.calibrate.fit_avoidance import (
     CANDIDATES,
@@ -467,6 +467,17 @@ def test_one_more_draw_is_beyond_the_limits_in_one_of_twenty_cases(draws: int) -
     low, high = limits_of(cases[1:])
     held = np.count_nonzero((low <= cases[0]) & (cases[0] <= high))
     assert binom.ppf(1e-4, 4000, 0.95) <= held <= binom.ppf(1.0 - 1e-4, 4000, 0.95)
+
+
+def test_limits_of_a_bootstrap_of_few_robots_hold() -> None:
+    random, held, groups = np.random.default_rng(4), np.zeros(2), 5
+    for _ in range(1000):
+        values = random.normal(size=groups)
+        draws = random.multinomial(groups, np.full(groups, 1 / groups), size=40) @ values / groups
+        limits = limits_of_bootstrap(draws, groups), limits_of(draws)
+        held += [low <= 0.0 <= high for low, high in limits]
+    assert binom.ppf(1e-4, 1000, 0.95) <= held[0] <= binom.ppf(1.0 - 1e-4, 1000, 0.96)
+    assert held[1] < 900  # plain limits, the control
 
 
 @pytest.mark.parametrize("name", SPREADS)

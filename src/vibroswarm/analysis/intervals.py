@@ -44,7 +44,9 @@ _EXACT: Final = 10
 _MANY_VALUES: Final = 2000
 """Above this number of distinct values, resampled means are replaced by their normal limit."""
 _TAIL: Final = 5
-"""With fewer draws as extreme as the observed sum, the p-value may be that of the normal limit (``sign_flip``)."""
+"""With fewer draws as extreme as the observed sum, they say too little of the p-value (``sign_flip``)."""
+_HALVES: Final = 30
+"""Up to this number of differences other than 0 a small p-value is exact: the sums of each half are enumerated."""
 _BLOCK: Final = 4_000_000
 """Most random numbers in memory at a time: draws are made in blocks of this size."""
 
@@ -129,11 +131,19 @@ def student_factor(n: float, level: float) -> float:
     return float(stdtrit(n - 1, tail) / ndtri(tail))
 
 
+def few_factor(n: int, level: float) -> float:
+    """Return by how much deviations of bootstrap draws of n units are to be made wider.
+
+    The factor sqrt(n / (n - 1)) makes the variance of the draws unbiased; ``student_factor`` allows for the few units
+    that it is estimated from. ``n`` is at least 2.
+    """
+    return math.sqrt(n / (n - 1)) * student_factor(n, level)
+
+
 def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
     """Return percentile limits of bootstrap draws of n units, whose deviations from their mean are made wider.
 
-    The factor sqrt(n / (n - 1)) makes the variance of the draws unbiased; ``student_factor`` allows for the few units
-    that it is estimated from. The limits of one unit are infinite.
+    They are multiplied by ``few_factor``. The limits of one unit are infinite.
 
     Args:
         draws: without nan, some finite; infinite ones stay. n: number of units that were drawn from.
@@ -141,7 +151,7 @@ def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
     if n < 2:
         return -math.inf, math.inf
     finite = draws[np.isfinite(draws)]
-    wider, centre = math.sqrt(n / (n - 1)) * student_factor(n, level), finite.mean()
+    wider, centre = few_factor(n, level), finite.mean()
     method: Any = "linear" if finite.size == draws.size else "nearest"  # no mean of a number and infinity
     low, high = np.quantile(
         centre + wider * (draws - centre), [0.5 - level / 2, 0.5 + level / 2], method=method
@@ -458,9 +468,8 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     Up to 10 differences all subsets are enumerated. For more, ``draws`` random subsets are drawn (equal differences
     together), and for very many distinct differences the normal limit is used.
 
-    If fewer than ``_TAIL`` of the random sums are as extreme as the observed sum, p is replaced by that of the normal
-    limit if this is smaller: a limited number of draws cannot give p-values as small as a correction over many
-    comparisons needs.
+    If fewer than ``_TAIL`` of the random sums are as extreme as the observed sum, p is replaced by ``_small_p_value``:
+    a limited number of draws cannot give p-values as small as a correction over many comparisons needs.
     """
     check_level(level)
     d = without_nan(differences)
@@ -483,7 +492,7 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     beyond = min(at_most, at_least)
     p_value = min(1.0, 2.0 * (1 + beyond) / (means.size + 1))
     if beyond < _TAIL and d.size > _EXACT:  # too few draws beyond 0 to estimate a small p-value
-        p_value = min(p_value, _normal_p_value(d))
+        p_value = _small_p_value(d, p_value)
     return Tested(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
 
 
@@ -546,16 +555,33 @@ def _rare_mean(amounts: Values, n: int, unseen: float, level: float) -> tuple[fl
     return amount * amounts.size / n, amount * float(low), amount * float(high)
 
 
-def _normal_p_value(d: Values) -> float:
-    """Compute the p-value of sum(d) from the normal limit of the sum with random signs.
+def _small_p_value(d: Values, by_draws: float) -> float:
+    """Compute the p-value of sum(d), where draws of random signs give few sums as extreme.
 
-    It is at least the smallest p-value that random signs of the differences other than 0 can give.
+    It is exact for up to ``_HALVES`` differences other than 0, and if all of these have one sign, which one choice of
+    signs in 2^n does. Otherwise it is that of the normal limit, if this is below ``by_draws``. The limit is seldom too
+    small: a sum with random signs is far out less often than a normal value.
     """
-    spread = math.sqrt(float((d * d).sum()))
-    if spread == 0.0:
-        return 1.0
-    differ = np.count_nonzero(np.abs(d) > 1e-12 * np.abs(d).max())  # not by rounding alone
-    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), _least_p_value(int(differ)))
+    apart = np.abs(d)
+    apart = apart[apart > 1e-12 * apart.max()]  # not by rounding alone
+    observed = abs(float(d.sum()))
+    if observed >= float(apart.sum()) * (1.0 - 1e-12):
+        return min(1.0, _least_p_value(apart.size))
+    if apart.size <= _HALVES:
+        one, other = np.sort(_signed_sums(apart[::2])), _signed_sums(apart[1::2])
+        # Sums at least as large as the observed one: of each sum of one half, the sums of the other half that suffice.
+        below = np.searchsorted(one, observed * (1.0 - 1e-12) - other)
+        return 2.0 * float(one.size - below.mean()) / one.size
+    normal = 2.0 * float(ndtr(-observed / math.sqrt(float(apart @ apart))))
+    return min(by_draws, max(normal, _least_p_value(apart.size)))
+
+
+def _signed_sums(values: Values) -> Values:
+    """Compute the sum of n values with each choice of their signs, (2^n,)."""
+    sums = np.zeros(1)
+    for value in values:
+        sums = np.concatenate([sums - value, sums + value])
+    return sums
 
 
 def _least_p_value(n: int) -> float:
@@ -593,7 +619,7 @@ def _sign_flip_of_many(d: Values, mean: float, level: float) -> Tested:
     """Compute the interval and p-value of ``sign_flip`` from the normal limit, of many distinct differences.
 
     The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d. The
-    p-value uses it too, unlike ``_normal_p_value``, so that p and the interval agree.
+    p-value uses it too, unlike ``_small_p_value``, so that p and the interval agree.
     """
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv, stdtrit
 
-from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.intervals import few_factor, generator
 from vibroswarm.core.arrays import Floats
 
 
@@ -52,3 +52,16 @@ def limits_of(draws: Floats) -> Floats:
     One more draw is beyond them in 5 % of cases if there are 39 draws or more; with 12 draws in 15 %.
     """
     return np.asarray(np.quantile(draws, (0.025, 0.975), axis=0, method="weibull"))
+
+
+def limits_of_bootstrap(draws: Floats, groups: int) -> Floats:
+    """Return the 95 % limits of bootstrap draws of few groups, (2,): deviations are made wider (``few_factor``).
+
+    Limits of what is negative in no draw are not negative.
+
+    Args:
+        draws: (draws,). groups: how many were resampled, at least two.
+    """
+    centre = draws.mean()
+    limits = limits_of(centre + few_factor(groups, 0.95) * (draws - centre))
+    return np.maximum(limits, 0.0) if draws.min() >= 0.0 else limits

@@ -8,7 +8,7 @@ from the centre (``fit_camera``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.drive import calm_intervals
-from vibroswarm.calibrate.few_groups import limits_of
+from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
 from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, AvoidanceFit, fields_of, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
@@ -30,6 +30,7 @@ from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
+from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 
@@ -163,6 +164,11 @@ class _Work:
     vibration: VibrationFit | None = None
     avoidance: AvoidanceFit = field(init=False)
 
+    @property
+    def robots(self) -> int:
+        """Number of robots, which count once in each session: the groups of bootstraps."""
+        return int(robot_clusters(self.found.samples).max()) + 1
+
 
 class _Part(NamedTuple):
     """What one fit gives to the scenario, and its estimates."""
@@ -219,7 +225,7 @@ def _of_camera(work: _Work) -> _Part:
     found = fit_camera(work.found, **work.of_errors)
     work.camera, work.found = found.camera, work.found.corrected(found.camera)
     values = {name: getattr(found.camera, name) for name in found.draws}
-    return _Part(found.camera.fields(), _estimates("camera.", values, found.draws))
+    return _Part(found.camera.fields(), _estimates("camera.", values, found.draws, found.draws, work.robots))
 
 
 def _of_drive(work: _Work) -> _Part:
@@ -242,7 +248,7 @@ def _of_sensor(work: _Work) -> _Part | None:
         f"sensor.{name}": value if name not in SPREADS or value > 0 else None
         for name, value in found.rounded(found.values).items()
     }
-    return _Part(fields, _estimates("sensor.", found.values, found.draws))
+    return _Part(fields, _estimates("sensor.", found.values, found.draws, LAWS, work.robots))
 
 
 def _of_vibration(work: _Work) -> _Part | None:
@@ -328,11 +334,18 @@ def fit_loss(found: Dataset) -> Fitted | None:
     return Fitted("network.loss.share", value, error, max(value - half, 0.0), value + half)
 
 
-def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Floats]) -> list[Fitted]:
+def _estimates(
+    section: str,
+    values: Mapping[str, float],
+    draws: Mapping[str, Floats],
+    resampled: Collection[str] = (),
+    groups: int = 0,
+) -> list[Fitted]:
     """Return estimates with standard errors and 95 % intervals from their draws, (draws,) each.
 
     Args:
         section: begins their names: of the scenario if they are its fields, else empty.
+        resampled: names of those whose draws are a bootstrap of so many ``groups``.
     Returns:
         Those that have draws.
     """
@@ -340,7 +353,8 @@ def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Fl
     for name, value in values.items():
         if not draws[name].size:
             continue
-        low, high = limits_of(draws[name])
+        own = draws[name]
+        low, high = limits_of_bootstrap(own, groups) if name in resampled else limits_of(own)
         error = float(draws[name].std(ddof=1))
         figures.append(Fitted(f"{section}{name}", value, error, float(low), float(high)))
     return figures

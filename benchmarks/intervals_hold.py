@@ -1,0 +1,143 @@
+"""How often intervals hold the truth, by simulated studies with known truth: figures of docs/figures/statistics.md.
+
+    python benchmarks/intervals_hold.py runs [--studies 2000]         # mean decision time of few runs
+    python benchmarks/intervals_hold.py margin [--studies 600]        # "equivalent" where the difference is the margin
+    python benchmarks/intervals_hold.py sessions [--studies 6000]     # energy distance among recorded sessions
+    python benchmarks/intervals_hold.py fit [--studies 30] [--sessions 1]  # estimates of `calibrate fit`
+
+Laws of runs and differences are drawn in place of simulated swarms; ``fit`` simulates preset calibrated and fits it, in
+one to three seconds of CPU for each session.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from vibroswarm.analysis.intervals import Interval, mean_interval, pseudo_values, time_interval
+from vibroswarm.analysis.paired import difference, equivalent
+from vibroswarm.calibrate.camera import Camera, seen_through
+from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
+from vibroswarm.calibrate.fit_camera import fit_camera
+from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.simulation import simulate
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+T_END_S = 1200.0
+MANY = 2_000_000
+"""Values whose mean is the truth."""
+CAMERA = Camera(1.035, 0.003, -0.0064)
+
+
+def main() -> None:
+    """Print the figures of one part."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parts: dict[str, tuple[Callable[..., None], int]] = {
+        "runs": (of_runs, 2000), "margin": (at_margin, 600), "sessions": (among_sessions, 6000), "fit": (of_fit, 30),
+    }  # fmt: skip
+    parser.add_argument("part", choices=parts)
+    parser.add_argument("--studies", type=int)
+    parser.add_argument("--sessions", type=int, default=1)
+    options = parser.parse_args()
+    function, studies = parts[options.part]
+    more = {"sessions": options.sessions} if options.part == "fit" else {}
+    function(options.studies or studies, np.random.default_rng(5), **more)
+
+
+def held(intervals: list[Interval], truth: float) -> str:
+    """Return the share of intervals that hold the truth, in percent."""
+    return f"{100 * np.mean([not found.excludes(truth) for found in intervals]):.0f} %"
+
+
+def of_runs(studies: int, random: np.random.Generator) -> None:
+    """Mean decision times: log-normal and cut at t_end, or alike but for 3 % of late runs."""
+
+    def cut(spread: float) -> Callable[[int], Values]:
+        return lambda n: np.minimum(300.0 * np.exp(spread * random.normal(size=n)), T_END_S)
+
+    def late(n: int) -> Values:
+        usual = 100.0 + random.gamma(4.0, 5.0, n)
+        return np.where(random.random(n) < 0.03, random.uniform(400.0, T_END_S, n), usual)
+
+    laws = {f"log-normal, {spread}": cut(spread) for spread in (0.5, 0.8, 1.2)} | {"3 % late": late}
+    for name, law in laws.items():
+        truth = float(law(MANY).mean())
+        for runs in (2, 3, 5, 20, 100, 300):
+            found = [time_interval(law(runs), T_END_S) for _ in range(studies)]
+            print(f"{name}, {runs} runs: {held(found, truth)}")
+
+
+def at_margin(studies: int, random: np.random.Generator) -> None:
+    """How often differences whose mean is the margin are "equivalent"."""
+    skewed = np.exp(0.5)  # mean of the log-normal law
+    laws: dict[str, tuple[Callable[[int], Values], float]] = {
+        "normal": (random.standard_normal, 1.0),
+        "Student's with 3 degrees of freedom": (lambda n: random.standard_t(3, n), np.sqrt(3.0)),
+        "log-normal, tail away from 0": (lambda n: random.lognormal(size=n) - skewed, 2.16),
+        "log-normal, tail through 0": (lambda n: skewed - random.lognormal(size=n), 2.16),
+    }
+    for name, (law, deviation) in laws.items():
+        for pairs in (12, 20, 60, 300):
+            margin = 4.0 * deviation / np.sqrt(pairs)
+            found = {
+                level: np.mean(
+                    [
+                        equivalent(
+                            difference(law(pairs) + margin, np.zeros(pairs), level, k).interval, margin
+                        )
+                        for k in range(studies)
+                    ]
+                )
+                for level in (0.95, 0.90)
+            }
+            print(f"{name}, {pairs} pairs:", *(f"{100 * of:.1f} % at {at}" for at, of in found.items()))
+
+
+def among_sessions(studies: int, random: np.random.Generator) -> None:
+    """Energy distances of sessions that differ by chance in some directions: squared distances of normal values."""
+    for sessions in (3, 5, 10, 20):
+        for directions in (1, 2, 10):
+            found = []
+            for _ in range(studies):
+                at = random.normal(size=(sessions, directions))
+                squared = ((at[:, None] - at[None]) ** 2).sum(axis=2)
+                found.append(mean_interval(pseudo_values(squared.sum(axis=1) / (sessions - 1))))
+            above = np.mean([one.low > 2.0 * directions for one in found])
+            print(
+                f"{sessions} sessions, {directions} directions: {held(found, 2.0 * directions)}; too large {above:.3f}"
+            )
+
+
+def of_fit(studies: int, random: np.random.Generator, sessions: int) -> None:
+    """Camera and laws of energy, fitted to simulated sessions of five robots each."""
+    base = preset("calibrated")
+    truth = {f"sensor.{name}": getattr(base.sensor, name) for name in (*FIELDS, *SPREADS)}
+    truth |= {f"camera.{name}": value for name, value in vars(CAMERA).items()}
+    rows: dict[str, list[tuple[float, bool, bool]]] = {name: [] for name in truth}
+    for _ in range(studies):
+        result = simulate(base, runs=sessions, seed=int(random.integers(2**31)))
+        groups = sessions * base.swarm.robots
+        sensor = fit_sensor(dataset_of([result]))
+        camera = fit_camera(dataset_of([seen_through(result, CAMERA)]))
+        draws = {f"sensor.{name}": own for name, own in sensor.draws.items()}
+        draws |= {f"camera.{name}": own for name, own in camera.draws.items()}
+        values = {f"sensor.{name}": value for name, value in sensor.values.items()}
+        values |= {f"camera.{name}": value for name, value in vars(camera.camera).items()}
+        for name, own in draws.items():
+            limits = limits_of(own), limits_of_bootstrap(own, groups)
+            hold = [bool(low <= truth[name] <= high) for low, high in limits]
+            rows[name].append((values[name], hold[0], hold[1]))
+    for name, row in rows.items():
+        mean, plain, wider = np.mean(row, axis=0)
+        print(
+            f"{name}: {truth[name]:.4f}, fitted {mean:.4f}; plain draws hold {plain:.2f}, wider {wider:.2f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
