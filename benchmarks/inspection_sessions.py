@@ -25,7 +25,7 @@ from vibroswarm.inspection.scan import BLOCK_S
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.observation.energy_model import error_rates, readings_of
-from vibroswarm.paper.real_data import REAL, read_recordings
+from vibroswarm.paper.columns import REAL, read_recordings
 from vibroswarm.recordings.recording import Recording
 
 Floats = NDArray[np.float64]

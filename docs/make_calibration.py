@@ -32,8 +32,7 @@ from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
 from vibroswarm.calibrate.fit import FITS, fit
 from vibroswarm.calibrate.interval_classifier import other_robots, same_robots
 from vibroswarm.calibrate.real_vs_simulated import compare
-from vibroswarm.paper.columns import EMPIRICAL, scenario_of
-from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floor
+from vibroswarm.paper.columns import AUTHORS, EMPIRICAL, REAL, read_recordings, real_floor, scenario_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 

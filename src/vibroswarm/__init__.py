@@ -35,9 +35,9 @@ def _as_document(value: object) -> object:
 
 def _study_verbs() -> object:
     """Return the functions behind the methods of studies; their module is imported when it is needed."""
-    from vibroswarm.study import study_outputs
+    from vibroswarm.study import evaluation
 
-    return study_outputs
+    return evaluation
 
 
 above.update({"html": _as_html, "document": _as_document, "study verbs": _study_verbs})

@@ -25,7 +25,7 @@ from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.scenario_warnings import warnings_of
+from vibroswarm.study.scenario_words import warnings_of
 from vibroswarm.study.spec import Study
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences, in_pieces

@@ -9,14 +9,14 @@ import pytest
 
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from vibroswarm import preset, simulate
-from vibroswarm.analysis.floor_maps import floor_maps
+from vibroswarm.analysis.map_figures import floor_maps
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay
 from vibroswarm.strategies import strategy
-from vibroswarm.study.scenario_warnings import warnings_of
+from vibroswarm.study.scenario_words import warnings_of
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
 

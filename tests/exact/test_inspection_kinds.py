@@ -12,9 +12,8 @@ import vibroswarm as v
 from vibroswarm.documents.inspection import inspection_document
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.inspection import Inspection
-from vibroswarm.inspection.kind_map import kind_map
 from vibroswarm.inspection.stopping import Question
-from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.inspection.tile_map import kind_map, tile_map
 from vibroswarm.observation.energy_model import rates
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.terminal import print_document

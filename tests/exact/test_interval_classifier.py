@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 from scipy.stats import triang
 
+from vibroswarm.calibrate.classifier import mean_accuracy
 from vibroswarm.calibrate.drive import course_of, undisturbed
-from vibroswarm.calibrate.held_out_accuracy import mean_accuracy
 from vibroswarm.calibrate.interval_classifier import (
     boosted_trees,
     interval_accuracy,

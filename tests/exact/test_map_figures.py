@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from vibroswarm import Study, preset, simulate
-from vibroswarm.analysis.floor_maps import floor_maps
-from vibroswarm.analysis.map_figures import keeps_map
+from vibroswarm.analysis.map_figures import floor_maps, keeps_map
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.documents.detection import detection_document
 from vibroswarm.documents.league import league_document

@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import norm
 
 from vibroswarm import InputError, Scenario, preset, simulate
-from vibroswarm.analysis.floor_maps import floor_maps
+from vibroswarm.analysis.map_figures import floor_maps
 from vibroswarm.cli import main
 from vibroswarm.sensors.base import forget as forget_sensor
 from vibroswarm.strategies import place_kinds, place_map, place_trust, places

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.agreement import AGREEMENTS
+from vibroswarm.analysis.answers_over_time import AGREEMENTS
 from vibroswarm.analysis.cell_summary import icc, icc_of_counts, summary
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence

@@ -18,8 +18,7 @@ from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.fronts import guess_level
 from vibroswarm.optimize.costs import COSTS
 from vibroswarm.optimize.outcomes import outcomes_of
-from vibroswarm.study.answers import answers_of
-from vibroswarm.study.cell_comparison import comparisons
+from vibroswarm.study.cell_comparison import answers_of, comparisons
 from vibroswarm.study.detection import detect
 from vibroswarm.tasks import Task, base, register
 

@@ -152,7 +152,7 @@ def test_a_search_that_was_killed_after_it_copied_the_code_begins_again(tmp_path
     (tmp_path / ".voter.py.3f.tmp").write_text("half a co", encoding="utf-8")
     folder = SearchFolder(tmp_path, search)
     with folder.alone():
-        folder.add(1, step_table(search, [(0, "start", [("it failed", 1)])]))
+        folder.add(1, step_table(search, {0: "start"}, [(0, "it failed", 1)]))
         assert {path.name for path in tmp_path.iterdir()} >= {copy.name, MANIFEST, SEARCH}
     for name in (MANIFEST, SEARCH):
         (tmp_path / name).unlink()

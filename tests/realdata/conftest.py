@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings
+from vibroswarm.paper.columns import AUTHORS, REAL, read_recordings
 from vibroswarm.recordings.recording import Recording
 
 

@@ -20,8 +20,7 @@ from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.interval_classifier import same_robots
 from vibroswarm.calibrate.real_vs_simulated import Comparison, _similarities, compare
 from vibroswarm.calibrate.similarity import RealCache
-from vibroswarm.paper.columns import EMPIRICAL, scenario_of
-from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floor
+from vibroswarm.paper.columns import AUTHORS, EMPIRICAL, REAL, read_recordings, real_floor, scenario_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset, value_of

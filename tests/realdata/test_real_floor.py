@@ -16,7 +16,7 @@ from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
-from vibroswarm.paper.real_data import REAL
+from vibroswarm.paper.columns import REAL
 
 BY_SESSION = (0.482, 0.506, 0.499)
 """Share that reads as vibrating at 1.33, each tile counting alike."""

@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 import pytest
 
-from vibroswarm.paper.real_data import AUTHORS, real_floor
+from vibroswarm.paper.columns import AUTHORS, real_floor
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 

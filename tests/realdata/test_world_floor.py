@@ -10,7 +10,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.floors.source import resolve
-from vibroswarm.paper.real_data import ROWS
+from vibroswarm.paper.columns import ROWS
 
 
 @pytest.fixture

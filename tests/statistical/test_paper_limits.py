@@ -11,9 +11,8 @@ from scipy import stats
 from vibroswarm import simulate
 from vibroswarm.paper.claim_values import exact, mean, row, share
 from vibroswarm.paper.claims import UNBOUNDED, all_claims, interval, mean_limits, share_limits
-from vibroswarm.paper.columns import scenario_of
-from vibroswarm.paper.items.experiment_times import FITTED, REAL_EXPERIMENTS, T_END_S
-from vibroswarm.paper.real_data import real_floor
+from vibroswarm.paper.columns import real_floor, scenario_of
+from vibroswarm.paper.items.experiments import FITTED, REAL_EXPERIMENTS, T_END_S
 
 N, REPEATS = 100, 3000
 

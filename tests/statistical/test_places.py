@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 from scipy.special import logit
 
-from vibroswarm.analysis.floor_maps import floor_maps, maps_over_time
+from vibroswarm.analysis.map_figures import floor_maps, maps_over_time
 from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.agreement import Agreement, agreements_of, agreements_over_time
+from vibroswarm.analysis.answers_over_time import Agreement, agreements_of, agreements_over_time
 from vibroswarm.analysis.intervals import wilson
 from vibroswarm.analysis.verdict import agreement_words, headline, verdict
 from vibroswarm.cli import main

@@ -15,8 +15,7 @@ from vibroswarm.core.numbers import count_of, listed
 from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of, warnings_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
-from vibroswarm.study.answers import Answer, answers_of
-from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.study.cell_comparison import Answer, Compared, answers_of
 from vibroswarm.study.equal_error import reached
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of

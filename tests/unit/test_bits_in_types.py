@@ -27,10 +27,10 @@ ALLOWED = {
         strategies/dirichlet_soft strategies/kind_belief tasks/agree tasks/share sensors/claims""",
     "maps of two kinds, which have fewer numbers; place_kinds and kind_map are those of more": """
         strategies/place_evidence strategies/place_map strategies/place_samples strategies/place_share
-        strategies/place_summaries strategies/place_trust strategies/places analysis/floor_maps
+        strategies/place_summaries strategies/place_trust strategies/places
         analysis/map_figures analysis/map_scores documents/cell_figures inspection/tile_map""",
-    "a kind against kind 0, of any number of kinds": """strategies/place_kinds inspection/kind_map
-        inspection/sources inspection/inspection documents/inspection documents/damage floors/changes
+    "a kind against kind 0, of any number of kinds": """strategies/place_kinds inspection/sources
+        inspection/inspection documents/inspection documents/damage floors/changes
         sensors/acceleration""",
     "messages of one bit, counted without a list; other messages are read one by one": """inference/default_hooks
         inference/generated_kernels inference/replay inference/replay_arrays inference/replay_counts

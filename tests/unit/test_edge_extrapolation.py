@@ -6,7 +6,7 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.observation.edge_response import FITTED_ON_M, edge_warnings, shorter_side_m
-from vibroswarm.paper.real_data import real_floor
+from vibroswarm.paper.columns import real_floor
 from vibroswarm.scenario.scenario import preset
 
 SMALL = {"floor.rows": 10, "floor.columns": 10}

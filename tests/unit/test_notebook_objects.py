@@ -45,7 +45,7 @@ STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))
 MORE = ("plots", "networks", "tasks", "strategies", "testing", "league.standings", "league.entries", "league.tuning",
         "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.forced_error", "optimize.grid",
         "optimize.scenario_comparison", "optimize.sensitivity", "optimize.validation", "optimize.archive",
-        "study.study_outputs")  # fmt: skip
+        "study.evaluation")  # fmt: skip
 """Modules of public names and of results of public functions, beside the stubs and the API pages."""
 NO_OBJECTS = (
     *("Array", "NoParams", "NoArrays", "NoState", "Bit", "State", "Params", "Work", "Workers", "Bar"),

@@ -9,9 +9,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.paper.cells import CellResults
-from vibroswarm.paper.columns import scenario_of
+from vibroswarm.paper.columns import real_floor, scenario_of
 from vibroswarm.paper.item import Settings, Work, cannot_ask
-from vibroswarm.paper.real_data import real_floor
 from vibroswarm.simulation import simulate
 
 

@@ -18,7 +18,7 @@ from vibroswarm.paper.cells import READ, Cell, CellResult, CellResults, summaris
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS, parameters, published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
-from vibroswarm.paper.items import all_items, experiment_times, items_named, search
+from vibroswarm.paper.items import all_items, experiments, items_named, search
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Section
@@ -153,12 +153,12 @@ def test_the_search_is_the_papers(tables: dict[str, Tables]) -> None:
 
 def test_losses_are_of_messages_addressed_to_a_robot() -> None:
     plotted = published("experiments.packet_loss_percent")
-    assert experiment_times.loss_of(5) == pytest.approx(plotted[0] / 100 * 5 / 4)
-    assert experiment_times.loss_of(10) == pytest.approx(0.0901, abs=1e-4)
+    assert experiments.loss_of(5) == pytest.approx(plotted[0] / 100 * 5 / 4)
+    assert experiments.loss_of(10) == pytest.approx(0.0901, abs=1e-4)
 
 
 def test_loss_changes_nothing_but_the_network() -> None:
-    cells = experiment_times.cells(Settings(columns=("paper",)))
+    cells = experiments.cells(Settings(columns=("paper",)))
     with_loss = cells["paper", "with loss", 1.55, "own", 8, "none"].scenario
     without = cells["paper", "without loss", 1.55, "own", 8, "none"].scenario
     assert with_loss.with_values({"network.name": "loss", "network.loss.share": 0.0}) == without
@@ -188,7 +188,7 @@ def test_larger_swarms_of_calibrated_robots_lose_messages_by_size() -> None:
     assert scenario_of("paper", {"swarm.robots": 10}).network.name == preset("paper").network.name
     # The preset's share is that of the messages addressed to a robot which were lost, as plotted.
     for robots in range(6, 11):
-        assert share_lost(robots) == pytest.approx(experiment_times.loss_of(robots), abs=0.0045)
+        assert share_lost(robots) == pytest.approx(experiments.loss_of(robots), abs=0.0045)
 
 
 def test_controls_and_empirical_parameters_have_the_numbers_that_they_name() -> None:

@@ -18,7 +18,6 @@ from vibroswarm.paper.item import CLAIMS, Settings
 from vibroswarm.paper.items import (
     example_run,
     experiment_accuracy,
-    experiment_times,
     experiments,
     feedback,
     hidden_threshold,
@@ -26,7 +25,7 @@ from vibroswarm.paper.items import (
     search,
     side_claims,
 )
-from vibroswarm.paper.items.experiment_times import error_of_difference, in_standard_errors
+from vibroswarm.paper.items.experiments import error_of_difference, in_standard_errors
 from vibroswarm.paper.reproduce import reproduce
 
 RUNS = 6
@@ -162,8 +161,8 @@ def test_the_timers_item_finds_what_it_was_given(tmp_path: Path) -> None:
 
 
 def test_bands_are_over_all_thresholds_and_say_how_wide_they_are(tmp_path: Path) -> None:
-    assert experiment_times.THRESHOLDS == (1.33, 1.40, 1.55)
-    cells = experiment_times.cells(Settings(columns=("paper",)))
+    assert experiments.THRESHOLDS == (1.33, 1.40, 1.55)
+    cells = experiments.cells(Settings(columns=("paper",)))
     found = {key[2:4] for key in cells if isinstance(key, tuple)}
     assert found == {(t, gate) for t in (1.33, 1.40, 1.55) for gate in ("total", "own")}
     table = pl.DataFrame(

@@ -9,7 +9,7 @@ undecided:
 | design effect | 1 + (m - 1) r: number of robots, in runs of m, that inform as much as one independent robot |
 
 Right and wrong are shares of the runs with a truth; without such runs they are undefined. Whether agreement lasted is
-known only of strategies whose opinions may change after the swarm has decided (``analysis.agreement``). The median
+known only of strategies whose opinions may change after the swarm has decided (``answers_over_time``). The median
 consensus time is undefined (None) if fewer than half of the runs reach a consensus.
 """
 
@@ -88,7 +88,7 @@ def summary(
     Args:
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
         level: confidence level of each single interval. seed: seed of the bootstrap.
-        agreements: table of agreements (``analysis.agreement.AGREEMENTS``); None: decisions are final.
+        agreements: table of agreements (``analysis.answers_over_time.AGREEMENTS``); None: decisions are final.
         costs: of the scenario (``outcomes.costs_of``); None: two answers, mistakes that cost the same.
     Raises:
         InputError: the tables have different runs, a run occurs twice, t_end is not above 0, or the level is not

@@ -77,7 +77,7 @@ FOLLOWED: Final = {
     },
 }
 """Columns of runs that only some have, by name, with their name in the table of agreements: of answers followed over
-time (``analysis.agreement``), and of maps (``analysis.map_figures``)."""
+time (``analysis.answers_over_time``), and of maps (``analysis.map_figures``)."""
 
 
 class Swarms(NotebookView):
@@ -115,7 +115,7 @@ class Swarms(NotebookView):
         """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
 
         Args:
-            t_end_s: end of a run, s. agreements: ``analysis.agreement.AGREEMENTS``; None: decisions are final.
+            t_end_s: end of a run, s. agreements: ``analysis.answers_over_time.AGREEMENTS``; None: decisions are final.
             costs: of the cell's scenario, ``outcomes.costs_of``.
         Raises:
             InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
@@ -343,17 +343,9 @@ def _mean_of(column: str) -> Callable[[Swarms], Array]:
     return lambda swarms: swarms.mean(swarms.robots[column])
 
 
-def _decision_time_s(swarms: Swarms) -> Array:
-    return swarms.mean(swarms.time_s)
-
-
 def _estimate_misses(swarms: Swarms) -> Array:
     """Estimate minus true fill ratio of each robot."""
     return np.asarray(swarms.robots["estimate"] - swarms.by_robot(swarms.runs["fill_ratio"]))
-
-
-def _estimate_error(swarms: Swarms) -> Array:
-    return swarms.mean(np.abs(_estimate_misses(swarms)))
 
 
 def _estimate_coverage(swarms: Swarms) -> Array:
@@ -434,7 +426,7 @@ FIGURES: Final = (
     RunFigure(
         "decision_time_s",
         "decision time",
-        _decision_time_s,
+        lambda s: s.mean(s.time_s),
         better=-1,
         unit="s",
         compared=True,
@@ -471,7 +463,13 @@ FIGURES: Final = (
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
     RunFigure("estimate", "estimate", _mean_of("estimate")),
-    RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1, least=0.0),
+    RunFigure(
+        "estimate_error",
+        "error of the estimate",
+        lambda s: s.mean(np.abs(_estimate_misses(s))),
+        better=-1,
+        least=0.0,
+    ),
     RunFigure(
         "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"
     ),
@@ -608,7 +606,7 @@ def run_figures(
 
     Args:
         robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
-        agreements: ``analysis.agreement.AGREEMENTS``; None: decisions are final.
+        agreements: ``analysis.answers_over_time.AGREEMENTS``; None: decisions are final.
         costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
     Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
     Raises:

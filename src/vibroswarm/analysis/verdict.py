@@ -20,7 +20,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm import strategies, tasks
-from vibroswarm.analysis.agreement import Agreement, agreements_over_time
+from vibroswarm.analysis.answers_over_time import Agreement, agreements_over_time
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView

@@ -17,18 +17,21 @@ their mean is taken as s^2 (1 / n + 1 / (n - 1)), s their standard deviation: 1 
 (Nadeau and Bengio 2003).
 
 Classifier, splits and accuracy are scikit-learn's (extra ``lab``).
+
+All accuracies are balanced: the mean of the two classes' shares of correct predictions; 0.5 is chance.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
+from threadpoolctl import threadpool_limits
 
 from vibroswarm.analysis.intervals import (
     Interval,
@@ -41,12 +44,42 @@ from vibroswarm.analysis.intervals import (
 )
 from vibroswarm.analysis.paired import differences, holm
 from vibroswarm.calibrate.features import lag_one
-from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.calibrate.similarity import over_sessions
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
+
+
+def scikit_learn(module: str) -> Any:
+    """Return a module of scikit-learn, such as "linear_model".
+
+    Raises:
+        InputError: scikit-learn is not installed.
+    """
+    return needed(f"sklearn.{module}", "lab", "calibrate")
+
+
+def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[tuple[Ints, Ints]]) -> float:
+    """Return the mean balanced accuracy over the splits, or NaN if there is none.
+
+    A split that trains or tests a single class is left out.
+
+    Args:
+        classifier: of scikit-learn, untrained. rows: features, (rows, columns). label: class of each row, 0 or 1.
+        splits: indices of the rows that are trained on, and of those that are tested.
+    """
+    whole = [split for split in splits if all(np.unique(label[part]).size == 2 for part in split)]
+    if not whole:
+        return np.nan
+    # Threads cost more than they save with so few rows: fifty times as much on a busy machine.
+    with threadpool_limits(1):
+        shares = scikit_learn("model_selection").cross_val_score(
+            classifier, rows, label, cv=whole, scoring="balanced_accuracy", error_score="raise"
+        )
+    return float(np.mean(shares))
+
 
 Stretches = dict[int, Floats]
 """Features of one session's stretches by robot: ``columns_of`` each, (stretches, columns)."""

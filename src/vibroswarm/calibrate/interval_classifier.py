@@ -22,8 +22,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.classifier import mean_accuracy, scikit_learn
 from vibroswarm.calibrate.drive import undisturbed
-from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.arrays import Ints
 
 FEATURES: Final = ("turn_rad", "distance_m")

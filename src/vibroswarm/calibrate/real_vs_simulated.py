@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
-from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy
+from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy, scikit_learn
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions, sessions_of
-from vibroswarm.calibrate.held_out_accuracy import scikit_learn
 from vibroswarm.calibrate.histograms import AXES, draw_panel, highest_of, histograms_of
 from vibroswarm.calibrate.interval_classifier import IntervalAccuracy, interval_accuracy
 from vibroswarm.calibrate.similarity import (

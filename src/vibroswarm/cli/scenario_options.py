@@ -75,7 +75,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
 
     A warning is new if this command has not printed or counted it yet.
     """
-    from vibroswarm.study.scenario_warnings import warnings_of
+    from vibroswarm.study.scenario_words import warnings_of
 
     # each different warning once, in order
     texts = dict.fromkeys(text for scenario in scenarios for text in warnings_of(scenario))

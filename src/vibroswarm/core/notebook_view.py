@@ -38,7 +38,7 @@ def document_of(value: object) -> Any:
 
 
 def study_verbs() -> Any:
-    """Return ``vibroswarm.study.study_outputs``, the functions behind methods of ``Study`` and ``StudyResult``."""
+    """Return ``vibroswarm.study.evaluation``, the functions behind methods of ``Study`` and ``StudyResult``."""
     return above["study verbs"]()
 
 

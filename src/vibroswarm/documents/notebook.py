@@ -17,7 +17,7 @@ from vibroswarm.run_page.write import page_html, record_of, why_no_page
 from vibroswarm.show.document import Document, Part, Table
 from vibroswarm.show.markup import escape
 from vibroswarm.show.page import fragment_html
-from vibroswarm.study.study_outputs import ReportFile
+from vibroswarm.study.evaluation import ReportFile
 
 PLAYER_PX: Final = 760
 """Height of the frame with a run's page."""

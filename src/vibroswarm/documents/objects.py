@@ -13,9 +13,9 @@ from vibroswarm.errors import shown
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import FieldNames, Scenario
 from vibroswarm.show.document import Document, Figure, Section, Table, Text
+from vibroswarm.study.evaluation import ReportFile
 from vibroswarm.study.factors import LABEL, PRESET
 from vibroswarm.study.spec import Cell, Study
-from vibroswarm.study.study_outputs import ReportFile
 from vibroswarm.study.study_result import StudyResult
 
 MOST_CELLS: Final = 500

@@ -12,9 +12,9 @@ import polars as pl
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
-from vibroswarm.analysis.floor_maps import floor_maps, keeps_floor_map
-from vibroswarm.analysis.gate import counted, gate_unreached
+from vibroswarm.analysis.map_figures import floor_maps, keeps_floor_map
 from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
+from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,

@@ -55,9 +55,9 @@ from vibroswarm.show.document import (
     limits_of,
     with_content,
 )
-from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.baselines import References
-from vibroswarm.study.study_outputs import Comparison
+from vibroswarm.study.cell_comparison import SIGNIFICANT, Answer, lacks_truth
+from vibroswarm.study.evaluation import Comparison
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_SENTENCES: Final = 12
@@ -165,10 +165,10 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     for answer in answers:
         row: dict[str, Any] = {"name": answer.name}
         for effect in answer.effects:
-            row |= columns_of(effect.figure, effect.interval)
+            row |= columns_of(effect.first.figure, effect.first.difference)
         better = {True: [], False: [], None: []}  # type: dict[bool | None, list[str]]
         for effect in answer.effects:
-            better[effect.better].append(SHORT[effect.figure])
+            better[effect.better].append(SHORT[effect.first.figure])
         row |= {"better": ", ".join(better[True]) or None, "worse": ", ".join(better[False]) or None}
         rows.append(row)
     columns = {

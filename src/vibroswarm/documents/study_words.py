@@ -30,8 +30,8 @@ from vibroswarm.core.numbers import (
     with_limits,
 )
 from vibroswarm.documents.knowledge import setting as setting_of
-from vibroswarm.study.answers import Answer, Effect, lacks_truth
 from vibroswarm.study.batch_table import failed_words
+from vibroswarm.study.cell_comparison import Answer, Compared, lacks_truth
 from vibroswarm.study.equal_error import pairs_at_equal_error
 from vibroswarm.study.factors import fields_in_words
 from vibroswarm.study.spec import Cell
@@ -124,7 +124,7 @@ def question(outcome: Outcome) -> str:
 
 def headline(answer: Answer) -> str:
     """Write which of two cells is faster and which is wrong more often, in a few words."""
-    by_figure = {effect.figure: effect for effect in answer.effects}
+    by_figure = {effect.first.figure: effect for effect in answer.effects}
     if "estimate_error" in by_figure:
         exact = _comparative(by_figure["estimate_error"], "less exact", "more exact")
         return (
@@ -136,7 +136,7 @@ def headline(answer: Answer) -> str:
     wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
     first, reference = answer.first_name, answer.reference_name
     # No decision is wrong where none is right.
-    can_err = not math.isnan(by_figure["wrong_share"].interval.estimate)
+    can_err = not math.isnan(by_figure["wrong_share"].first.difference.estimate)
     if time is None and wrong is None:
         return f"{first} and {reference}: no difference shown in time{' or wrong decisions' * can_err}"
     if time is None:
@@ -146,10 +146,10 @@ def headline(answer: Answer) -> str:
     return f"{first} is {time} than {reference}, and {wrong}"
 
 
-def _comparative(effect: Effect, if_higher: str, if_lower: str) -> str | None:
+def _comparative(effect: Compared, if_higher: str, if_lower: str) -> str | None:
     if not effect.significant:
         return None
-    return if_lower if effect.interval.estimate < 0 else if_higher
+    return if_lower if effect.first.difference.estimate < 0 else if_higher
 
 
 def sentence(answer: Answer) -> str:
@@ -160,7 +160,7 @@ def sentence(answer: Answer) -> str:
     if not shown:
         names = f"{answer.first_name} and {answer.reference_name}"
         return f"{names}{where}: no significant difference ({_differences(others)})."
-    differences = ", ".join(_directed(effect.figure, effect.interval) for effect in shown)
+    differences = ", ".join(_directed(effect.first.figure, effect.first.difference) for effect in shown)
     text = f"{headline(answer)}{where}: {differences}; {_confirmed(shown)}."
     return text + (f" Not significant: {_differences(others)}." if others else "")
 
@@ -232,27 +232,27 @@ def _decimals(figure: str, difference: Interval) -> int:
     return 0 if figure == "decision_time_s" and largest >= 9.95 else 1
 
 
-def _differences(effects: Iterable[Effect]) -> str:
+def _differences(effects: Iterable[Compared]) -> str:
     """List effects with short name and difference: ``time -127 s [-153, -102], wrong +6.7 points [3.9, 9.4]``.
 
     An interval is of one comparison; where it excludes 0, the p-value says why the difference is not significant.
     """
     return ", ".join(
-        f"{SHORT[effect.figure]} {_signed(effect.figure, effect.interval)}"
-        f"{f', p = {p_value(effect.p)} after correction' if side(effect.interval) else ''}"
+        f"{SHORT[effect.first.figure]} {_signed(effect.first.figure, effect.first.difference)}"
+        f"{f', p = {p_value(effect.first.p_holm)} after correction' if side(effect.first.difference) else ''}"
         for effect in effects
     )
 
 
-def _confirmed(shown: Sequence[Effect]) -> str:
+def _confirmed(shown: Sequence[Compared]) -> str:
     """Write which of the significant differences ``shown``, at least one, the runs from the other seed confirm.
 
     Returns: such as ``time confirmed on other seeds, wrong not confirmed``.
     """
-    if not any(effect.repeated for effect in shown):
+    if not any(effect.replicate is not None for effect in shown):
         return "not repeated on other seeds"
-    confirmed = [SHORT[effect.figure] for effect in shown if effect.confirmed]
-    unconfirmed = [SHORT[effect.figure] for effect in shown if not effect.confirmed]
+    confirmed = [SHORT[effect.first.figure] for effect in shown if effect.confirmed]
+    unconfirmed = [SHORT[effect.first.figure] for effect in shown if not effect.confirmed]
     if not unconfirmed:
         return "confirmed on other seeds"
     if not confirmed:

@@ -28,7 +28,6 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.inspection.assessment import Assessment, assess
 from vibroswarm.inspection.damage import SHAPES
-from vibroswarm.inspection.kind_map import any_but_still, kind_map
 from vibroswarm.inspection.laws import (
     DRAWS,
     known_from,
@@ -42,7 +41,7 @@ from vibroswarm.inspection.samples import Floats, Law, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.stopping import Question
-from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
@@ -98,7 +97,7 @@ class Inspection(NotebookView):
 
     @property
     def last_maps(self) -> pl.DataFrame:
-        """The last maps, as ``analysis.floor_maps`` has them."""
+        """The last maps, as ``analysis.map_figures`` has them."""
         maps = self._maps_at(-1)
         return maps if maps.is_empty() else maps.drop("time_s")
 

@@ -193,8 +193,8 @@ class Evaluator:
         return pieces
 
 
-Result = Rows | tuple[str, int]
-"""Results of some runs of a candidate: their figures, (runs, cases, columns), or why they failed and how many."""
+Result = tuple[int, Rows | str, int]
+"""Some runs of a candidate: its key, figures, (runs, cases, columns), or why they failed, and their number."""
 
 
 def do_asks(
@@ -202,12 +202,12 @@ def do_asks(
     objectives: tuple[Objective, ...],
     pool: Workers,
     progress: Callable[[int], None] = lambda done: None,
-) -> list[list[Result]]:
-    """Run the pieces of requests, and return the results of the pieces of each; see ``do_pieces``."""
+) -> list[Result]:
+    """Run the pieces of requests, and return the result of each; see ``do_pieces``."""
     pieces = [piece for _, of_ask in asks for piece in of_ask]
-    done = zip(pieces, do_pieces(pieces, objectives, pool, progress), strict=True)
-    results = iter((rows, piece.runs) if isinstance(rows, str) else rows for piece, rows in done)
-    return [[next(results) for _ in of_ask] for _, of_ask in asks]
+    keys = [ask.key for ask, of_ask in asks for _ in of_ask]
+    done = do_pieces(pieces, objectives, pool, progress)
+    return [(key, found, piece.runs) for key, found, piece in zip(keys, done, pieces, strict=True)]
 
 
 def do_pieces(

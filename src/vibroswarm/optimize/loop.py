@@ -277,10 +277,8 @@ class _Loop:
                 "not repeat (vibroswarm check); take a new folder"
             )
         self._collect(pieces, table)
-        for key, results in results_in(table, len(self.search.cases)).items():
-            for result in results:
-                is_good = isinstance(result, np.ndarray)
-                self.archive.add_runs(key, *((result, len(result)) if is_good else result))
+        for found in results_in(table, len(self.search.cases)):
+            self.archive.add_runs(*found)
 
     def _new_step(
         self, asks: Sequence[tuple[Ask, Sequence[Piece]]], progress: Callable[[int], None]
@@ -294,13 +292,7 @@ class _Loop:
         """
         assert self.pool is not None  # only a replay has none
         results = do_asks(asks, self.archive.objectives, self.pool, progress)
-        table = step_table(
-            self.search,
-            [
-                (ask.key, self.archive[ask.key].origin, result)
-                for (ask, _), result in zip(asks, results, strict=True)
-            ],
-        )
+        table = step_table(self.search, {ask.key: self.archive[ask.key].origin for ask, _ in asks}, results)
         if self.steps == 1 and not table["failed"].null_count():
             raise RunError(
                 f"all of the first {sum(ask.runs for ask, _ in asks)} runs failed: {table['failed'][0]}"

@@ -173,8 +173,6 @@ class Pso:
         self.position = random.random(shape)
         span = 0.0 if settings.noise == "as-ran" else settings.first_velocity
         self.velocity = span * (2.0 * random.random(shape) - 1.0)
-        if starts and len(starts) > settings.particles:
-            raise InputError(f"{len(starts)} starts for {settings.particles} particles", field="start")
         for k, start in enumerate(starts or []):
             self.position[k] = start
         self.current: list[int] = []

@@ -124,16 +124,13 @@ def sobol_indices(
     with workers_for(executor, workers) as pool:
         of_asks = [(ask, evaluator.pieces(ask)) for ask in asks]
         results = do_asks(of_asks, archive.objectives, pool, progress)
-    bad = [piece for of_point in results for piece in of_point if isinstance(piece, tuple)]
+    bad = [(why, runs) for _, why, runs in results if isinstance(why, str)]
     if bad:
-        (why, _), runs = bad[0], sum(count for _, count in bad)
-        raise RunError(f"{count(runs, 'run')} failed, and every point is needed: {why}")
-    # The first column of a point's figures, (replicates, cases, columns), averaged over the cases, gives the costs,
-    # (points, replicates).
-    rows = [
-        np.concatenate([piece for piece in of_point if not isinstance(piece, tuple)]) for of_point in results
-    ]
-    costs = np.array([np.mean(of_point, axis=1)[:, 0] for of_point in rows])
+        runs = sum(of_piece for _, of_piece in bad)
+        raise RunError(f"{count(runs, 'run')} failed, and every point is needed: {bad[0][0]}")
+    # The first column of the figures of a piece, (runs, cases, columns), averaged over the cases, gives its costs.
+    by_piece = [np.mean(rows, axis=1)[:, 0] for _, rows, _ in results if not isinstance(rows, str)]
+    costs = np.concatenate(by_piece).reshape(len(asks), replicates)
     return indices(search.space.names, costs, search.seed)
 
 

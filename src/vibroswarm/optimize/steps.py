@@ -88,57 +88,44 @@ def schema_of(search: Search) -> Schema:
     return Schema({**numbers, "failed": pl.String, **figures}, frozenset({"failed", *figures}), REQUEST)
 
 
-def step_table(search: Search, results: Sequence[tuple[int, str, Sequence[Result]]]) -> pl.DataFrame:
+def step_table(search: Search, origins: Mapping[int, str], results: Sequence[Result]) -> pl.DataFrame:
     """Return the table of a step.
 
     Args:
-        results: for each request, in order, key and origin of the candidate, and the results of its runs in order.
+        origins: of the candidates, by key. results: of all requests, in order; those of a candidate stand together.
     """
     schema, cases = schema_of(search), len(search.cases)
     names = [name for name in schema.columns if name.startswith("figure_")]
     rows: list[Rows] = []
-    candidate, origins, run = list[int](), list[str](), list[int]()
     failed: list[str | None] = []
-    for key, origin, pieces in results:
-        before = len(run)
-        for piece in pieces:
-            if isinstance(piece, np.ndarray):
-                figures, why = piece, None
-            else:
-                why, count = piece
-                figures = np.full((count, cases, len(names)), np.nan)
-            rows.append(figures)
-            failed += [why] * (len(figures) * cases)
-            run += [len(run) - before + k for k in range(len(figures))]
-        candidate += [key] * (len(run) - before)
-        origins += [origin] * ((len(run) - before) * cases)
+    for _, found, runs in results:
+        rows.append(np.full((runs, cases, len(names)), np.nan) if isinstance(found, str) else found)
+        failed += [found if isinstance(found, str) else None] * (runs * cases)
     values = np.concatenate(rows).reshape(-1, len(names))
+    candidate = np.repeat([key for key, *_ in results], [runs * cases for *_, runs in results])
     columns: dict[str, Any] = {
-        "candidate": np.repeat(candidate, cases),
-        "origin": origins,
-        "run": np.repeat(run, cases),
-        "case": np.tile(np.arange(cases), len(run)),
+        "candidate": candidate,
+        "origin": [origins[key] for key in candidate.tolist()],
+        "run": 0,
+        "case": np.tile(np.arange(cases), len(candidate) // cases),
         "failed": failed,
         **{name: values[:, k] for k, name in enumerate(names)},
     }
-    return pl.DataFrame(columns, schema=dict(schema.columns), nan_to_null=True)
+    table = pl.DataFrame(columns, schema=dict(schema.columns), nan_to_null=True)
+    return table.with_columns(run=(pl.int_range(pl.len()) // cases).over("candidate").cast(pl.UInt32))
 
 
-def results_in(table: pl.DataFrame, cases: int) -> dict[int, list[Result]]:
-    """Return the results in the table of a step, by candidate: figures first, then a reason for each failed run."""
-    found: dict[int, list[Result]] = {}
+def results_in(table: pl.DataFrame, cases: int) -> Iterator[Result]:
+    """Yield the results in the table of a step: for each candidate its good runs together, failed ones one by one."""
     candidate, failed = table["candidate"].to_numpy(), table["failed"].to_list()
     figures = table.select(r"^figure_\d+$").to_numpy()
     is_good = table["failed"].is_null().to_numpy()
     firsts = np.flatnonzero(np.append(True, candidate[1:] != candidate[:-1]))
     for first, end in pairwise([*firsts.tolist(), len(failed)]):
-        good = figures[first:end][is_good[first:end]]
-        rows = [good.reshape(-1, cases, figures.shape[1])] if good.size else []
-        found[int(candidate[first])] = [
-            *rows,
-            *((why, 1) for why in failed[first:end:cases] if why is not None),
-        ]
-    return found
+        key, good = int(candidate[first]), figures[first:end][is_good[first:end]]
+        if good.size:
+            yield key, good.reshape(-1, cases, figures.shape[1]), len(good) // cases
+        yield from ((key, why, 1) for why in failed[first:end:cases] if why is not None)
 
 
 class SearchFolder:
@@ -404,5 +391,4 @@ def versions_of(folder: Path) -> dict[str, str]:
     Raises:
         InputError: the manifest is not that of a search, or damaged.
     """
-    versions_there: dict[str, str] = read_definition(folder, "search")["versions"]
-    return versions_there
+    return dict(read_definition(folder, "search")["versions"])

@@ -38,8 +38,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.decision_boundary import expected_ones
 from vibroswarm.paper.cells import Cell, CellResults
 from vibroswarm.paper.claim_values import Row, frame, mean, share
-from vibroswarm.paper.columns import COLUMNS, scenario_of
-from vibroswarm.paper.real_data import real_floor
+from vibroswarm.paper.columns import COLUMNS, real_floor, scenario_of
 from vibroswarm.plots import Picture as Drawn
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Figure

@@ -386,7 +386,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     not known (``vibrates`` is null) there are no crosses, and no words about them.
 
     Args:
-        maps: the table of ``analysis.floor_maps.floor_maps``, in which the pooled map has null as its robot, and the
+        maps: the table of ``analysis.map_figures.floor_maps``, in which the pooled map has null as its robot, and the
             tiles of each map are sorted by row, then column. run: number of a run that the table has.
     """
     from matplotlib.colors import LinearSegmentedColormap, to_rgb

@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.floor_maps import keeps_floor_map, maps_over_time
+from vibroswarm.analysis.map_figures import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
 from vibroswarm.analysis.robot_knowledge import true_places_notes

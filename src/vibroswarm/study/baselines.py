@@ -119,17 +119,14 @@ def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Res
         simulated: Result | None = None
         for cell in cells:
             chosen = result.runs_again(cell.number, runs)
-            if len(chosen) < MIN_RUNS or cell.scenario.task.name != _task_with_references(cell):
+            # Of several kinds, what could be known is computed of the most common one.
+            task = "majority" if cell.scenario.sensor.kinds > 2 else "fill_ratio"
+            if len(chosen) < MIN_RUNS or cell.scenario.task.name != task:
                 yield cell, None
                 continue
             # ``simulated`` still has the runs of the previous cell: this cell may be replayed on their motion.
             simulated = _runs_of_cell(result, group, cell, chosen, simulated)
             yield cell, simulated
-
-
-def _task_with_references(cell: Cell) -> str:
-    """Return the task of which references are computed: of several kinds, what could be known of the most common."""
-    return "majority" if cell.scenario.sensor.kinds > 2 else "fill_ratio"
 
 
 def _runs_of_cell(

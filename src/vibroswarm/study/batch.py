@@ -21,13 +21,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.agreement import (
+from vibroswarm.analysis.answers_over_time import (
     NO_AGREEMENTS,
     agreements_of,
+    answers_table,
     is_followed,
     may_change,
 )
-from vibroswarm.analysis.answers_over_time import answers_table
 from vibroswarm.analysis.map_figures import keeps_map, map_figures
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.core.fork_guard import check_threads

@@ -19,8 +19,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.agreement import AGREEMENTS
-from vibroswarm.analysis.answers_over_time import JUDGED
+from vibroswarm.analysis.answers_over_time import AGREEMENTS, JUDGED
 from vibroswarm.analysis.map_figures import MAP_FIGURES, MAPPED
 from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.core.numbers import count, number, whole
@@ -195,8 +194,8 @@ def agreed_rows(
     """Return the table of agreements for each of several cells with equal scenarios.
 
     Args:
-        agreements: of one scenario, ``analysis.agreement.AGREEMENTS``. answers: ``answers_over_time.ANSWERS``; None:
-            the floor stays as it is. cells: numbers of the cells.
+        agreements: of one scenario, ``answers_over_time.AGREEMENTS``. answers: ``answers_over_time.ANSWERS``; None: the
+            floor stays as it is. cells: numbers of the cells.
     """
     if answers is None:
         rows = agreements.with_columns(pl.lit(None, dtype=pl.Float64).alias(name) for name in JUDGED)

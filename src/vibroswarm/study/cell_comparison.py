@@ -11,11 +11,17 @@ compared, since it is not a choice of the user of a swarm. The p-values are corr
 
 Strategies can also be compared at equal error, on request: their cells are replayed with other settings
 (``analysis.forced_error``).
+
+An ``Answer`` says of a pair what differs, as cell - reference. A difference is significant if its p-value,
+corrected over all comparisons of the study, is below 0.05. It is confirmed if the study's second block of runs, from
+another seed, shows it too. A strategy that is faster and wrong more often is not called better: the pair is compared at
+equal error as well (``analysis.forced_error``). ``documents.study_words`` writes answers in sentences.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -24,6 +30,9 @@ from typing import Any, Final, NamedTuple
 
 import polars as pl
 
+from vibroswarm.analysis.cell_summary import CellSummary
+from vibroswarm.analysis.figures import BY_COLUMN
+from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
@@ -37,6 +46,8 @@ SECOND: Final = "second-block"
 """Name of the folder of the second block, inside the study's own."""
 STRATEGY: Final = "strategy.name"
 """The field of which every two values are compared."""
+SIGNIFICANT: Final = 0.05
+"""A difference is significant if its corrected p-value is below this."""
 MOST_AGAIN: Final = 1000
 """Most runs of the second block, which only has to confirm a difference."""
 MOST_VALUES: Final = 8
@@ -79,6 +90,24 @@ class Compared:
         if self.field == LABEL or first == reference:
             return self.cell.name, self.reference.name, ""
         return first, reference, rest
+
+    @property
+    def significant(self) -> bool:
+        """Whether the p-value, corrected over all comparisons of the study (Holm), is below ``SIGNIFICANT``."""
+        return self.first.p_holm < SIGNIFICANT
+
+    @property
+    def better(self) -> bool | None:
+        """Whether the cell is better than its reference in this figure; None if the difference is not significant."""
+        if not self.significant:
+            return None
+        # The direction is 1 if higher is better, else -1.
+        return self.first.difference.estimate * BY_COLUMN[self.first.figure].better > 0
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the other seed shows the same difference."""
+        return self.replicate is not None and self.replicate.confirmed
 
     def as_row(self) -> dict[str, Any]:
         """Return a flat row for a table.
@@ -325,3 +354,118 @@ class _Figures(NamedTuple):
 def _key(point: dict[str, Any]) -> str:
     """Return a text that is equal for equal points, whatever the order of their fields."""
     return repr(sorted((k, repr(v)) for k, v in point.items()))
+
+
+FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
+"""The figures of an answer."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a comparison of a cell with its reference says."""
+
+    cell: Cell
+    reference: Cell
+    first_name: str
+    """What the cell is called in this comparison."""
+    reference_name: str
+    """What its reference is called."""
+    rest: str
+    """The varied values that both cells share, as text."""
+    effects: tuple[Compared, ...]
+    """In the order of ``FIGURES`` or ``ESTIMATED``, one for each figure that was compared."""
+    matched: MatchedError | None
+    """The comparison at equal error; None if there is none."""
+
+    @property
+    def name(self) -> str:
+        """``soft against none, random:0.48``."""
+        return f"{self.first_name} against {self.reference_name}" + (f", {self.rest}" if self.rest else "")
+
+    @property
+    def faster_and_more_wrong(self) -> str | None:
+        """Name of the cell that is significantly faster, and also wrong significantly more often; None if none is."""
+        better = {effect.first.figure: effect.better for effect in self.effects}
+        first_is_faster, first_errs_less = better.get("decision_time_s"), better.get("wrong_share")
+        if first_is_faster is None or first_errs_less is None or first_is_faster == first_errs_less:
+            return None
+        return self.first_name if first_is_faster else self.reference_name
+
+    def as_row(self) -> dict[str, float | int | str | None]:
+        """Return the comparison at equal error as a flat row for a table; without it, only name and cell numbers.
+
+        A difference has three columns: the estimate, and its limits in ``..._low`` and ``..._high``. A value that is
+        not finite is None.
+        """
+        row: dict[str, float | int | str | None] = {
+            "name": self.name, "cell": self.cell.number, "reference": self.reference.number,
+        }  # fmt: skip
+        found = self.matched
+        if found is None:
+            return row
+        return row | {
+            "error": found.error,
+            "time_s": found.time_s,
+            "runs": found.time_difference_s.n,
+            **columns_of("time_difference_s", found.time_difference_s),
+            **columns_of("error_difference", found.error_difference),
+        }
+
+
+def answers_of(
+    compared: Sequence[Compared], matched: Mapping[tuple[int, int], MatchedError]
+) -> tuple[Answer, ...]:
+    """Return one answer for each pair of cells.
+
+    Answers with equal ``Answer.rest`` (the varied values that cell and reference share) stand together, in the order
+    in which the values of ``rest`` first appear. Within such a group, the largest difference in time comes first.
+
+    Args:
+        compared: all figures of all pairs (``cell_comparison.comparisons``); empty: there are no answers.
+        matched: comparisons at equal error, by the numbers of cell and reference (``equal_error.at_equal_error``).
+    """
+    # For each pair, its comparisons by figure. A pair is given by cell, reference and compared field.
+    by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
+    for one in compared:
+        key = (one.cell.number, one.reference.number, one.field)
+        by_pair.setdefault(key, {})[one.first.figure] = one
+    found = [
+        _answer(figures, matched.get((cell, reference))) for (cell, reference, _), figures in by_pair.items()
+    ]
+    rank_of_rest: dict[str, int] = {}  # the position at which each ``rest`` first appears
+    for answer in found:
+        rank_of_rest.setdefault(answer.rest, len(rank_of_rest))
+    return tuple(sorted(found, key=lambda answer: (rank_of_rest[answer.rest], -_time_difference(answer))))
+
+
+def _time_difference(answer: Answer) -> float:
+    """Return the absolute difference in decision time, which is the first effect; 0 if it is undefined."""
+    size = abs(answer.effects[0].first.difference.estimate)
+    return 0.0 if math.isnan(size) else size
+
+
+def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> Answer:
+    """Return the answer of one pair of cells.
+
+    Args:
+        figures: the pair's comparisons by figure, those of ``FIGURES`` or ``ESTIMATED`` among them.
+        matched: its comparison at equal error, None if there is none.
+    """
+    # The comparison of the first figure. All figures of the pair have the same cells and names.
+    one = next(iter(figures.values()))
+    effects = tuple(figures[figure] for figure in (*FIGURES, *ESTIMATED) if figure in figures)
+    first_name, reference_name, rest = one.names
+    return Answer(
+        cell=one.cell,
+        reference=one.reference,
+        first_name=first_name,
+        reference_name=reference_name,
+        rest=rest,
+        effects=effects,
+        matched=matched,
+    )
+
+
+def lacks_truth(figures: CellSummary) -> bool:
+    """Return whether no answer is right in some runs of a cell: then its outcome is on what its swarms agreed."""
+    return bool(figures.swarm_right.n < figures.runs)

@@ -3,6 +3,8 @@
 Each function takes the options of a command as keywords, so that Python makes the same scenario with the same words::
 
     scenario_of(preset="text", floor="diagonal:0.46", robots=8, settings=["run.t_end_s=600"])
+
+``warnings_of`` lists probable mistakes in a scenario: what is allowed, and hardly meant.
 """
 
 from __future__ import annotations
@@ -11,16 +13,24 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
+from vibroswarm import strategies, tasks
+from vibroswarm.analysis.robot_knowledge import claims_warnings
 from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.floor import rows_of
+from vibroswarm.floors.floor import rows_of, sides_inside
 from vibroswarm.floors.grid_text import parse_tiles, printable
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
 from vibroswarm.floors.source import is_generated, parts_of_file, resolve, values_in
+from vibroswarm.motion.robot_params import scenario_warnings
+from vibroswarm.observation.edge_response import edge_warnings
+from vibroswarm.observation.energy_model import sensor_warnings
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
+from vibroswarm.scenario.change_fields import change_warnings
+from vibroswarm.scenario.fault_fields import fault_warnings
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset
+from vibroswarm.strategies.place_map import WITH_MAP
 
 
 class ScenarioWords(TypedDict, total=False):
@@ -281,3 +291,61 @@ def _floor_values(
     # returns the name of the file, which is assumed to have no colon.
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
     return {"floor.source": name, "floor.tiles": None if is_pattern else rows, "floor.values": None}
+
+
+def warnings_of(scenario: Scenario) -> list[str]:
+    """Return the warnings about a scenario, without a full stop."""
+    return [
+        *scenario_warnings(scenario),
+        *fault_warnings(scenario.faults, scenario.swarm.robots, scenario.run.t_end_s),
+        *_relay_warnings(scenario),
+        *_map_warnings(scenario),
+        *edge_warnings(scenario),
+        *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
+        *_anew_warnings(scenario),
+        *sensor_warnings(scenario.sensor),
+        *claims_warnings(scenario),
+    ]
+
+
+def _anew_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if robots withdraw their answers, and the task, whose code is loaded, does not ask again."""
+    task = tasks.known().get(scenario.task.name)
+    withdraws = getattr(scenario.strategy.params, "tells_anew", False)
+    if not withdraws or task is None or task.is_asked_anew(scenario.task.params):
+        return []
+    return [
+        "robots withdraw each answer but are asked only once; set task.changed.since = answer, or "
+        "strategy.reset.tells_anew = false"
+    ]
+
+
+def _relay_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if robots fail that relay messages, which the network does not know."""
+    failing = [kind for kind in ("radio_dead", "battery_empty") if kind in scenario.faults.kinds]
+    if scenario.network.name != "tree" or not failing:
+        return []
+    return [
+        f"network tree: robots with faults.{' and faults.'.join(failing)} go on relaying others' messages"
+    ]
+
+
+def _map_warnings(scenario: Scenario) -> list[str]:
+    """Return a warning if robots map a grid of which a part lies outside the arena, where no robot samples."""
+    if scenario.strategy.name not in WITH_MAP:
+        return []
+    floor = scenario.floor_for(0, 0)  # whose size is that of all runs
+    if sides_inside(floor.geometry, *scenario.arena.size_m) is None:
+        return []
+    return [
+        f"the floor extends beyond the arena: '{scenario.strategy.name}' counts all tiles of the grid alike, but the "
+        "right answer is that of the part inside"
+    ]
+
+
+def _is_final(scenario: Scenario) -> bool:
+    """Return whether robots keep their decisions; False for a strategy whose code is not loaded."""
+    known = strategies.known().get(scenario.strategy.name)
+    if known is None or known.decides == "opinion" or scenario.task.name == "changed":
+        return False
+    return not (known.revises and scenario.decision.revise)

@@ -359,9 +359,6 @@ class Study(NotebookView):
             raise InputError(
                 "is used only together with 'until'; add 'until', or remove this", field=without_until[0]
             )
-        for key, kind, words in (("name", str, "text"), ("motion", str, "text"), ("keep", list, "list")):
-            if key in values and not isinstance(values[key], kind):
-                raise InputError(f"{values[key]!r} is not a {words}", field=key)
         return cls(
             base=base,
             vary=blocks,
@@ -370,7 +367,7 @@ class Study(NotebookView):
             until=precision,
             seed=values.get("seed", 1),
             motion=values.get("motion", "event"),
-            keep=tuple(values.get("keep", ())),
+            keep=values.get("keep", ()),
             floors=values.get("floors", {}),
             name=values.get("name", ""),
             folder=None if folder is None else Path(folder),

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.agreement import is_followed
+from vibroswarm.analysis.answers_over_time import is_followed
 from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, run_figures
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from vibroswarm.plots.picture import Picture
-    from vibroswarm.study.study_outputs import Comparison, ReportFile
+    from vibroswarm.study.evaluation import Comparison, ReportFile
 
 
 TABLES: Final = ("robots", "runs", "samples", "cells")
@@ -129,7 +129,8 @@ class StudyResult(NotebookView):
         for cell in self._cells():
             group = self._group_of[cell.number]
             requested = self.runs_of(cell.number)
-            stored = self._there(group.number, requested)
+            gaps = missing((0, requested), self.store.ranges(group.number))
+            stored = requested - sum(last - first for first, last in gaps)
             rows.append((cell.number, cell.name, cell.scenario.hash, group.number, requested, stored))
         schema = {
             "cell": pl.UInt32,
@@ -580,10 +581,6 @@ class StudyResult(NotebookView):
     def _cells(self) -> list[Cell]:
         """List the selected cells."""
         return [self.study.cells[number] for number in self.selected]
-
-    def _there(self, group: int, wanted: int) -> int:
-        """Return how many of the runs 0 to ``wanted`` - 1 of a group are stored."""
-        return wanted - sum(last - first for first, last in missing((0, wanted), self.store.ranges(group)))
 
     def _field(self, name: str) -> str:
         """Return the full name of a varied field that is given by its full name or by the last part of it.

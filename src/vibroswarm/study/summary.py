@@ -17,8 +17,8 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary, summary_of, times_by_run
 from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.gate import counted, gate_unreached
 from vibroswarm.analysis.intervals import columns_of, mean_interval, within
+from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
@@ -27,10 +27,17 @@ from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError, warn_once
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import costs_of
-from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References
 from vibroswarm.study.batch_table import WALK
-from vibroswarm.study.cell_comparison import KEPT, Compared, compared_columns, comparison_table, comparisons
+from vibroswarm.study.cell_comparison import (
+    KEPT,
+    Answer,
+    Compared,
+    answers_of,
+    compared_columns,
+    comparison_table,
+    comparisons,
+)
 from vibroswarm.study.equal_error import at_equal_error, why_not_at_equal_error
 from vibroswarm.study.settled import Settled, figure_of
 from vibroswarm.study.spec import Cell
@@ -56,7 +63,7 @@ class CellOutcome(NotebookView):
     """After how many runs the cell's group needed no more, and at which level the figure with the wanted precision is
     reported; None if the study has no precision, or the group needs more runs."""
     unreached: str = ""
-    """Why no robot was allowed to decide (``analysis.gate``); empty if one was."""
+    """Why no robot was allowed to decide (``analysis.robot_knowledge``); empty if one was."""
 
     def as_row(self) -> dict[str, Any]:
         """Return a flat row of all figures with ``_low`` and ``_high``, for a table; None for what is not finite."""

@@ -25,16 +25,17 @@ from vibroswarm.calibrate.similarity import null_similarity, similarity
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.optional_library import lacking
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
-from vibroswarm.paper.columns import EMPIRICAL, published
-from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
-from vibroswarm.paper.real_data import (
+from vibroswarm.paper.columns import (
     AUTHORS,
+    EMPIRICAL,
     REAL,
     hash_of,
     missing,
+    published,
     read_recordings,
     real_floor,
 )
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.result import Result
 from vibroswarm.show.document import Column
@@ -138,22 +139,6 @@ def similarity_by_set(real: Result, simulated: Result) -> Sets:
 def printed(feature: str) -> float:
     """Return the similarity of a feature that the paper prints."""
     return float(published(f"calibration.cosine_similarity.{NAMES[feature]}"))
-
-
-def authors_rows(found: Comparison) -> list[Row]:
-    """Return the measured values of the claim about the printed similarities, one for each feature.
-
-    A value is the similarity of the authors' own simulator to the recordings, minus the printed one.
-    """
-    return [
-        exact(
-            value_name="recomputed-similarity-less-printed",
-            column="paper",
-            cell=WORDS[similarities.feature],
-            value=similarities.as_published - printed(similarities.feature),
-        )
-        for similarities in found.similarities
-    ]
 
 
 def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
@@ -292,7 +277,16 @@ def compute(work: Work) -> Tables:
         comparisons[name] = compare(real, source, known)
         work.progress(0.2 + 0.6 * (place + 1) / len(sources))
     sets = {column: similarity_by_set(real, source) for column, source in simulated.items()}
-    measured = authors_rows(comparisons[SIMULATOR])
+    # The authors' own simulator, less what they print of it.
+    measured = [
+        exact(
+            value_name="recomputed-similarity-less-printed",
+            column="paper",
+            cell=WORDS[similarities.feature],
+            value=similarities.as_published - printed(similarities.feature),
+        )
+        for similarities in comparisons[SIMULATOR].similarities
+    ]
     for column in settings.columns:
         measured += column_rows(settings, column, sets[column])
     everything: dict[str, Result] = {ROBOTS: real, **sources}

@@ -46,8 +46,8 @@ from vibroswarm.paper.item import (
     needs_column,
     picture,
 )
-from vibroswarm.paper.items import experiment_times
-from vibroswarm.paper.items.experiment_times import (
+from vibroswarm.paper.items import experiments
+from vibroswarm.paper.items.experiments import (
     AS_TEXT,
     FITTED,
     LOSSES,
@@ -80,12 +80,12 @@ GROUPS: Final = 20
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells of ``experiment_times`` with message loss, and the cells of the pool.
+    """Return the cells of ``experiments`` with message loss, and the cells of the pool.
 
     The cells of the pool have the key ("pool", robots), with the sizes of ``SUBSET_SIZES``; in them a robot's speed is
     drawn once. There are none if ``POOL_COLUMN`` was not requested.
     """
-    of_times = experiment_times.cells(settings)
+    of_times = experiments.cells(settings)
     with_loss = LOSSES[0]
     # All keys are tuples; ``isinstance`` is for type checkers.
     cells_of: Cells = {
@@ -100,7 +100,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def _key(column: str, robots: int, strategy: str = "none") -> tuple[str | float, ...]:
-    """Return the key of a cell with message loss and as the text has it, in the order of ``experiment_times.KEYS``."""
+    """Return the key of a cell with message loss and as the text has it, in the order of ``experiments.KEYS``."""
     return column, LOSSES[0], *AS_TEXT, robots, strategy
 
 
@@ -318,7 +318,7 @@ ITEM: Final = Item(
     ),
     cells=cells,
     compute=compute,
-    skipped=needs_column(*experiment_times.COLUMNS),
+    skipped=needs_column(*experiments.COLUMNS),
     pictures=pictures,
     shown=(
         TableView(

@@ -18,9 +18,8 @@ from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.paper.cell_tables import two_forms
 from vibroswarm.paper.cells import on_threads
 from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
-from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills, published
+from vibroswarm.paper.columns import EMPIRICAL, REAL_FLOOR, STRATEGIES, fills, published, real_floor
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work, picture
-from vibroswarm.paper.real_data import REAL_FLOOR, real_floor
 from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column

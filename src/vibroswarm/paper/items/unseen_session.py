@@ -29,9 +29,17 @@ from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions
 from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.similarity import at_equal_counts
 from vibroswarm.paper.claim_values import Row, frame, mean
-from vibroswarm.paper.columns import EMPIRICAL, scenario_of
+from vibroswarm.paper.columns import (
+    AUTHORS,
+    EMPIRICAL,
+    REAL,
+    hash_of,
+    missing,
+    read_recordings,
+    real_floor,
+    scenario_of,
+)
 from vibroswarm.paper.item import CLAIMS, Item, Tables, TableView, Work, needs_column
-from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
 from vibroswarm.show.document import Column
 
 COLUMN: Final = "calibrated"
