@@ -273,7 +273,13 @@ def test_a_report_is_the_same_each_time_and_whole(tmp_path: Path):
 
 def test_long_reports_have_contents_and_short_ones_none():
     assert "Contents</h2>" in page_html(document())
-    assert "Contents</h2>" not in page_of(Section("one", ()))
+    assert "Contents</h2>" not in page_of(Section("one", (Text("It is."),)))
+
+
+def test_what_is_empty_is_dropped():
+    empty = Section("y", (Text("", "code"), Section("z", ())))
+    made = Document("x", ("", "It is."), knew=("",), warnings=("",), parts=(Text(""), empty))
+    assert (made.answer, made.knew, made.warnings, made.parts) == (("It is.",), (), (), ())
 
 
 def test_prose_has_room_and_verdicts_have_marks():
@@ -301,7 +307,7 @@ def test_long_headings_of_numbers_have_room():
 
 
 def test_sections_stand_side_by_side_only_where_asked():
-    below = (Section("a", (), folded=True), Section("b", ()))
+    below = (Section("a", (Text("c"),), folded=True), Section("b", (Text("d"),)))
     beside = page_of(Section("y", below, side_by_side=True))
     assert beside.count('<div class="beside">') == 1
     assert beside.index('<div class="beside">') < beside.index("<details>")
@@ -309,7 +315,8 @@ def test_sections_stand_side_by_side_only_where_asked():
 
 
 def test_contents_of_many_sections_say_that_they_are_long():
-    few, many = (page_of(Section("y", (Section("z", ()),) * count)) for count in (28, 29))
+    part = Section("z", (Text("It is."),))
+    few, many = (page_of(Section("y", (part,) * count)) for count in (28, 29))
     assert '<nav class="contents" ' in few
     assert '<nav class="contents long" ' in many
 
@@ -380,7 +387,7 @@ def test_settings_have_no_more_decimals_than_they_need():
 
 
 def test_answers_come_before_what_follows_and_before_the_contents() -> None:
-    sections = tuple(Section(f"part {n}", ()) for n in range(5))
+    sections = tuple(Section(f"part {n}", (Text("It is."),)) for n in range(5))
     text = page_html(
         Document("x", ("It does.",), knew=("They were told.",), parts=(Text("before"), *sections))
     )

@@ -158,7 +158,7 @@ def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type])
 
 def fill(parser: argparse.ArgumentParser, command: Callable[..., Any], also: Mapping[str, type]) -> None:
     """Give a parser the options, arguments and texts of a command, and further groups of options by title."""
-    parser.description, parser.epilog = _texts(command)
+    parser.description, parser.epilog = _description_and_epilog(command)
     for parameter in parameters_of(command):
         if dataclasses.is_dataclass(parameter.kind):
             add_group(parser, parameter.name, parameter.kind)
@@ -168,8 +168,7 @@ def fill(parser: argparse.ArgumentParser, command: Callable[..., Any], also: Map
         add_group(parser, title, kind)
 
 
-def _texts(command: Callable[..., Any]) -> tuple[str, str]:
-    """Return what a command's docstring says: its first paragraphs as one line, and the rest as it stands."""
+def _description_and_epilog(command: Callable[..., Any]) -> tuple[str, str]:
     lines = (inspect.getdoc(command) or "").splitlines()
     end = next((number for number, line in enumerate(lines) if line.endswith(":")), len(lines))
     return " ".join(" ".join(lines[:end]).split()), "\n".join(lines[end:])

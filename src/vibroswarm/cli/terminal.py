@@ -107,8 +107,7 @@ _listens: list[bool] = []
 """Empty until a compile listener is registered. The listener cannot be removed, so it serves all later commands too."""
 
 
-def _line(text: str) -> None:
-    """With ``--verbose``, print a line on stderr with the time since the command began."""
+def _verbose_line(text: str) -> None:
     if printing.verbose:
         say(f"[{time.monotonic() - _since_s[0]:7.2f} s] {text}")
 
@@ -117,21 +116,23 @@ def _line(text: str) -> None:
 def verbose() -> Iterator[None]:
     """Inside the context of a command, report on stderr its versions, settings, loaded kernels and end, with times.
 
-    Nothing is reported unless ``--verbose`` is set (``_line``).
+    Nothing is reported unless ``--verbose`` is set (``_verbose_line``).
     """
     from vibroswarm.core.jit import add_compile_listener, cache_folder, compiles
     from vibroswarm.simulation import versions
 
     _since_s[0] = time.monotonic()
-    _line(", ".join(f"{name} {value}" for name, value in versions().items()))
+    _verbose_line(", ".join(f"{name} {value}" for name, value in versions().items()))
     if (settings := user_settings.read()) and (path := user_settings.location()):
-        _line(f"settings of {path}: {', '.join(f'{name} {value}' for name, value in settings.items())}")
+        _verbose_line(
+            f"settings of {path}: {', '.join(f'{name} {value}' for name, value in settings.items())}"
+        )
     if compiles():
-        _line(f"cache of compiled kernels: {cache_folder() or 'none can be used'}")
+        _verbose_line(f"cache of compiled kernels: {cache_folder() or 'none can be used'}")
     if not _listens:
         _listens.append(True)
-        add_compile_listener(lambda module: _line(f"loads or compiles a kernel of {module}"))
+        add_compile_listener(lambda module: _verbose_line(f"loads or compiles a kernel of {module}"))
     try:
         yield
     finally:
-        _line("end")
+        _verbose_line("end")

@@ -28,7 +28,7 @@ from vibroswarm.calibrate.similarity import EnergyDistance, Spread
 from vibroswarm.core.numbers import count, listed, number, percent, plus_minus, stated, with_limits
 from vibroswarm.documents.cell_figures import columns_of, estimate_of, figure_columns, flat_row
 from vibroswarm.documents.knowledge import told
-from vibroswarm.show.document import Column, Document, Part, Table, Text, if_any, limits_of
+from vibroswarm.show.document import Column, Document, Part, Table, Text, limits_of
 
 DISTANCES: Final = (
     "Energy distance, effect size (0: same distribution, 1: no overlap; in brackets 95 % over sessions)."
@@ -59,16 +59,16 @@ def comparison_document(found: Comparison, *, intervals: bool = False) -> Docume
     )
     return Document(
         title="Recordings and simulation",
-        answer=(*_recognises(found.classifier), _most_different(found), *_below_null(found)),
+        answer=(_recognises(found.classifier), _most_different(found), _no_more_similar_than_even(found)),
         warnings=_missing(found),
         parts=(
-            *if_any(found.without_camera, lambda _: [Text(seen)]),
+            Text(seen if found.without_camera else ""),
             _similarities(found),
             _distances(found),
             *_recognised(found),
             *_intervals(found, intervals),
         ),
-        data=_data(found),
+        data=_tables_for_json(found),
     )
 
 
@@ -89,7 +89,7 @@ def comparisons_document(found: Mapping[str, Comparison]) -> Document:
             f"{names[folder]}: {words}" for folder, one in found.items() for words in _missing(one)
         ),
         parts=(_several_distances(found, names), *_several_classifiers(found, names)),
-        data=_joined({folder: _data(one) for folder, one in found.items()}),
+        data=_joined({folder: _tables_for_json(one) for folder, one in found.items()}),
     )
 
 
@@ -149,13 +149,11 @@ def names_of(folders: Sequence[str]) -> dict[str, str]:
     return dict(zip(folders, names if len(set(names)) == len(names) else folders, strict=True))
 
 
-def _recognises(found: ClassifierAccuracy | None) -> tuple[str, ...]:
+def _recognises(found: ClassifierAccuracy | None) -> str:
     if found is None:
-        return ()
+        return ""
     share = with_limits(estimate_of(found.simulated), "%")
-    return (
-        f"A classifier recognises {share} of the stretches of {STRETCH} samples as real or simulated (50 %: chance).",
-    )
+    return f"A classifier recognises {share} of the stretches of {STRETCH} samples as real or simulated (50 %: chance)."
 
 
 def _most_different(found: Comparison) -> str:
@@ -165,10 +163,9 @@ def _most_different(found: Comparison) -> str:
     return f"Most different: {WORDS[most.feature]}, energy distance {distance}{among}."
 
 
-def _below_null(found: Comparison) -> list[str]:
-    """Return the features in which evenly spread values are at least as similar to the recordings."""
+def _no_more_similar_than_even(found: Comparison) -> str:
     below = [WORDS[one.feature] for one in found.similarities if one.at_equal_counts <= one.null]
-    return [f"No more similar than evenly spread values: {listed(below)}."] if below else []
+    return f"No more similar than evenly spread values: {listed(below)}." if below else ""
 
 
 def _missing(found: Comparison) -> tuple[str, ...]:
@@ -194,8 +191,8 @@ def _similarities(found: Comparison) -> Table:
             "here": one.at_equal_counts,
             "without_camera": without.get(one.feature),
             "ceiling": one.ceiling,
-            **_range("session", one.by_session),
-            **_range("real_session", one.real_by_session),
+            **_mean_and_range("session", one.by_session),
+            **_mean_and_range("real_session", one.real_by_session),
             "note": "" if one.at_equal_counts > one.null else "below its null",
         }
         for one in found.similarities
@@ -215,8 +212,7 @@ def _similarities(found: Comparison) -> Table:
     return Table(frame.drop(unused), columns, caption, "similarities")
 
 
-def _range(name: str, spread: Spread | None) -> dict[str, float | None]:
-    """Return mean and range over pairs of sessions as the columns NAME, NAME_low and NAME_high."""
+def _mean_and_range(name: str, spread: Spread | None) -> dict[str, float | None]:
     values = (None, None, None) if spread is None else (spread.mean, spread.least, spread.most)
     return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
 
@@ -328,8 +324,7 @@ def _side_by_side(name: str, rows: Mapping[str, Mapping[str, Interval | None]]) 
     return frame
 
 
-def _data(found: Comparison) -> dict[str, pl.DataFrame]:
-    """Return all numbers of a comparison as tables for JSON."""
+def _tables_for_json(found: Comparison) -> dict[str, pl.DataFrame]:
     return {
         "similarities": pl.DataFrame(
             [flat_row(one.as_dict(), *_SPREADS) for one in found.similarities], infer_schema_length=None
@@ -339,7 +334,7 @@ def _data(found: Comparison) -> dict[str, pl.DataFrame]:
         ),
         "energy_distances": pl.DataFrame([_distance(one) for one in found.distances]),
         "told_apart": _told_apart(found),
-        "intervals_told_apart": _pairs(found.intervals),
+        "intervals_told_apart": _shares_by_pair_of_sessions(found.intervals),
         "camera": pl.DataFrame([asdict(found.camera)]),
         "missing": pl.DataFrame({"feature": found.missing}, schema={"feature": pl.String}),
     }
@@ -353,8 +348,7 @@ def _distance(one: EnergyDistance) -> dict[str, Any]:
     return {"feature": one.feature, **columns_of("effect", one.effect), **columns_of("real", one.real)}
 
 
-def _pairs(found: IntervalAccuracy | None) -> pl.DataFrame:
-    """Return a row for each pair of sessions; empty if undisturbed intervals were not told apart."""
+def _shares_by_pair_of_sessions(found: IntervalAccuracy | None) -> pl.DataFrame:
     rows = [] if found is None else [
         {"recognised": name, "robots": split, "share": share}
         for name, told in (("simulated", found.simulated), ("real", found.real))
@@ -384,7 +378,7 @@ def effect_document(*found: Effect) -> Document:
         answer=tuple(map(_change, found)),
         knew=told(scenario for effect in found for scenario in effect.scenarios),
         parts=(_figures(found), _differences(found)),
-        data={"consensus": _consensus(found), "differences": _all_differences(found)},
+        data={"consensus": _consensus(found), "differences": _differences_by_seed(found)},
     )
 
 
@@ -456,8 +450,7 @@ def _consensus(found: Sequence[Effect]) -> pl.DataFrame:
     )
 
 
-def _all_differences(found: Sequence[Effect]) -> pl.DataFrame:
-    """Return the comparison on each of the two seeds in a row of its own."""
+def _differences_by_seed(found: Sequence[Effect]) -> pl.DataFrame:
     return pl.DataFrame(
         [
             {

@@ -156,7 +156,7 @@ def scan_words(scan: Scan) -> Text:
         f"Scan of {listed(map(_form, scan.forms))} cm: T = {number(scan.statistic, 2)} "
         f"({level} of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
         f"{count(scan.replicates, 'intact surface')} drawn at the same places; values exchanged within robots and "
-        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks(scan)}"
+        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks_in_words(scan)}"
     )
     return Text(words)
 
@@ -206,8 +206,7 @@ def _form(form: Form) -> str:
     return in_cm(form.width_m) if is_square else f"{in_cm(form.width_m)} x {in_cm(form.height_m)}"
 
 
-def _looks(scan: Scan) -> str:
-    """Return how often was looked, and what false calls presume."""
+def _looks_in_words(scan: Scan) -> str:
     if scan.looks == 1:
         return "One look, at the end."
     called = "" if scan.called_s is None else f"; first called at {number(scan.called_s, 0)} s"

@@ -42,7 +42,6 @@ def detection_document(detection: Detection) -> Document:
     """Return which floors robots find, and how soon."""
     tables, scenario, seed, added = detection.tables, detection.scenario, detection.seed, detection.added
     found, needed, curve = hardest(tables["pairs"]), tables["needed"], tables["detection"]
-    figures = tuple(_figures(curve, scenario, detection))
     words = f"Fill ratios added to count false alarms: {listed(map(stated_percent, added))}." if added else ""
     return Document(
         title="How many robots, and how much time?",
@@ -51,11 +50,11 @@ def detection_document(detection: Detection) -> Document:
         warnings=detection.warnings,
         parts=(
             Text(_setting_of(needed, scenario)),
-            *([Text(words)] if words else []),
-            *if_any(found, lambda _: [_found_table(found, scenario, detection)]),
+            Text(words),
+            *if_any(found, lambda _: [_hardest_pairs_table(found, scenario, detection)]),
             Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))),
             *if_any(tables.get("maps"), _maps),
-            *if_any(figures, lambda _: [Section("Misses against the fill ratio", figures)]),
+            Section("Misses against the fill ratio", tuple(_figures(curve, scenario, detection))),
             Section(
                 "All numbers",
                 (_curve_table(curve), *if_any(tables["pairs"], lambda pairs: [_pairs_table(pairs)])),
@@ -98,8 +97,9 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
         )
     if tolerated.runs < tolerated.runs_needed:
         return (
-            f"Too few runs to say: {count(tolerated.runs, 'run')} cannot show {_most(tolerated)}, even if nothing "
-            f"is wrong; at least {tolerated.runs_needed} of each fill ratio and number of robots can (--runs).",
+            f"Too few runs to say: {count(tolerated.runs, 'run')} cannot show {_tolerated_in_words(tolerated)}, even "
+            f"if nothing is wrong; at least {tolerated.runs_needed} of each fill ratio and number of robots can "
+            "(--runs).",
         )
     return tuple(
         _sentence(
@@ -127,7 +127,7 @@ def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolera
     nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
     sentence = (
         f"{who} {stated_percent(nearest['fill_ratio'])} vibrating within {_seconds(nearest['time_s'])}, with "
-        f"{_most(tolerated)} on floors up to {stated_percent(nearest['fill_ratio_below'])}"
+        f"{_tolerated_in_words(tolerated)} on floors up to {stated_percent(nearest['fill_ratio_below'])}"
     )
     if farthest["fill_ratio"] != nearest["fill_ratio"]:
         sentence += f"; {stated_percent(farthest['fill_ratio'])} within {_seconds(farthest['time_s'])}"
@@ -136,8 +136,7 @@ def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolera
     return f"{sentence}."
 
 
-def _most(tolerated: Detection) -> str:
-    """Name the misses and false alarms that are tolerated."""
+def _tolerated_in_words(tolerated: Detection) -> str:
     misses, alarms = stated_percent(tolerated.error), stated_percent(tolerated.false_alarms)
     return f"at most {misses} misses, and at most {alarms} false alarms"
 
@@ -159,15 +158,13 @@ _MEANING: Final = (
 )
 
 
-def _fills(frame: pl.DataFrame, *names: str) -> Column:
-    """Return the format of fill ratios, which have as many decimals as they need."""
+def _fill_format(frame: pl.DataFrame, *names: str) -> Column:
     values = [100 * value for name in names for value in frame[name].drop_nulls()]
     return Column("fill ratio", share=True, decimals=decimals_of((round(value, 6) for value in values), 4))
 
 
-def _found_table(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> Table:
-    """Tabulate the hardest pair of floors of each floor above the boundary and number of robots."""
-    fills = _fills(found, "fill_ratio", "fill_ratio_below")
+def _hardest_pairs_table(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> Table:
+    fills = _fill_format(found, "fill_ratio", "fill_ratio_below")
     columns = {
         "fill_ratio": fills,
         "robots": Column("robots"),
@@ -196,7 +193,7 @@ def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
         truth=pl.col("truth") == 1,
     )
     columns = {
-        "fill_ratio": _fills(rows, "fill_ratio"),
+        "fill_ratio": _fill_format(rows, "fill_ratio"),
         "robots": Column("robots"),
         "truth": Column("above the boundary", wide=True),
         "runs": Column("runs", wide=True),
@@ -219,12 +216,12 @@ def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
 
 
 def _maps(maps: pl.DataFrame) -> tuple[Section, ...]:
-    names = {"fill_ratio": _fills(maps, "fill_ratio"), "robots": Column("robots")}
+    names = {"fill_ratio": _fill_format(maps, "fill_ratio"), "robots": Column("robots")}
     return (Section("Maps", (map_table(maps, names),)),)
 
 
 def _pairs_table(pairs: pl.DataFrame) -> Table:
-    fills = _fills(pairs, "fill_ratio", "fill_ratio_below")
+    fills = _fill_format(pairs, "fill_ratio", "fill_ratio_below")
     columns = {
         "fill_ratio": fills,
         "fill_ratio_below": replace(fills, title="distinguished from"),
@@ -251,7 +248,7 @@ def _curve_table(curve: pl.DataFrame) -> Table:
         "robots_false_alarm": "robots: false alarms",
     }
     columns = {
-        "fill_ratio": _fills(curve, "fill_ratio"),
+        "fill_ratio": _fill_format(curve, "fill_ratio"),
         "robots": Column("robots"),
         "horizon_s": Column("time", "s", decimals=0),
         **{name: Column(title, share=True) for name, title in titles.items()},

@@ -37,7 +37,9 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
     Of several fields with most values, the first is taken. Cells of a series that have the same x become a series each.
     If no varied field is numeric, there is no x, and each cell is a series under its own name.
     """
-    numeric = {name: values for name in _varied(cells) if (values := _numbers(cells, name)) is not None}
+    numeric = {
+        name: values for name in _varied_fields(cells) if (values := _numbers(cells, name)) is not None
+    }
     # A number that is the same in all cells makes no axis.
     with_several_values = {name: values for name, values in numeric.items() if len(set(values.values())) > 1}
     if not with_several_values:
@@ -63,7 +65,7 @@ def plane_of(cells: Sequence[Cell]) -> dict[str, dict[int, float]] | None:
     """
     axes = {
         name: values
-        for name in _varied(cells)
+        for name in _varied_fields(cells)
         if (values := _numbers(cells, name)) is not None and len(set(values.values())) > 2
     }
     return axes if len(axes) == 2 else None
@@ -90,8 +92,7 @@ def _words(cell: Cell, fields: Sequence[str]) -> str:
     )
 
 
-def _varied(cells: Sequence[Cell]) -> list[str]:
-    """List the fields whose values differ between these cells."""
+def _varied_fields(cells: Sequence[Cell]) -> list[str]:
     names = dict.fromkeys(name for cell in cells for name in cell.point)
     # ``repr``: values may be lists, which cannot be elements of a set. A cell that does not set a field counts as None.
     return [name for name in names if len({repr(cell.point.get(name)) for cell in cells}) > 1]

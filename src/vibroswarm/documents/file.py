@@ -83,9 +83,9 @@ def settings_document(comments: Sequence[str], settings: Settings) -> Document:
         title="Settings of strategies",
         answer=(f"Settings of {count(len(settings), 'strategy', 'strategies')}: {listed(settings)}.",),
         parts=(
-            *([Text(" ".join(comments))] if comments else []),
+            Text(" ".join(comments)),
             *([Table(frame, columns, name="settings", names=1)] if rows else []),
-            *([Text(f"{NO_FIELDS.capitalize()}: {listed(without)}.")] if without else []),
+            Text(f"{NO_FIELDS.capitalize()}: {listed(without)}." if without else ""),
         ),
         data={
             name: pl.DataFrame([dict(table) for table in tables_of(given)])
@@ -169,7 +169,7 @@ def folder_document(sizes: Mapping[str, tuple[int, int]], pictures: Sequence[str
         ),
         parts=(
             *if_any(frame, lambda _: [Table(frame, name="tables")]),
-            *if_any(pictures, lambda _: [Text(f"Pictures and pages: {', '.join(pictures)}")]),
+            Text(f"Pictures and pages: {', '.join(pictures)}" if pictures else ""),
         ),
         data={"tables": frame, "pictures": pl.DataFrame({"file": pictures}, schema={"file": pl.String})},
     )

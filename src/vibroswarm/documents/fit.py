@@ -38,7 +38,7 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
     Args:
         judged: the validation on each held-out session; empty: none was made.
     """
-    fields = "\n".join(f"{name} = {_toml(value)}" for name, value in found.changed.items())
+    fields = "\n".join(f"{name} = {_as_toml(value)}" for name, value in found.changed.items())
     estimates = [
         {
             "figure": one.name,
@@ -55,7 +55,7 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
         Section("Fields of the scenario", (Text(fields, "code"),)),
         Table(pl.DataFrame(estimates), columns, "Estimates behind them.", "figures"),
         _predicted(found),
-        *(_vibration(found.vibration) if found.vibration is not None else ()),
+        *(_vibration_tables(found.vibration) if found.vibration is not None else ()),
         Section("What the model lacks", tuple(map(Text, LACKS))),
         *(_held_out(judged) if judged else ()),
     ]
@@ -64,17 +64,16 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
         answer=(
             f"{count(len(found.changed), 'field')} fitted on {count(found.sessions, 'session')}, with "
             f"{count(found.motion_runs, 'run')} of motion.",
-            _agreement(found),
-            *([_validity(judged)] if judged else ()),
+            _agreement_of_avoidance(found),
+            _validity(judged) if judged else "",
         ),
         parts=tuple(parts),
         made_by={"sessions": str(found.sessions), "motion_runs": str(found.motion_runs)},
-        data=_data(found, judged),
+        data=_tables_for_json(found, judged),
     )
 
 
-def _toml(value: Any) -> str:
-    """Write the value of a fitted field as TOML: a boolean, a number, a list of numbers, or a word."""
+def _as_toml(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 
@@ -83,8 +82,7 @@ def _is_inside(limits: tuple[float, float, float]) -> bool:
     return low <= recorded <= high
 
 
-def _agreement(found: Fit) -> str:
-    """Say whether the recorded avoidances are as simulated ones."""
+def _agreement_of_avoidance(found: Fit) -> str:
     outside = [name for name, limits in found.predicted.items() if not _is_inside(limits)]
     if not outside:
         return "All figures of the recorded avoidance lie in the range of 95 % of the sessions simulated with the fit."
@@ -107,8 +105,7 @@ def _predicted(found: Fit) -> Table:
     return Table(pl.DataFrame(rows), columns, caption, "predictive_check")
 
 
-def _vibration(fitted: VibrationFit) -> list[Table]:
-    """Return how the physics of vibration agrees with the energies of the sessions, and of those it has not seen."""
+def _vibration_tables(fitted: VibrationFit) -> list[Table]:
     folds = [_vibration_folds(fitted.folds)] if fitted.folds else []
     return [_vibration_features(fitted), _vibration_facts(fitted.facts), *folds]
 
@@ -244,8 +241,7 @@ def readings_table(judged: Sequence[Fold]) -> Table:
     return Table(pl.DataFrame(rows), columns, "What robots read in held-out sessions.", "held_out_readings")
 
 
-def _data(found: Fit, judged: Sequence[Fold]) -> dict[str, pl.DataFrame]:
-    """Return all numbers of a fit as tables for JSON; fields are the columns of one row."""
+def _tables_for_json(found: Fit, judged: Sequence[Fold]) -> dict[str, pl.DataFrame]:
     folds = [fold.as_dict() for fold in judged]
     return {
         "fields": pl.DataFrame([found.changed]),

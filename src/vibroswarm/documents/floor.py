@@ -43,13 +43,13 @@ def floor_document(floor: Floor, drawing: str = "") -> Document:
         f"{count(len(patches), 'patch', 'patches')} on a still floor: fill ratio "
         f"{number(difficulty.fill_ratio, digits=4)}."
         if floor.has_patches
-        else f"{_in_words(difficulty)}."
+        else f"{_measures_in_words(difficulty)}."
     )
     name = shown(floor.name)
     return Document(
         title=f"Floor {name}",
         answer=(words,),
-        parts=(*_drawing(drawing), *if_any(patches, _listed), _picture(floor.drawn_tiles, words)),
+        parts=(Text(drawing, "code"), *if_any(patches, _listed), _picture(floor.drawn_tiles, words)),
         data={"floors": _rows({name: difficulty})},
     )
 
@@ -59,10 +59,6 @@ def _listed(patches: Sequence[Patch]) -> tuple[Table, ...]:
     columns = {f"{name}_m": Column(f"{name} (m)", decimals=3) for name in ("x", "y", "width", "height")}
     columns["contrast"] = Column(decimals=3)
     return (Table(frame.drop("is_disc"), columns, name="patches"),)
-
-
-def _drawing(drawing: str) -> tuple[Text, ...]:
-    return (Text(drawing, "code"),) if drawing else ()
 
 
 def _picture(tiles: NDArray[Any], caption: str) -> Figure:
@@ -91,7 +87,7 @@ def floors_document(found: Mapping[str, Difficulty], remark: str = "") -> Docume
     return Document(
         title="Floors",
         answer=(f"{count(len(found), 'floor')}, {_range(found.values())}.",),
-        parts=(table, *([Text(remark)] if remark else [])),
+        parts=(table, Text(remark)),
         data={"floors": frame},
     )
 
@@ -115,7 +111,7 @@ def design_document(
     return Document(
         title="Floor made to order",
         answer=(design.words,),
-        parts=(*_drawing(drawing), _picture(design.tiles, design.words)),
+        parts=(Text(drawing, "code"), _picture(design.tiles, design.words)),
         data={**asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
     )
 
@@ -158,8 +154,7 @@ def _range(found: Any) -> str:
     return f"fill ratio {low}" if low == high else f"fill ratios {low} to {high}"
 
 
-def _in_words(d: Difficulty) -> str:
-    """Describe a floor in one line: size, vibrating tiles, and its measures of difficulty."""
+def _measures_in_words(d: Difficulty) -> str:
     largest = "" if d.clusters == 1 else f", the largest has {count(d.largest_cluster, 'tile')}"
     return (
         f"{d.rows} x {d.columns} tiles, {d.ones} vibrating: fill ratio {number(d.fill_ratio, digits=4)}, Moran index "

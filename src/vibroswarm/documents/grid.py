@@ -59,7 +59,6 @@ def grid_document(
     """
     grid, best = nodes.grid, nodes.best
     unit = grid.objective.unit
-    text = file_text(grid)
     # There is no table of cases: the lowest cell is a single scenario.
     scores = [] if truth is None else [truth_section(truth, best.scored.score.n, (), unit)]
     made_by = made_by or [versions()]
@@ -69,11 +68,11 @@ def grid_document(
         knew=told(node.cell.scenario for node in nodes.nodes),
         warnings=tuple(_warnings(nodes, truth, made_by)),
         parts=(
-            Text(_how(nodes)),
+            Text(_cells_in_words(nodes)),
             *scores,
-            *_figures(nodes),
+            *_heat_maps_section(nodes),
             Section("The cells", (_cell_table(nodes),)),
-            *file_section(text, "grid.toml"),
+            file_section(file_text(grid), "grid.toml"),
         ),
         made_by=_made_by(nodes, truth, made_by),
         data={"grid": nodes.table},
@@ -87,18 +86,16 @@ def _answer(nodes: Nodes, truth: Truth | None) -> str:
     return f"Best: {values_text(best.cell.point)}. Score on its own runs: {with_limits(best.scored.score, unit)}."
 
 
-def _how(nodes: Nodes) -> str:
-    """Say what was varied, and with how many runs."""
+def _cells_in_words(nodes: Nodes) -> str:
     varied = ", ".join(f"`{name}`" for name in nodes.grid.study.varied)
     runs = counts((node.scored.score.n for node in nodes.nodes), "run")
     return (
         f"{count(len(nodes.nodes), 'cell')} over {varied}, {runs} per cell, for the lowest "
-        f"{aim(nodes.grid.objective)}. {_shared(nodes)}"
+        f"{aim(nodes.grid.objective)}. {_shared_motion_sentence(nodes)}"
     ).rstrip()
 
 
-def _shared(nodes: Nodes) -> str:
-    """Return the sentence which says that all cells share motion, or an empty text if they do not."""
+def _shared_motion_sentence(nodes: Nodes) -> str:
     # A group of the plan has the cells that share motion.
     is_shared = len(plan_of(nodes.grid.study).groups) == 1
     return "All cells replay one motion, so that they are compared run by run." if is_shared else ""
@@ -165,14 +162,16 @@ def _cell_table(nodes: Nodes) -> Table:
     )
 
 
-def _figures(nodes: Nodes) -> tuple[Section, ...]:
-    """Return the section with the cells as heat maps; none unless exactly two fields are varied."""
+def _heat_maps_section(nodes: Nodes) -> tuple[Section, ...]:
     if len(nodes.grid.study.varied) != 2:
         return ()
     figures = [
         Figure(
             f"grid-{name.replace('_', '-')}",
-            captioned(lambda style, name=name: _draw(nodes, name, style), f" {_shared(nodes)}".rstrip()),
+            captioned(
+                lambda style, name=name: _draw(nodes, name, style),
+                f" {_shared_motion_sentence(nodes)}".rstrip(),
+            ),
             title,
             on_page="column",
         )

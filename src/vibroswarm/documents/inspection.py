@@ -54,11 +54,11 @@ def inspection_document(found: Inspection) -> Document:
         title=f"Inspection of {samples.source}",
         answer=_answer(found),
         knew=(f"Places: {samples.places}. Law of the sensor: {samples.law.origin}.",),
-        warnings=() if is_refused else tuple(filter(None, (samples.warning,))),
+        warnings=("" if is_refused else samples.warning,),
         parts=(
             Text(_what(samples)),
-            *map(Text, _presumed(samples)),
-            *([Text(UNCHECKED)] if found.assessment is None else []),
+            *map(Text, _presumptions(samples)),
+            Text(UNCHECKED if found.assessment is None else ""),
             *if_any(found.by_kind, lambda by_kind: _kinds(by_kind, samples, found.times_s[-1])),
             *([] if found.pooled is None else _map(found)),
             *([] if found.assessment is None else damage_sections(found)),
@@ -108,23 +108,23 @@ def _answer(found: Inspection) -> tuple[str, ...]:
     two = found.by_kind is None
     vibrates = verb(vibrate, "vibrate") if two else f"{verb(vibrate, 'are', 'is')} of another kind than 0"
     unsure = p.size - vibrate - still
-    words = [
+    words = (
         f"{whole(vibrate)} of {count(p.size, 'tile')} {vibrates} and {whole(still)} {verb(still, 'are', 'is')} "
         f"{'still' if two else 'of kind 0'}, each with more than {percent(SURE, 0)}; {whole(unsure)} "
         f"{verb(unsure, 'are', 'is')} open, after {number(found.times_s[-1], 0)} s. Expected number of tiles "
-        f"that {'vibrate' if two else 'are of another kind than 0'}: {number(float(p.sum()), 1)}.",
-    ]
-    if found.samples.truth_known:
-        last = found.scores.row(-1, named=True)
-        right = round(last["right"] * p.size)
-        since = (
-            "" if found.right_from_s is None else f", all of them from {number(found.right_from_s, 0)} s on"
-        )
-        words.append(
-            f"Against the true floor: {right} of {p.size} tiles right{since}, {int(last['surely_wrong'])} surely "
-            f"wrong; Brier score {number(last['brier'], 4)} (0.25: knows nothing)."
-        )
-    return (*damage, *words)
+        f"that {'vibrate' if two else 'are of another kind than 0'}: {number(float(p.sum()), 1)}."
+    )
+    return (*damage, words, _against_truth(found, p.size) if found.samples.truth_known else "")
+
+
+def _against_truth(found: Inspection, tiles: int) -> str:
+    last = found.scores.row(-1, named=True)
+    right = round(last["right"] * tiles)
+    since = "" if found.right_from_s is None else f", all of them from {number(found.right_from_s, 0)} s on"
+    return (
+        f"Against the true floor: {right} of {tiles} tiles right{since}, {int(last['surely_wrong'])} surely wrong; "
+        f"Brier score {number(last['brier'], 4)} (0.25: knows nothing)."
+    )
 
 
 def _what(samples: Samples) -> str:
@@ -139,8 +139,7 @@ def _what(samples: Samples) -> str:
     )
 
 
-def _presumed(samples: Samples) -> Iterator[str]:
-    """Yield what the figures presume about places and tiles."""
+def _presumptions(samples: Samples) -> Iterator[str]:
     errors = samples.place_errors
     if errors is not None:
         shares = ", ".join(percent(share) for share in errors.within)
@@ -171,38 +170,36 @@ def _presumed(samples: Samples) -> Iterator[str]:
 
 def _map(found: Inspection) -> list[Part]:
     """Return the map as text, figure and table, and its scores over time where the truth is known."""
-    maps = found.last_maps
-    pooled = maps.filter(pl.col("robot").is_null())
-    parts: list[Part] = []
-    if found.samples.floor is not None and found.samples.floor.tiles.shape[1] <= WIDEST_MAP:
-        words = f"Probability that each tile {vibrates(found)}, %, from all samples"
-        parts.append(Text(f"{words}{'; ! marks a wrong tile' if found.samples.truth_known else ''}:"))
-        parts.append(Text(tile_lines(pooled), "code"))
-
-    parts.append(map_figure(found))
+    maps, floor = found.last_maps, found.samples.floor
+    is_narrow = floor is not None and floor.tiles.shape[1] <= WIDEST_MAP
+    wrong = "; ! marks a wrong tile" if found.samples.truth_known else ""
+    words = f"Probability that each tile {vibrates(found)}, %, from all samples{wrong}:"
     columns = {"vibrating": Column(share=True), "spread": Column("standard deviation", share=True)}
     each = Table(maps.drop("run"), columns, name="map", names=3)
-    parts.append(Section("Tile by tile", (each,), folded=True))
-    scores = found.scores
-    if not scores.is_empty():
-        chosen = np.unique(np.linspace(0, scores.height - 1, ROWS).round().astype(int))
-        columns = {
-            "time_s": Column("time", "s", decimals=0),
-            "brier": Column("Brier score", decimals=4),
-            "log_score": Column("log score", decimals=4),
-            "auc": Column("AUC", decimals=3),
-            "right": Column("tiles right", share=True),
-            "surely_wrong": Column("surely wrong", decimals=0),
-            "location_error_m": Column("location error", "m", decimals=3),
-        }
-        table = Table(
-            scores[chosen],
-            columns,
-            caption="The map over time, against the true floor at each time.",
-            name="scores",
-        )
-        parts.append(Section("Over time", (table, _calibration(found))))
-    return parts
+    return [
+        Text(words if is_narrow else ""),
+        Text(tile_lines(maps.filter(pl.col("robot").is_null())) if is_narrow else "", "code"),
+        map_figure(found),
+        Section("Tile by tile", (each,), folded=True),
+        Section(
+            "Over time", if_any(found.scores, lambda scores: [_score_table(scores), _calibration(found)])
+        ),
+    ]
+
+
+def _score_table(scores: pl.DataFrame) -> Table:
+    chosen = np.unique(np.linspace(0, scores.height - 1, ROWS).round().astype(int))
+    columns = {
+        "time_s": Column("time", "s", decimals=0),
+        "brier": Column("Brier score", decimals=4),
+        "log_score": Column("log score", decimals=4),
+        "auc": Column("AUC", decimals=3),
+        "right": Column("tiles right", share=True),
+        "surely_wrong": Column("surely wrong", decimals=0),
+        "location_error_m": Column("location error", "m", decimals=3),
+    }
+    caption = "The map over time, against the true floor at each time."
+    return Table(scores[chosen], columns, caption, "scores")
 
 
 def _calibration(found: Inspection) -> Table:
@@ -250,8 +247,10 @@ def certificate_document(found: Inspection) -> Document:
             Section(
                 "What would have been missed",
                 (
-                    _short(pod_table(assessment)),
-                    *if_any(assessment.weakest, lambda weakest: map(_short, weakest_tables(weakest))),
+                    _for_certificate(pod_table(assessment)),
+                    *if_any(
+                        assessment.weakest, lambda weakest: map(_for_certificate, weakest_tables(weakest))
+                    ),
                     *stopping_parts(assessment),
                 ),
             ),
@@ -301,8 +300,7 @@ def _patches(scan: Scan) -> tuple[Table | Text, ...]:
     return table, Text(f"{more} called; the report lists all.")
 
 
-def _short(table: Table) -> Table:
-    """Return a table without what a certificate has no room for."""
+def _for_certificate(table: Table) -> Table:
     return replace(table, frame=table.frame.drop("top", "surfaces", "area_m2", strict=False))
 
 

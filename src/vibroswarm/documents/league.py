@@ -68,13 +68,13 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
     return Document(
         title="League",
         answer=answers(standings, tables),
-        knew=(*told(cell.scenario for cell in league.study.cells), *_grids(standings.table)),
-        warnings=_warnings(league),
+        knew=(*told(cell.scenario for cell in league.study.cells), _wrong_grid_sentence(standings.table)),
+        warnings=(_warning(league),),
         parts=(
             *_fronts(standings, tables["fronts"]),
             _time_and_error(standings),
             _costs(standings.main.table),
-            *if_any(tables.get("maps"), lambda maps: _maps(standings, maps)),
+            *if_any(tables.get("maps"), lambda maps: _maps_of_main_entries(standings, maps)),
             *_differences(
                 tables["differences"],
                 "differences",
@@ -113,17 +113,16 @@ def entries_document(league: League) -> Document:
     return Document("League", (size,), parts=_settings(league).parts)
 
 
-def _warnings(league: League) -> tuple[str, ...]:
+def _warning(league: League) -> str:
     names = [entry.label for entry in league.entries if not entry.tuned]
-    return (f"Not tuned for a league (`vibroswarm league tune`): {', '.join(names)}.",) if names else ()
+    return f"Not tuned for a league (`vibroswarm league tune`): {', '.join(names)}." if names else ""
 
 
-def _grids(table: pl.DataFrame) -> tuple[str, ...]:
-    """Say what a wrong grid does to the entries that know the grid of tiles, if others do not."""
+def _wrong_grid_sentence(table: pl.DataFrame) -> str:
     with_grid = table.filter(pl.col("told").str.split(", ").list.contains("grid"))["name"]
     if len(with_grid) in (0, table.height):
-        return ()
-    return (f"With a wrong grid of tiles {listed(with_grid)} would do worse than by counting.",)
+        return ""
+    return f"With a wrong grid of tiles {listed(with_grid)} would do worse than by counting."
 
 
 def _time_and_error(standings: Standings) -> Section:
@@ -167,8 +166,7 @@ def _costs(table: pl.DataFrame) -> Section:
     return Section("What it costs, and what a robot knows", (costs,))
 
 
-def _maps(standings: Standings, maps: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the section on the maps of the main entries."""
+def _maps_of_main_entries(standings: Standings, maps: pl.DataFrame) -> tuple[Section, ...]:
     shown = maps.filter(pl.col("name").is_in(standings.main.table["name"].to_list()))
     return (Section("Maps", (map_table(shown, {"name": ENTRY}),)),)
 
@@ -246,14 +244,15 @@ def _levels(fronts: pl.DataFrame) -> tuple[Table, ...]:
     columns: dict[str, Column] = {"name": Column("strategy")}
     for (level,), at_level in shown.group_by("level", maintain_order=True):
         title = f"time at {percent(cast(float, level), 0)}"
-        cells = [{"name": row["strategy"], title: _cell_of(row)} for row in at_level.iter_rows(named=True)]
+        cells = [
+            {"name": row["strategy"], title: _time_in_words(row)} for row in at_level.iter_rows(named=True)
+        ]
         frame = frame.join(pl.DataFrame(cells), on="name", how="left", maintain_order="left")
         columns[title] = Column(unit="s")
     return (Table(frame, columns, name="levels"),)
 
 
-def _cell_of(row: Mapping[str, Any]) -> str:
-    """Write the time of a strategy at a level."""
+def _time_in_words(row: Mapping[str, Any]) -> str:
     if row["reached"] != REACHES:
         return "-" if row["reached"] == NOT else str(row["reached"])
     return with_limits(Estimate.of(row, "time_s"), "", 0) + ("*" if row["in_group"] else "")
@@ -474,7 +473,9 @@ def tune_document(tuned: Tuned) -> Document:
     chosen = table.filter("is_chosen").drop("name", "is_chosen").sort("strategy", "forced_error")
     return Document(
         title="Settings for a league",
-        answer=tuple(_found(name, chosen.filter(strategy=name)) for name in tuned.settings),
+        answer=tuple(
+            _chosen_settings_in_words(name, chosen.filter(strategy=name)) for name in tuned.settings
+        ),
         warnings=("The figures favour the settings that were lucky: play a league with a seed of no round.",),
         parts=(
             Table(chosen, COLUMNS, name="settings"),
@@ -488,8 +489,7 @@ def tune_document(tuned: Tuned) -> Document:
     )
 
 
-def _found(name: str, chosen: pl.DataFrame) -> str:
-    """Say where the chosen settings of a strategy lie."""
+def _chosen_settings_in_words(name: str, chosen: pl.DataFrame) -> str:
     errors, times = (
         span([100 * error for error in chosen["forced_error"]], 1),
         span(chosen["decision_time_s"], 0),

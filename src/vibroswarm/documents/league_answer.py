@@ -27,15 +27,17 @@ def answers(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> tuple[s
         tables: as ``league_document`` describes them.
     """
     differences = tables["differences"]
-    found = [*_at_levels(tables["fronts"]), *_best(standings.table, tables["best"])]
+    found = [
+        *_fastest_at_each_error(tables["fronts"]),
+        *_least_error_and_fastest(standings.table, tables["best"]),
+    ]
     has_fronts = any(entry.aim is not None for entry in standings.league.entries)
     if differences.height and not has_fronts:  # single settings of unequal error compare nothing
         found += [_compared(differences), _floor_by_floor(tables["floor_differences"])]
     return (*found, *_guessing(standings), *_too_confident(tables.get("beliefs")))
 
 
-def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
-    """Say which strategies are fastest at each forced error that at least two of them reach."""
+def _fastest_at_each_error(fronts: pl.DataFrame) -> Iterator[str]:
     for (level,), at_level in fronts.group_by("level", maintain_order=True):
         reached = at_level.filter(reached=REACHES).sort("time_s")
         if reached.height < 2:
@@ -78,8 +80,7 @@ def _alike(group: pl.DataFrame, name: str, behind: str) -> str:
     return f" (the same in all runs: {listed(same)})" if len(same) > 1 else ""
 
 
-def _best(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
-    """Say which entries err least, and which are fastest of those that do not guess."""
+def _least_error_and_fastest(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
     for figure, start in (("forced_error", "Smallest forced error"), ("decision_time_s", "Fastest")):
         group = best.filter("in_group", figure=figure)
         if group.is_empty():

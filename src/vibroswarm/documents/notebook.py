@@ -66,7 +66,7 @@ def values_document(value: object) -> Document:
     parts: list[Part] = [values_table(others)] if others else []
     parts += [Table(_frame_of(content), caption=f"{name}:", name=name) for name, content in tables.items()]
     title = type(value).__name__ if values else short_text(value)
-    return Document(title, tuple(filter(None, [_first_paragraph(value)])), parts=tuple(parts))
+    return Document(title, (_first_paragraph(value),), parts=tuple(parts))
 
 
 def _first_paragraph(value: object) -> str:

@@ -41,7 +41,7 @@ from vibroswarm.recordings.threshold import Recommendation, Threshold
 from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.document import Column, Document, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Section, Table, Text, if_any
 
 
 def import_document(recording: Recording, pages: Sequence[str], computed: Sequence[str] = ()) -> Document:
@@ -54,13 +54,13 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
     return Document(
         title="Recording",
         answer=(f"{_outcomes(recording)} {recording.floor_words}",),
-        warnings=_presumed_threshold(recording, recording.scenario),
+        warnings=(_presumed_threshold(recording, recording.scenario),),
         parts=(
             *map(Text, computed),
             _sessions(recording),
             _settings(recording),
             Section("What was read", (Text("\n".join(count_lines(recording)), "code"),)),
-            *([] if recording.logs_beliefs else [Text(unlogged)]),
+            Text("" if recording.logs_beliefs else unlogged),
         ),
         made_by={"robots": ", ".join(map(str, recording.names)), "stated": ", ".join(recording.stated)},
         data=_import_data(recording, pages, computed),
@@ -81,7 +81,7 @@ def _heard(recording: Recording) -> str:
     return f"{counted}; in {listed(uncounted)} {all_heard}" if uncounted else counted
 
 
-def _presumed_threshold(recording: Recording, scenario: Scenario) -> tuple[str, ...]:
+def _presumed_threshold(recording: Recording, scenario: Scenario) -> str:
     """Warn if samples are read by a threshold that nobody stated and the logs do not show.
 
     Args:
@@ -89,12 +89,12 @@ def _presumed_threshold(recording: Recording, scenario: Scenario) -> tuple[str, 
     """
     threshold = recording.scenario.sensor.rms_threshold
     if _knows_bits(recording) or scenario.sensor.rms_threshold != threshold:
-        return ()
+        return ""
     above = percent(float((recording.rows["energy"] > threshold).mean()))  # type: ignore[arg-type]
     return (
         f"The threshold of these robots is unknown. Samples are read by the preset's, {stated(threshold)}, which "
         f"{above} of the energies exceed; beliefs and decisions on pages and in replays follow from it. Find one with "
-        "'vibroswarm lab threshold', and import again with --set sensor.rms_threshold=...",
+        "'vibroswarm lab threshold', and import again with --set sensor.rms_threshold=..."
     )
 
 
@@ -218,7 +218,7 @@ def replay_document(found: Replays) -> Document:
     logged = logged_outcomes(recording)
     outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
     first = next(iter(replays.values()))
-    rule = _rule(first.scenario)
+    rule = _decision_rule(first.scenario)
     unsent = ", ".join(f"{stated(replay.unsent)} ({name})" for name, replay in replays.items())
     restored = (
         f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
@@ -237,14 +237,14 @@ def replay_document(found: Replays) -> Document:
         knew=told(replay.scenario for replay in replays.values()),
         warnings=(
             *found.warnings,
-            *([] if recording.counts_messages else [uncounted]),
-            *_presumed_threshold(recording, first.scenario),
+            "" if recording.counts_messages else uncounted,
+            _presumed_threshold(recording, first.scenario),
         ),
         parts=(
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
             Text(f"Rule: {', '.join(f'{name} {_setting(value)}' for name, value in rule.items())}; {draws}."),
-            *([Text(restored)] if recording.counts_messages else []),
+            Text(restored if recording.counts_messages else ""),
             *(
                 [Text(_WITH_PLACES.format(_heard(recording)))]
                 if any(one.scenario.strategy.reads_places for one in replays.values())
@@ -266,8 +266,7 @@ def replay_document(found: Replays) -> Document:
     )
 
 
-def _rule(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of the scenario by which robots decide."""
+def _decision_rule(scenario: Scenario) -> dict[str, Any]:
     return {
         "rms_threshold": scenario.sensor.rms_threshold,
         "credible_threshold": scenario.decision.credible_threshold,
@@ -357,17 +356,17 @@ def threshold_document(found: Recommendation) -> Document:
             f"{vibrating} of those on vibrating tiles as still; at the {number(in_use.value, in_use.decimals)} "
             f"{in_use.rule} {still_in_use} and {vibrating_in_use}.",
             _can_be_decided(chosen),
-            *_why_in_use_decides(chosen, in_use),
+            _why_in_use_decides(chosen, in_use),
         ),
         warnings=(
-            *(() if chosen.tells_kinds_apart else (_TELLS_NOTHING,)),
-            *((_SELF_JUDGED,) if unseen is not None and unseen.is_empty() else ()),
+            "" if chosen.tells_kinds_apart else _TELLS_NOTHING,
+            _SELF_JUDGED if unseen is not None and unseen.is_empty() else "",
         ),
         parts=(
             _thresholds(every, found.margin_m),
-            *(() if unseen is None or unseen.is_empty() else (_unseen(unseen, chosen.decimals),)),
+            *if_any(unseen, lambda unseen: [_unseen(unseen, chosen.decimals)]),
             _profile(found.profile, found.thresholds[0]),
-            *(() if found.law is None else (_law(found.law),)),
+            *if_any(found.law, lambda law: [_law(law)]),
         ),
         data={
             "thresholds": pl.DataFrame(
@@ -378,7 +377,7 @@ def threshold_document(found: Recommendation) -> Document:
     )
 
 
-def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]:
+def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> str:
     """Return why the threshold in use decides this floor where the chosen one does not, and at what price.
 
     Robots take a floor for the wrong side if it lies between the boundary and the share of vibrating tiles at which the
@@ -389,11 +388,11 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]
         1.0 - errors.false_positive - errors.false_negative
     )  # slope of the share of ones over the fill ratio
     if decides.verdict != "decidable" or chosen.decidable.verdict == "decidable" or right <= 0.0:
-        return ()
+        return ""
     boundary = decides.boundary
     balanced = min(max((decides.tested - errors.false_positive) / right, 0.0), 1.0)
     if abs(balanced - boundary) < 0.005:
-        return ()
+        return ""
     fewer, below = ("fewer", "below") if balanced > boundary else ("more", "above")
     asked = stated_percent(boundary)
     ends = ((balanced, percent(balanced, None, digits=2)), (boundary, asked))
@@ -401,7 +400,7 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> tuple[str, ...]
     return (
         f"The {number(in_use.value, in_use.decimals)} {in_use.rule} decides this floor only because it reads {fewer} "
         "samples as vibrating on any floor: "
-        f"one with {low} to {high} vibrating tiles would be taken for {below} {asked}.",
+        f"one with {low} to {high} vibrating tiles would be taken for {below} {asked}."
     )
 
 

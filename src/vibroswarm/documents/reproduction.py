@@ -17,7 +17,7 @@ from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
 from vibroswarm.paper.item import Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of, command_of_all
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, Tone, with_content
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, Tone
 from vibroswarm.simulation import versions
 
 ROWS_IN_SIGHT: Final = 12
@@ -33,7 +33,7 @@ def reproduction_document(made: Reproduction) -> Document:
     settings, decided = made.settings, made.decided
     return Document(
         title="The paper, reproduced",
-        answer=(*_counts(decided), *_few_runs(decided, settings)),
+        answer=(*_verdict_counts(decided), _few_runs(decided, settings)),
         knew=told(cell.scenario for cell in made.cells.values()),
         warnings=_warnings(made),
         parts=(
@@ -59,8 +59,7 @@ def verdict_document(decided: Decided) -> Document:
     return Document(decided.claim.id, (decided.claim.statement, f"{decided.column}: {decided.verdict}."))
 
 
-def _counts(decided: Sequence[Decided]) -> list[str]:
-    """Return a sentence for each preset on how many of the paper's claims have which verdict."""
+def _verdict_counts(decided: Sequence[Decided]) -> list[str]:
     sentences = []
     for column in COLUMNS:
         parts = []
@@ -76,13 +75,13 @@ def _counted(found: Sequence[str], words: Iterable[str]) -> str:
     return ", ".join(f"{found.count(word)} {word}" for word in dict.fromkeys(words) if word in found)
 
 
-def _few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
+def _few_runs(decided: Sequence[Decided], settings: Settings) -> str:
     """Return the advice to use more runs, if verdicts are inconclusive and there are fewer runs than ``ENOUGH``."""
     unsure = sum(one.verdict == "inconclusive" for one in decided)
     if not unsure or settings.runs >= ENOUGH:
-        return []
+        return ""
     verdicts = f"{count(unsure, 'verdict')} {verb(unsure, 'are', 'is')} inconclusive"
-    return [f"{verdicts}: {count(settings.runs, 'run')} are too few to decide; use --runs {ENOUGH}."]
+    return f"{verdicts}: {count(settings.runs, 'run')} are too few to decide; use --runs {ENOUGH}."
 
 
 def _warnings(made: Reproduction) -> tuple[str, ...]:
@@ -199,7 +198,7 @@ def _item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> Se
         Section("All numbers", long, folded=True),
         Section("Pictures of the other presets", others, folded=True, side_by_side=True),
     )
-    return Section(title, with_content(parts), wide=True, side_by_side=len(pictures) > 1)
+    return Section(title, parts, wide=True, side_by_side=len(pictures) > 1)
 
 
 def _claims_of_item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> list[Table]:

@@ -70,17 +70,17 @@ def run_document(result: Result, run: int) -> Document:
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
         answer=(
             *failure_sentences(result),
-            *_outcome(found),
-            *_gate_unreached(result, run, found),
-            *_when_given(found, answers),
+            *_decision_duration_confidence(found),
+            _gate_unreached(result, run, found),
+            _when_given(found, answers),
         ),
         knew=told([scenario]),
-        warnings=(decidable.says,) if decidable.is_warning else (),
+        warnings=(decidable.says if decidable.is_warning else "",),
         parts=(
             Text(_what_ran(result, found, run)),
             *map(Text, _readings(result, run, found)),
-            *map(Text, fault_sentences(result, run)),
-            *([Text(OPINION_NOTE)] if opinions else []),
+            Text(fault_sentence(result, run)),
+            Text(OPINION_NOTE if opinions else ""),
             *robot_tables(found, posterior),
             *answers_table(answers),
             *_reports(result, run),
@@ -89,14 +89,14 @@ def run_document(result: Result, run: int) -> Document:
             Figure("run", lambda style: draw_run(result, run, style=style)),
         ),
         made_by=_made_by(result),
-        data=_verdict_data(found) | _failed_parts(result, run),
+        data=_verdict_data(found) | _faults_and_failures(result, run),
     )
 
 
 def verdict_document(found: Verdict) -> Document:
     """Return the document of a verdict alone, which does not know its scenario."""
     tables = tuple(robot_tables(found, "posterior mean"))
-    return Document("Verdict", _outcome(found), parts=tables, data=_verdict_data(found))
+    return Document("Verdict", _decision_duration_confidence(found), parts=tables, data=_verdict_data(found))
 
 
 def runs_document(result: Result) -> Document:
@@ -154,15 +154,13 @@ def _verdict_data(found: Verdict) -> dict[str, pl.DataFrame]:
     }
 
 
-def _failed_parts(result: Result, run: int) -> dict[str, pl.DataFrame]:
-    """Return the tables of faults and failures of a run, those that the result has."""
+def _faults_and_failures(result: Result, run: int) -> dict[str, pl.DataFrame]:
     tables = {"faults": result.faults, "failures": result.failures}
     return {name: frame.filter(run=run) for name, frame in tables.items() if frame is not None}
 
 
-def _outcome(found: Verdict) -> tuple[str, ...]:
-    """Return the sentences that answer what the swarm decided, whether that lasted, and how sure its robots were."""
-    return tuple(filter(None, (headline(found), agreement_words(found), confidence(found))))
+def _decision_duration_confidence(found: Verdict) -> tuple[str, ...]:
+    return headline(found), agreement_words(found), confidence(found)
 
 
 def _what_ran(result: Result, found: Verdict, run: int) -> str:
@@ -192,7 +190,6 @@ def _origin(result: Result) -> str:
 
 
 def _made_by(result: Result) -> dict[str, str]:
-    """Return what repeats a result."""
     return {
         "scenario": result.scenario.hash,
         "seed": "recorded" if result.seed is None else str(result.seed),
@@ -230,20 +227,20 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
     return sentences
 
 
-def fault_sentences(result: Result, run: int) -> list[str]:
-    """Return a list of one sentence on which robots had which faults in a run; empty if robots cannot fail."""
+def fault_sentence(result: Result, run: int) -> str:
+    """Return which robots had which faults in a run; empty if robots cannot fail."""
     if result.faults is None:
-        return []
+        return ""
     of_run = result.faults.filter(run=run)
     robots = result.scenario.swarm.robots
     if of_run.is_empty():
-        return [f"Faults: none of {count(robots, 'robot')} failed."]
+        return f"Faults: none of {count(robots, 'robot')} failed."
     each = [
         f"robot {row['robot']} {fault_words(row['fault'])}"
         + ("" if row["from_s"] == 0 else f" from {number(row['from_s'], digits=4)} s")
         for row in of_run.to_dicts()
     ]
-    return [f"Faults: {of_run['robot'].n_unique()} of {count(robots, 'robot')} failed: {'; '.join(each)}."]
+    return f"Faults: {of_run['robot'].n_unique()} of {count(robots, 'robot')} failed: {'; '.join(each)}."
 
 
 def failure_sentences(result: Result) -> list[str]:
@@ -270,23 +267,20 @@ def _answers_over_time(result: Result, run: int) -> pl.DataFrame:
     return answers_in(result).filter(run=run).drop("run")
 
 
-def _when_given(found: Verdict, judged: pl.DataFrame) -> tuple[str, ...]:
+def _when_given(found: Verdict, judged: pl.DataFrame) -> str:
     """Return a sentence on answers that were wrong when they were given, if what they became by the end hides that."""
     right = None if judged.is_empty() else judged["right_at_decision"].item()
     if right in (None, 1.0) or found.consensus != "right":
-        return ()
-    return (
-        f"Right by the floor at the end; when given, {stated_percent(round(right, 3))} of the answers were right.",
-    )
+        return ""
+    return f"Right by the floor at the end; when given, {stated_percent(round(right, 3))} of the answers were right."
 
 
-def _gate_unreached(result: Result, run: int, found: Verdict) -> tuple[str, ...]:
+def _gate_unreached(result: Result, run: int, found: Verdict) -> str:
     """Return a sentence on the gate of a simulated run if no robot had enough observations to decide by its end."""
     if result.seed is None or found.undecided < len(found.robots):
-        return ()
+        return ""
     robots = result.robots.filter(run=run)
-    said = gate_unreached(result.scenario, robots.select(counted(result.scenario)).item())
-    return (said,) if said else ()
+    return gate_unreached(result.scenario, robots.select(counted(result.scenario)).item())
 
 
 MOST_REPORTED: Final = 12
@@ -355,11 +349,10 @@ def robot_tables(found: Verdict, posterior: str) -> list[Table]:
     }
     is_large = len(found.robots) > MOST_ROBOTS
     each = Table(robots, columns, name="robots", folded=is_large)
-    return [_by_decision(robots, posterior), each] if is_large else [each]
+    return [_table_by_decision(robots, posterior), each] if is_large else [each]
 
 
-def _by_decision(robots: pl.DataFrame, posterior: str) -> Table:
-    """Return a table with a row for each decision: how many robots, and the means and ranges of their figures."""
+def _table_by_decision(robots: pl.DataFrame, posterior: str) -> Table:
     columns = {
         "decision_time_s": Column("at", "s", decimals=1),
         "confidence": Column(share=True),

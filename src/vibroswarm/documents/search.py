@@ -89,14 +89,18 @@ def search_document(
         *([] if found.front else [_values_section(found, truth)]),
         _history_section(found, truth),
         Section("Runs", (account(found, truth, front), *failure_tables(found.archive))),
-        *file_section(file_text(search), "search.toml"),
+        file_section(file_text(search), "search.toml"),
     ]
     return Document(
         title=search.study.name or f"A search for the lowest {aims(search)}",
         answer=tuple(_answer(found, truth, front)),
-        knew=told(_scenarios(found, truth)),
+        knew=told(_scenarios_shown(found, truth)),
         warnings=warnings_of(found, truth, front, made_by),
-        parts=(Text(_how(found)), *(Text(score_sentence(one)) for one in search.objectives), *sections),
+        parts=(
+            Text(_what_was_searched(found)),
+            *(Text(score_sentence(one)) for one in search.objectives),
+            *sections,
+        ),
         made_by=_made_by(search, made_by),
     )
 
@@ -152,8 +156,7 @@ def _answer(found: Found, truth: Truth | None, front: Front | None) -> Iterator[
         )
 
 
-def _scenarios(found: Found, truth: Truth | None) -> Iterator[Scenario]:
-    """Yield the scenarios of the winner, of the front, and of what the winner is compared with."""
+def _scenarios_shown(found: Found, truth: Truth | None) -> Iterator[Scenario]:
     others = () if truth is None else truth.others
     shown = [
         found.values,
@@ -164,8 +167,7 @@ def _scenarios(found: Found, truth: Truth | None) -> Iterator[Scenario]:
         yield from (case.scenario.with_values(values) for values in shown)
 
 
-def _how(found: Found) -> str:
-    """Say what was searched, and how many runs that took."""
+def _what_was_searched(found: Found) -> str:
     search = found.search
     cases = f", each in {len(search.cases)} cases" if len(search.cases) > 1 else ""
     return (
@@ -198,7 +200,6 @@ def truth_section(truth: Truth, believed_runs: int, cases: Sequence[str], unit: 
 
 
 def _values_section(found: Found, truth: Truth | None) -> Section:
-    """Return the section with the winner's values beside those of the starts."""
     search = found.search
     named = [] if truth is None else zip(other_names(search, truth), truth.others, strict=True)
     return Section(
@@ -227,27 +228,29 @@ def _history_section(found: Found, truth: Truth | None) -> Section:
     With several objectives the best candidates are left out, since they are those of the front. There are no figures if
     the space has more fields than a figure can distinguish.
     """
-    parts: list[Part] = []
+    figures: list[Figure] = []
     if found.history and found.search.space.size <= SERIES_UP_TO:
         race = " before the race" if found.race else ""
         more = f" From the {count(found.history[-1].runs, 'run')} of the search{race}."
         line = f" The line across: {count(truth.winner.score.n, 'fresh run')}." if truth else ""
         scores = captioned(lambda style: _draw_scores(found, truth, style), more + line)
         parameters = captioned(lambda style: _draw_parameters(found, style), more)
-        parts = [
+        figures = [
             Figure("scores", scores, "How the scores fell", on_page="column"),
             Figure("parameters", parameters, "Where in their bounds the candidates lay", on_page="column"),
         ]
-    if len(found.search.objectives) == 1:
-        title = f"The best {min(BEST, len(found.archive))} candidates"
-        parts.append(Section(title, (best_table(found),), folded=True))
-    parts.append(Section("Iteration by iteration", (history_of(found),), folded=True))
-    return Section("How the search went", tuple(parts), side_by_side=True)
+    title = f"The best {min(BEST, len(found.archive))} candidates"
+    best = (best_table(found),) if len(found.search.objectives) == 1 else ()
+    tables = (
+        Section(title, best, folded=True),
+        Section("Iteration by iteration", (history_of(found),), folded=True),
+    )
+    return Section("How the search went", (*figures, *tables), side_by_side=True)
 
 
-def file_section(text: str, name: str) -> tuple[Section, ...]:
-    """Return the section with the file of a search or grid; none if there is no text."""
-    return (Section(f"The file {name}", (Text(text, "code"),), folded=True),) if text else ()
+def file_section(text: str, name: str) -> Section:
+    """Return the section with the file of a search or grid; it is empty if there is no text."""
+    return Section(f"The file {name}", (Text(text, "code"),), folded=True)
 
 
 def captioned(draw: Any, more: str) -> Any:
@@ -275,7 +278,6 @@ def _draw_scores(found: Found, truth: Truth | None, style: str) -> Picture:
 
 
 def _draw_parameters(found: Found, style: str) -> Picture:
-    """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's bounds."""
     shares = [
         (iteration.number, name, share)
         for iteration in found.history
@@ -303,7 +305,6 @@ def _draw_front(front: Front, style: str) -> Picture:
 
 
 def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return what repeats a search, and the commands for its winner."""
     # A start is the name of a preset, or a table of values.
     presets = [start for start in search.to_values()["start"] if isinstance(start, str)]
     file = "search.toml" if file_text(search) else ""
@@ -346,7 +347,7 @@ def search_state_document(about: dict[str, Any], *, is_validated: bool) -> Docum
             f"Search in {about['folder']}: {about['method']}, {listed(about['objectives'])}, seed {about['seed']}.",
             f"Done: {done}, in {wanted}; {whole(about['runs_failed'])} failed.",
             f"Fields: {', '.join(about['fields'])}.",
-            *([] if is_validated else [resume]),
+            "" if is_validated else resume,
         ),
     )
 
@@ -418,7 +419,7 @@ def checked_document(found: Checked) -> Document:
         warnings=(*_different_questions(found), *failed),
         parts=(_scores(found), *parts_of(scenarios, case_names, unit), _figures(figures, found)),
         made_by={"objective": found.objective.words},
-        data={"differences": _differences(found), "figures": figures},
+        data={"differences": _differences_by_seed(found), "figures": figures},
     )
 
 
@@ -443,8 +444,7 @@ def _scores(found: Checked) -> Table:
     return Table(frame_of(rows), columns, name="scores")
 
 
-def _differences(found: Checked) -> pl.DataFrame:
-    """Tabulate the difference of the scores on each block of seeds, and whether the second confirms the first."""
+def _differences_by_seed(found: Checked) -> pl.DataFrame:
     return frame_of(
         [
             {"seeds": seeds, **columns_of("difference", each), "pairs": each.n, "confirmed": found.confirmed}

@@ -180,12 +180,12 @@ def warnings_of(
     found: Found, truth: Truth | None, front: Front | None, made_by: Sequence[Mapping[str, str]]
 ) -> tuple[str, ...]:
     """Return the reasons not to trust a search, the most serious first; the arguments of ``search_document``."""
-    words = [_unfinished(found), *_failures(found, truth, front)]
+    words = [_unfinished(found), *_warnings_of_failed_runs(found, truth, front)]
     if truth is not None:
         words += [
             luck_warning(truth),
             *_not_beaten(found.search, truth),
-            _at_bounds(found.search, found.values),
+            _warning_of_bounds(found.search, found.values),
         ]
     elif front is not None:
         words.append(front_warning(front))
@@ -196,7 +196,7 @@ def warnings_of(
     else:
         words.append("The winner was not scored on fresh runs: only believed scores are shown.")
     words.append(DIFFERENT_VERSIONS if len(made_by) > 1 else "")
-    return tuple(filter(None, words))
+    return tuple(words)
 
 
 def _unfinished(found: Found) -> str:
@@ -213,8 +213,7 @@ def _unfinished(found: Found) -> str:
     return f"The search is not finished: {whole(found.runs)} of {count(budget, 'run')}."
 
 
-def _failures(found: Found, truth: Truth | None, front: Front | None) -> Iterator[str]:
-    """Warn of failed runs: in the search, and on fresh runs of the winner, the starts and the front."""
+def _warnings_of_failed_runs(found: Found, truth: Truth | None, front: Front | None) -> Iterator[str]:
     if found.archive.failed:
         causes = "; ".join(sorted({c.why for c in found.archive.candidates if c.why})[:REASONS])
         yield f"{failures_in(found.archive)}." + (f" Why: {causes}" if causes else "")
@@ -270,8 +269,7 @@ def beaten(search: Search, truth: Truth) -> Iterator[str]:
             yield f"It costs less than the {name}, run by run on the same fresh runs (winner - {name}: {difference})."
 
 
-def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
-    """Warn of values of the winner at a bound of the space."""
+def _warning_of_bounds(search: Search, values: Mapping[str, Any]) -> str:
     words = []
     for dimension in search.space:
         value = values[dimension.name]

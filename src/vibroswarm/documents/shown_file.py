@@ -121,7 +121,6 @@ def _is_floor(path: Path) -> bool:
 
 
 def _is_number(text: str) -> bool:
-    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:

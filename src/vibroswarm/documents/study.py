@@ -53,7 +53,6 @@ from vibroswarm.show.document import (
     Text,
     if_any,
     limits_of,
-    with_content,
 )
 from vibroswarm.study.baselines import References
 from vibroswarm.study.cell_comparison import SIGNIFICANT, Answer, lacks_truth
@@ -96,9 +95,9 @@ def study_document(outcome: Outcome) -> Document:
         answer=_answer(outcome),
         knew=told(one.cell.scenario for one in outcome.cells),
         warnings=tuple(warnings_of(outcome)),
-        parts=(Text(question(outcome)), *head, *with_content(sections)),
+        parts=(Text(question(outcome)), *head, *sections),
         made_by=_made_by(outcome),
-        data=_data(outcome),
+        data=_tables_for_json(outcome),
     )
 
 
@@ -106,7 +105,7 @@ def comparison_document(comparison: Comparison) -> Document:
     """Return what the comparisons of a study's cells say, without its figures."""
     outcome = comparison.outcome
     head, compared = _differences_parts(outcome)
-    data = _data(outcome)
+    data = _tables_for_json(outcome)
     equal_error = if_any(outcome.tables.get("equal_error"), _equal_error_parts)
     sections = (
         Section("Compared run by run", tuple(compared)),
@@ -119,7 +118,7 @@ def comparison_document(comparison: Comparison) -> Document:
         warnings=tuple(warnings_of(outcome)),
         parts=(
             *head,
-            *with_content(sections),
+            *sections,
             *([] if outcome.answers else [_outcome_table(outcome)]),
         ),
         made_by=_made_by(outcome),
@@ -136,7 +135,7 @@ def _answer(outcome: Outcome, most: float = MOST_SENTENCES) -> tuple[str, ...]:
     lines = [words for number, one in enumerate(described) if number < most for words in _sentences(one)]
     left = len(described) - min(len(described), most)
     what = "more comparison" if outcome.answers else "more cell"
-    return (*lines, *([f"... and {count(int(left), what)}, below."] if left else []))
+    return (*lines, f"... and {count(int(left), what)}, below." if left else "")
 
 
 def _sentences(one: Answer | CellOutcome) -> list[str]:
@@ -211,14 +210,13 @@ _OUTCOME_WORDS: Final = (
 
 
 def _outcome_section(outcome: Outcome) -> Section:
-    levels, omitted = _levels(outcome), not_drawn(outcome)
     parts = (
         _outcome_table(outcome),
         *_tables_of_some_cells(outcome),
         *if_any(outcome.reported, _reported_parts),
-        *([Text(levels)] if levels else []),
+        Text(_levels(outcome)),
         Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True),
-        *([Section("Figures left out", (Text(omitted),), wide=True)] if omitted else []),
+        Section("Figures left out", (Text(not_drawn(outcome)),), wide=True),
         *outcome_figures(outcome),
     )
     return Section("Outcome", parts)
@@ -416,7 +414,6 @@ _EQUAL_ERROR_WORDS: Final = (
 
 
 def _equal_error_parts(frame: pl.DataFrame) -> tuple[Part, ...]:
-    """Tabulate the comparisons at equal error and at equal time."""
     columns = {
         "name": Column("compared"),
         "error": Column("at the forced error", share=True),
@@ -534,7 +531,6 @@ _DECIDABILITY: Final = (
 
 
 def _decidability_table(outcome: Outcome) -> Table:
-    """Tabulate whether each cell can be decided at all (``analysis.decidability``)."""
     columns = {
         "name": Column("cell"),
         "verdict": Column("can it be decided"),
@@ -572,8 +568,7 @@ def _made_by(outcome: Outcome) -> Mapping[str, str]:
     return made_by | {"again": shlex.join(again)}
 
 
-def _data(outcome: Outcome) -> dict[str, pl.DataFrame]:
-    """Return the tables of a study for JSON, those of its folder among them."""
+def _tables_for_json(outcome: Outcome) -> dict[str, pl.DataFrame]:
     data = {"cells": outcome.result.cells, "decidability": _decidable(outcome), **outcome.tables}
     if settled := [
         {"cell": one.cell.number, "name": one.cell.name, **one.settled._asdict()}

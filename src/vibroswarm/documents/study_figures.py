@@ -350,13 +350,12 @@ def _detection(outcome: Outcome, table: pl.DataFrame, style: str) -> Picture:
         low=1 - pl.col("swarm_right_high"),
         high=1 - pl.col("swarm_right_low"),
     )
-    boundary = _shared(outcome.cells, "decision.decision_boundary")
+    boundary = _common_value(outcome.cells, "decision.decision_boundary")
     title = first_of(MOST_POINTS, table.height, "cell")
     return draw_detection(frame, boundary=boundary, title=title, style=style)
 
 
-def _shared(cells: Sequence[CellOutcome], field: str) -> float | None:
-    """Return the value of a field that all cells have; None if it differs."""
+def _common_value(cells: Sequence[CellOutcome], field: str) -> float | None:
     values = {one.cell.scenario[field] for one in cells}
     return values.pop() if len(values) == 1 else None
 
@@ -422,8 +421,8 @@ def _belief(outcome: Outcome, cells: Sequence[CellOutcome], style: str) -> Pictu
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)
         )
-    boundary = _shared(cells, "decision.decision_boundary")
-    threshold = _shared(cells, "decision.credible_threshold")
+    boundary = _common_value(cells, "decision.decision_boundary")
+    threshold = _common_value(cells, "decision.credible_threshold")
     return draw_belief(
         pl.concat(frames),
         label=f"belief in a fill below {'the boundary' if boundary is None else stated(boundary)}",

@@ -82,7 +82,7 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
             f"Varied: {', '.join(about['varied']) or 'nothing'}.",
         ),
         warnings=tuple(_warnings(about, needed)),
-        parts=(*map(Text, made_by), *([Text(resume, "code")] if done < wanted else [])),
+        parts=(*map(Text, made_by), Text(resume if done < wanted else "", "code")),
     )
 
 

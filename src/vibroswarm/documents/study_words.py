@@ -334,12 +334,12 @@ def warnings_of(outcome: Outcome) -> list[str]:
     failed = [
         failed_words(one.cell, one.failed, one.summary.runs) for one in outcome.cells if one.failed.height
     ]
-    unmatched = [outcome.unmatched] if outcome.unmatched else []
     unreached = [f"{one.cell.name}: {one.unreached}" for one in outcome.cells if one.unreached]
-    return [
-        *floors, *unreached, *failed, *_missing_runs(outcome), *_store_warnings(outcome), *_imprecise(outcome),
-        *unmatched,
-    ]  # fmt: skip
+    every = (
+        *floors, *unreached, *failed, *_missing_runs(outcome), *_store_warnings(outcome), _imprecise(outcome),
+        outcome.unmatched,
+    )  # fmt: skip
+    return list(filter(None, every))
 
 
 def _floor_words(one: CellOutcome) -> str:
@@ -384,19 +384,18 @@ def _failed_batches(result: StudyResult) -> str:
 
 def _store_warnings(outcome: Outcome) -> list[str]:
     store = outcome.result.store
-    words = [f"a damaged shard was left out: {damage}" for damage in store.damaged]
-    if len(store.made_by) > 1:
-        words.append(
-            "runs were made by different versions of the software; they may not be repeatable as a whole."
-        )
-    return words
+    different = "runs were made by different versions of the software; they may not be repeatable as a whole."
+    return [
+        *(f"a damaged shard was left out: {damage}" for damage in store.damaged),
+        different if len(store.made_by) > 1 else "",
+    ]
 
 
-def _imprecise(outcome: Outcome) -> list[str]:
+def _imprecise(outcome: Outcome) -> str:
     """Write of how many cells the figure with the wanted precision is not precise enough after the most runs."""
     until = outcome.result.study.until
     if until is None:
-        return []
+        return ""
     # A group is settled as a whole; some of its cells may be precise enough.
     imprecise = [
         one
@@ -406,8 +405,8 @@ def _imprecise(outcome: Outcome) -> list[str]:
         and not until.reached(*one.summary.figures[until.figure][:3])
     ]
     if not imprecise:
-        return []
-    return [
+        return ""
+    return (
         f"in {len(imprecise)} of {count(len(outcome.cells), 'cell')} {until.figure} is not known to "
         f"{stated_percent(until.half_width)} after {count(until.max_runs, 'run')}, the most that were allowed."
-    ]
+    )

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.numbers import count, number, percent, stated
-from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Photo, Photos, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
 from vibroswarm.tracking.doubts import (
@@ -52,7 +52,7 @@ def tracking_document(
         warnings=tuple(tracking.warnings()),
         parts=(
             Text(_camera_words(tracking)),
-            *([] if tracked is None else [Text(_clock_words(tracked))]),
+            Text("" if tracked is None else _clock_words(tracked)),
             _doubtful(doubts, shots_of(tracking, doubts)),
             *_seen(tracking, doubts),
             *([] if matched is None else [_clock(matched)]),
@@ -156,25 +156,28 @@ def _doubtful(doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
     """
     if not doubts:
         return Section("What is doubtful", (Text("Nothing."),), wide=True)
-    sections: list[Part] = []
-    for kind in dict.fromkeys(doubt.kind for doubt in doubts):
-        of_kind = [place for place, doubt in enumerate(doubts) if doubt.kind == kind]
-        shown = {shot.doubt for shot in shots} & set(of_kind)
-        without_pictures = [doubts[place] for place in of_kind if place not in shown]
-        parts: list[Part] = [Text(f"What to do: {ADVICE[kind]}")]
-        if 0 < len(without_pictures) <= 3:
-            parts += [Text(doubt.words) for doubt in without_pictures]
-        parts += _photos(doubts, shots, sorted(shown))
-        if len(without_pictures) > 3:
-            columns = {"time_s": Column("time", "s", decimals=1), "what": Column(prose=True)}
-            caption = "More, without a picture" if shown else ""
-            parts.append(Table(_doubts(without_pictures).drop("kind"), columns, caption, f"doubtful-{kind}"))
-        sections.append(Section(f"{TITLES[kind]} ({len(of_kind)})", tuple(parts)))
+    sections = [_doubtful_kind(kind, doubts, shots) for kind in dict.fromkeys(doubt.kind for doubt in doubts)]
     lead = "Most important first. A ring marks the place: where the robot or marker is, or was seen last."
     # A doubt has up to three pictures, of which all or none are shown. So doubts may have been left out although the
     # number of pictures is a little below the limit. The sentence is true even if none was left out.
     bounded = f" At most {FRAMES_UP_TO} frames are shown." if len(shots) > FRAMES_UP_TO - 4 else ""
     return Section("What is doubtful", (Text(lead + bounded), *sections), wide=True)
+
+
+def _doubtful_kind(kind: str, doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
+    of_kind = [place for place, doubt in enumerate(doubts) if doubt.kind == kind]
+    shown = {shot.doubt for shot in shots} & set(of_kind)
+    others = [doubts[place] for place in of_kind if place not in shown]
+    few, many = (others, []) if len(others) <= 3 else ([], others)
+    columns = {"time_s": Column("time", "s", decimals=1), "what": Column(prose=True)}
+    caption = "More, without a picture" if shown else ""
+    parts = (
+        Text(f"What to do: {ADVICE[kind]}"),
+        *(Text(doubt.words) for doubt in few),
+        *_photos(doubts, shots, sorted(shown)),
+        *if_any(many, lambda many: [Table(_doubts(many).drop("kind"), columns, caption, f"doubtful-{kind}")]),
+    )
+    return Section(f"{TITLES[kind]} ({len(of_kind)})", parts)
 
 
 def _photos(doubts: Sequence[Doubt], shots: Sequence[Shot], shown: Sequence[int]) -> list[Photos]:

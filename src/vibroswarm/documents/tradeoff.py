@@ -35,10 +35,10 @@ def tradeoff_document(found: Tradeoff) -> Document:
         title=f"Time against wrong decisions: {scenario.strategy.name}",
         answer=_answer(front, curve.height),
         knew=told([scenario]),
-        warnings=(decidable.says,) if decidable.is_warning else (),
+        warnings=(decidable.says if decidable.is_warning else "",),
         parts=(
             Text(_setting_of(curve, scenario)),
-            *([] if scenario.task.costs is None else [Text(_COSTS)]),
+            Text("" if scenario.task.costs is None else _COSTS),
             *on_front,
             Section("All settings", (_all_table(curve),), folded=bool(on_front)),
         ),
@@ -125,7 +125,6 @@ _CAPTION: Final = (
 
 
 def _draw_front(curve: pl.DataFrame, style: str) -> Picture:
-    """Draw decision time against the share of robots wrong, a point for each setting."""
     frame = curve.select(
         "error",
         "error_low",

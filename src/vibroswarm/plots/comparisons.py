@@ -13,7 +13,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy
+from vibroswarm.plots.inputs import run_counts, tidy
 from vibroswarm.plots.layout import (
     Rows,
     hatched,
@@ -67,9 +67,9 @@ def draw_forest(
         texts=("comparison",),
         numbers=("difference", "low", "high"),
         optional_numbers=(*counted, "runs"),
+        once=("comparison",),
+        bounds=[("low", "difference", "high")],
     )
-    check_once(frame, ["comparison"])
-    check_bounds(frame, "low", "difference", "high")
     rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title)
     with_counts = frame["wins"].is_not_null().any()
     for row, values in enumerate(frame.to_dicts()):
@@ -156,8 +156,7 @@ def draw_outcomes(
     """
     sizes = style_named(style)
     kinds = list(OUTCOMES)
-    frame = tidy(frame, texts=("cell",), optional_numbers=(*kinds, "right_low", "right_high"))
-    check_once(frame, ["cell"])
+    frame = tidy(frame, texts=("cell",), optional_numbers=(*kinds, "right_low", "right_high"), once=("cell",))
     frame = frame.with_columns(pl.col(kinds).fill_null(0.0))
     if frame.select((pl.min_horizontal(kinds) < 0).any()).item():
         raise InputError("a count of runs is negative", field="right")

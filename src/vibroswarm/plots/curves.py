@@ -19,7 +19,7 @@ import polars as pl
 from vibroswarm.core.numbers import percent, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import checked_estimates, draw_along, series_handle
-from vibroswarm.plots.inputs import check_bounds, most, run_counts, tidy, with_series
+from vibroswarm.plots.inputs import most, run_counts, tidy, with_series
 from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
@@ -78,10 +78,9 @@ def draw_incidence(
     frame = tidy(
         frame, numbers=("time_s", "right", "wrong"), optional_numbers=_BOUNDS,
         complete=("time_s", "right", "wrong"),
+        bounds=[("right_low", "right", "right_high"), ("wrong_low", "wrong", "wrong_high")],
     )  # fmt: skip
     frame, series = with_series(frame)
-    check_bounds(frame, "right_low", "right", "right_high")
-    check_bounds(frame, "wrong_low", "wrong", "wrong_high")
     named = series if len(series) > 1 else []  # a single series needs no name
     figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title)
     few_ticks(axes.xaxis, sizes)
@@ -285,7 +284,7 @@ def draw_belief(
         + (f"; dotted: {number(boundary)}" if boundary is not None else "")
         + "."
     )
-    ordered = sorted(columns, key=_share)
+    ordered = sorted(columns, key=_share_of_quantile)
     return Picture(figure, pl.concat(parts).select("series", "time_s", *ordered), caption)
 
 
@@ -301,9 +300,9 @@ def quantile_pairs(frame: pl.DataFrame) -> list[tuple[str, str]]:
     names = [name for name in frame.columns if re.fullmatch(r"q\d{2,3}", name)]
     if "q50" not in names:
         raise InputError("the frame has no median; name it q50", field="q50")
-    by_share = {round(_share(name), 6): name for name in names}
+    by_share = {round(_share_of_quantile(name), 6): name for name in names}
     for name in names:
-        same = by_share[round(_share(name), 6)]
+        same = by_share[round(_share_of_quantile(name), 6)]
         if same != name:  # such as q05 and q050
             raise InputError(f"is the same quantile as {same}", field=name)
     pairs = []
@@ -318,13 +317,12 @@ def quantile_pairs(frame: pl.DataFrame) -> list[tuple[str, str]]:
     return pairs
 
 
-def _share(name: str) -> float:
-    """Return the quantile of a column as a share: 0.05 for ``q05``, 0.025 for ``q025``."""
+def _share_of_quantile(name: str) -> float:
     return int(name[1:]) / 10.0 ** len(name[1:])
 
 
 def _percent(name: str) -> str:
-    return percent(_share(name), None, digits=6)
+    return percent(_share_of_quantile(name), None, digits=6)
 
 
 def _check_order(frame: pl.DataFrame, pairs: Sequence[tuple[str, str]]) -> None:

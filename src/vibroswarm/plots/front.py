@@ -11,7 +11,7 @@ import polars as pl
 
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.plots.curves import thinned
-from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
+from vibroswarm.plots.inputs import run_counts, tidy
 from vibroswarm.plots.labels import label_points
 from vibroswarm.plots.layout import few_ticks, legend_below, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
@@ -71,9 +71,8 @@ def draw_front(
     frame = tidy(
         frame, texts=("name",), numbers=("time", "error"),
         optional_numbers=("time_low", "time_high", "error_low", "error_high", "runs"),
+        bounds=[("time_low", "time", "time_high"), ("error_low", "error", "error_high")],
     )  # fmt: skip
-    check_bounds(frame, "time_low", "time", "time_high")
-    check_bounds(frame, "error_low", "error", "error_high")
     numbers = _numbered(frame)
     known = numbers.drop_nulls(["time", "error"])  # the choices that are drawn
     chosen = known.filter("front").sort("number")  # those on the front

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.numbers import count, decimals_of, verb
 from vibroswarm.errors import InputError
-from vibroswarm.plots.inputs import check_once, run_counts, tidy
+from vibroswarm.plots.inputs import run_counts, tidy
 from vibroswarm.plots.layout import (
     LINE_SPACING,
     axes_size_pt,
@@ -70,8 +70,9 @@ def draw_heat(
     if best not in (None, "low", "high"):
         raise InputError(f"'{best}' is neither low nor high", field="best")
     texts = [name for name in ("x", "y") if name in frame.columns and not frame.schema[name].is_numeric()]
-    frame = tidy(frame, other=("x", "y"), texts=texts, numbers=("value",), optional_numbers=("runs",))
-    check_once(frame, ["x", "y"])
+    frame = tidy(
+        frame, other=("x", "y"), texts=texts, numbers=("value",), optional_numbers=("runs",), once=("x", "y")
+    )
     xs, ys = (_order(frame[name]) for name in ("x", "y"))
     grid = np.full((len(ys), len(xs)), np.nan)
     column_of, row_of = ({value: place for place, value in enumerate(values)} for values in (xs, ys))

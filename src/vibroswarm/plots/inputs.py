@@ -18,6 +18,8 @@ def tidy(
     other: Sequence[str] = (),
     optional_numbers: Sequence[str] = (),
     complete: Sequence[str] = (),
+    once: Sequence[str] = (),
+    bounds: Sequence[tuple[str, str, str]] = (),
 ) -> pl.DataFrame:
     """Check the columns of a frame, and convert numbers to Float64 (NaN becomes null) and texts to String.
 
@@ -29,11 +31,14 @@ def tidy(
         other: required columns of any type, which are not changed.
         optional_numbers: columns of numbers that are added, filled with nulls, if the frame does not have them.
         complete: columns among ``numbers`` that must not have missing values.
+        once: columns in which no two rows may have the same values. bounds: columns of lower limits, estimates and
+            upper limits that must be in this order.
     Returns:
         The frame with these columns, and with all its other columns unchanged.
     Raises:
         InputError: the frame has no rows or lacks a column; or a column of numbers holds something else, an infinite
-            number, or a missing number although it must be complete.
+            number, or a missing number although it must be complete; two rows
+            have the same values, or an estimate is outside its interval.
     """
     for name in (*numbers, *texts, *other):
         if name not in frame.columns:
@@ -60,6 +65,10 @@ def tidy(
     for name in complete:
         if tidied[name].has_nulls():
             raise InputError("holds a missing number where one is needed", field=name)
+    if once:
+        check_once(tidied, once)
+    for interval in bounds:
+        check_bounds(tidied, *interval)
     return tidied
 
 

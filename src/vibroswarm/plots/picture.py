@@ -238,11 +238,10 @@ def _themed(tag: str) -> str:
     The background of a hatch has its colour in the attribute ``fill``, which therefore becomes a style first.
     """
     tag = _HATCHED.sub(r' style="fill: \1"', tag)
-    return _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag)
+    return _STYLE.sub(lambda style: _COLOUR.sub(_css_variable, style[0]), tag)
 
 
-def _variable(match: re.Match[str]) -> str:
-    """Return the CSS variable of a named colour, with the colour itself for pages that do not set it."""
+def _css_variable(match: re.Match[str]) -> str:
     return f"var(--fig-{_NAME_OF[match[0]]}, {match[0]})"
 
 

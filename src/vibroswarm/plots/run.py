@@ -161,7 +161,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     axes.set_title(
         f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, fill ratio {number(fill_ratio, digits=3)}"
         f"{' at the end' if small else ''}, "
-        f"{feedback}, {origin}: {_outcome(result, run)}"
+        f"{feedback}, {origin}: {_outcome_in_words(result, run)}"
         + "".join(f"\n({text})" for text in edge_warnings(scenario)),
         fontsize=9,
         wrap=True,
@@ -170,8 +170,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     return figure
 
 
-def _outcome(result: Result, run: int) -> str:
-    """Return what the robots estimated or decided, in a few words."""
+def _outcome_in_words(result: Result, run: int) -> str:
     found = verdict(result, run)
     if found.estimated:
         told, _ = estimates_in_words(found)

@@ -49,8 +49,9 @@ def draw_search(
         InputError: a frame is not as described.
     """
     sizes = style_named(style)
-    frame = tidy(frame, numbers=("iteration", "best", "mean"), complete=("iteration",)).sort("iteration")
-    check_once(frame, ["iteration"])
+    frame = tidy(
+        frame, numbers=("iteration", "best", "mean"), complete=("iteration",), once=("iteration",)
+    ).sort("iteration")
     names = ["best as the search believes", "mean of the candidates"]
     names += ["best of each particle"] if personal is not None else []
     names += ["true, on fresh runs"] if true is not None else []

@@ -6,7 +6,7 @@ import polars as pl
 
 from vibroswarm.core.numbers import count
 from vibroswarm.plots.error_bars import series_handle
-from vibroswarm.plots.inputs import check_bounds, tidy, with_series
+from vibroswarm.plots.inputs import tidy, with_series
 from vibroswarm.plots.layout import few_ticks, legend_below, number, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, looks_of, style_named
@@ -41,8 +41,10 @@ def draw_spectrum(
     frame = tidy(frame, numbers=("hz", "amplitude"), complete=("hz", "amplitude"))
     frame, series = with_series(frame)
     if lines.height:
-        lines = tidy(lines, numbers=("hz", "low", "high", "amplitude"), complete=("hz", "amplitude"))
-        check_bounds(lines, "low", "hz", "high")
+        lines = tidy(
+            lines, numbers=("hz", "low", "high", "amplitude"), complete=("hz", "amplitude"),
+            bounds=[("low", "hz", "high")],
+        )  # fmt: skip
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)
     looks = looks_of(series)

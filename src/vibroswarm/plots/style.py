@@ -226,12 +226,11 @@ def settings(style: Style | None = None) -> Iterator[None]:
 
     with MATPLOTLIB_LOCK, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"Glyph \d+")
-        with styles.context(["default", _parameters(style or STYLES["page"])]):
+        with styles.context(["default", _matplotlib_settings(style or STYLES["page"])]):
             yield
 
 
-def _parameters(style: Style) -> dict[str, Any]:
-    """Return the changes of matplotlib's settings for a style, by their names in matplotlib."""
+def _matplotlib_settings(style: Style) -> dict[str, Any]:
     thin = style.line_pt * 0.6
     return {
         "font.family": "sans-serif",

@@ -282,7 +282,6 @@ def _faults_in(faults: pl.DataFrame) -> tuple[dict[str, Any], ...]:
 
 
 def _details_of(result: Result) -> dict[str, Any]:
-    """Return what made the result, by name."""
     scenario = result.scenario
     version_names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
     return {

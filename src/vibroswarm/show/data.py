@@ -41,7 +41,9 @@ def plain(value: Any) -> Any:
 
 def document_values(document: Document) -> dict[str, Any]:
     """Return a document as values that JSON has, from which ``document_from`` makes it again, without its pictures."""
-    values: dict[str, Any] = plain(_adapter().dump_python(without_pictures(document), exclude_defaults=True))
+    values: dict[str, Any] = plain(
+        _document_adapter().dump_python(without_pictures(document), exclude_defaults=True)
+    )
     return values
 
 
@@ -54,7 +56,7 @@ def document_from(values: object, name: str) -> Document:
         InputError: it is damaged, or something else.
     """
     try:
-        return _adapter().validate_python(values)
+        return _document_adapter().validate_python(values)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "it"
@@ -62,6 +64,5 @@ def document_from(values: object, name: str) -> Document:
 
 
 @cache
-def _adapter() -> TypeAdapter[Document]:
-    """Return what checks and converts documents, by the types of their fields."""
+def _document_adapter() -> TypeAdapter[Document]:
     return TypeAdapter(Document)

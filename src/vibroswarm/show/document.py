@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol, TypeVar
 
 import polars as pl
 from pydantic import PlainSerializer, PlainValidator
@@ -204,9 +204,15 @@ class Photos(NotebookView):
     photos: tuple[Photo, ...]
 
 
+def _has_content(part: Part) -> bool:
+    if isinstance(part, Text):
+        return bool(part.words)
+    return not isinstance(part, Section) or bool(part.parts)
+
+
 @dataclass(frozen=True)
 class Section(NotebookView):
-    """Parts under a heading."""
+    """Parts under a heading; those without content are dropped."""
 
     title: str
     parts: tuple[Part, ...]
@@ -220,13 +226,17 @@ class Section(NotebookView):
     """Whether it is for pages, where it is open; a notebook leaves it out, and so does a terminal unless asked for
     everything."""
 
+    def __post_init__(self) -> None:
+        """Drop parts without content."""
+        object.__setattr__(self, "parts", tuple(filter(_has_content, self.parts)))
+
 
 Part = Text | Table | Figure | Photos | Section
 
 
 @dataclass(frozen=True)
 class Document(NotebookView):
-    """What a result says."""
+    """What a result says; empty sentences, and parts without content, are dropped."""
 
     title: str
     answer: tuple[str, ...]
@@ -241,6 +251,12 @@ class Document(NotebookView):
     """How it was made, such as seed, versions and command: texts by name."""
     data: Mapping[str, Frame] = field(default_factory=dict)
     """Tables of the result by name, for JSON alone; one takes the place of a table of this name among the parts."""
+
+    def __post_init__(self) -> None:
+        """Drop empty sentences and parts without content."""
+        for name in ("answer", "knew", "warnings"):
+            object.__setattr__(self, name, tuple(filter(None, getattr(self, name))))
+        object.__setattr__(self, "parts", tuple(filter(_has_content, self.parts)))
 
     @property
     def tables(self) -> dict[str, Table]:
@@ -266,22 +282,11 @@ def if_any(found: Sized | None, make: Callable[[Any], Iterable[Part]]) -> tuple[
     return () if found is None or len(found) == 0 else tuple(make(found))
 
 
-def with_content(parts: Iterable[Part]) -> tuple[Part, ...]:
-    """Return parts without the sections that have no parts."""
-    return tuple(part for part in parts if not isinstance(part, Section) or part.parts)
+Whole = TypeVar("Whole", Document, Section)
 
 
-def without_pictures(document: Document) -> Document:
+def without_pictures(whole: Whole) -> Whole:
     """Return a document without its figures and photographs, and without the sections that had nothing else."""
-    return replace(document, parts=_without_pictures(document.parts))
-
-
-def _without_pictures(parts: tuple[Part, ...]) -> tuple[Part, ...]:
-    kept: list[Part] = []
-    for part in parts:
-        if isinstance(part, Section):
-            below = _without_pictures(part.parts)
-            kept += [replace(part, parts=below)] if below else []
-        elif not isinstance(part, Figure | Photos):
-            kept.append(part)
-    return tuple(kept)
+    kept = [part for part in whole.parts if not isinstance(part, Figure | Photos)]
+    below = [without_pictures(part) if isinstance(part, Section) else part for part in kept]
+    return replace(whole, parts=tuple(below))

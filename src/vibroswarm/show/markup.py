@@ -67,7 +67,7 @@ def inline_svg(text: str, prefix: str, label: str) -> tuple[str, float]:
         root = ElementTree.fromstring(text[start:])
     except ElementTree.ParseError as error:
         raise InputError(f"is not an SVG: {error}", field="svg") from None
-    if _local(root.tag) != "svg" or not root.get("viewBox"):
+    if _without_namespace(root.tag) != "svg" or not root.get("viewBox"):
         raise InputError("is not an SVG with a viewBox", field="svg")
     # The viewBox is "x y width height" in points, of which 72 make an inch; an inch is 96 CSS pixels.
     width = float(re.split(r"[\s,]+", root.get("viewBox", "").strip())[2]) * 96 / 72
@@ -78,8 +78,7 @@ def inline_svg(text: str, prefix: str, label: str) -> tuple[str, float]:
     return ElementTree.tostring(drawing, encoding="unicode"), width
 
 
-def _local(tag: str) -> str:
-    """Return the name of an element or attribute without its namespace."""
+def _without_namespace(tag: str) -> str:
     return tag.rpartition("}")[2]
 
 
@@ -89,10 +88,10 @@ def _prefixed(element: ElementTree.Element, prefix: str) -> ElementTree.Element:
     ``prefix`` is put before each id, and before the id in each reference (``href="#id"``, ``url(#id)``). The attributes
     ``version``, ``type`` and ``xml:space``, which matplotlib's drawings do not need in HTML, are left out.
     """
-    copy = ElementTree.Element(_local(element.tag))
+    copy = ElementTree.Element(_without_namespace(element.tag))
     copy.text, copy.tail = element.text, element.tail
     for key, value in element.attrib.items():
-        name = _local(key)
+        name = _without_namespace(key)
         if name == "id":
             value = prefix + value
         elif name == "href":
@@ -100,6 +99,6 @@ def _prefixed(element: ElementTree.Element, prefix: str) -> ElementTree.Element:
         if name not in ("version", "type", "space"):
             copy.set(name, re.sub(r"url\(#([\w.-]+)\)", rf"url(#{prefix}\1)", value))
     for child in element:
-        if isinstance(child.tag, str) and _local(child.tag) not in DROPPED:
+        if isinstance(child.tag, str) and _without_namespace(child.tag) not in DROPPED:
             copy.append(_prefixed(child, prefix))
     return copy

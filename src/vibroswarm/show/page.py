@@ -165,7 +165,7 @@ def _environment() -> Environment:
         "code": lambda text: _markup(code_html(text)),
         "csv_link": _csv_link,
         "drawing": _drawing,
-        "image": _image,
+        "image": _image_address,
         "is_finite": math.isfinite,
         "kind": lambda part: type(part).__name__,
         "minus": minus_signs,
@@ -235,8 +235,7 @@ def _drawing(figure: Figure, key: str) -> dict[str, Any]:
     return {"svg": _markup(svg), "size": f"clamp({0.8 * width:.0f}px, 100%, {1.5 * width:.0f}px)"}
 
 
-def _image(figure: Figure) -> str:
-    """Return the address of a figure as an image."""
+def _image_address(figure: Figure) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(figure.drawn.svg().encode()).decode('ascii')}"
 
 
@@ -252,7 +251,7 @@ def _csv_link(frame: pl.DataFrame, name: str) -> dict[str, str] | None:
     # converted.
     if frame.estimated_size() > 20 * CSV_UP_TO:
         return None
-    data = csv_bytes(_flat(frame))
+    data = csv_bytes(_without_nested_columns(frame))
     if len(data) > CSV_UP_TO:
         return None
     return {
@@ -261,8 +260,7 @@ def _csv_link(frame: pl.DataFrame, name: str) -> dict[str, str] | None:
     }
 
 
-def _flat(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return a table with its nested columns, which CSV cannot hold, converted to text."""
+def _without_nested_columns(frame: pl.DataFrame) -> pl.DataFrame:
     nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
     return frame.with_columns(
         pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])

@@ -30,6 +30,7 @@ from vibroswarm.view.scene import (
     floor_picture,
     kind_colours,
     robot_parts,
+    walls,
 )
 
 WIDTH, HEIGHT = 1280, 960
@@ -40,8 +41,6 @@ SECONDS: Final = 120
 """Time limit of drawing with one value of ``MUJOCO_GL``."""
 FOV_DEG: Final = 57.0
 """Vertical field of view of the camera."""
-THICK_M: Final = 0.005
-"""Thickness of the walls."""
 
 
 def write_picture(result: Result, run: int, path: Path, time_s: float | None = None) -> str:
@@ -141,7 +140,10 @@ def scene_xml(playback: Playback, time_s: float) -> str:
     arena = playback.result.scenario.arena
     eye, axes = camera_of(playback.result)
     right_and_up = axes[:2]
-    geoms = [*_walls(arena.width_m, arena.height_m)]
+    geoms = [
+        _geom("box", (size_x / 2, size_y / 2, WALL_M / 2), (*at, WALL_M / 2), INK, alpha=0.35)
+        for at, (size_x, size_y) in walls(arena).values()
+    ]
     for robot in range(playback.robots):
         geoms += _robot(playback, robot, time_s)
     for k in range(playback.samples_by(time_s)):
@@ -166,19 +168,6 @@ def scene_xml(playback: Playback, time_s: float) -> str:
     {"".join(geoms)}
   </worldbody>
 </mujoco>"""
-
-
-def _walls(width_m: float, height_m: float) -> list[str]:
-    """Return the four walls of the arena as MJCF; they stand just outside of it."""
-    half_m, high_m = THICK_M / 2.0, WALL_M / 2.0  # half the thickness, half the height
-    # Middle (x, y) and half lengths of the left, right, lower and upper wall.
-    return [
-        _geom("box", (size_x, size_y, high_m), (x_m, y_m, high_m), INK, alpha=0.35)
-        for x_m, y_m, size_x, size_y in (
-            (-half_m, height_m / 2, half_m, height_m / 2), (width_m + half_m, height_m / 2, half_m, height_m / 2),
-            (width_m / 2, -half_m, width_m / 2, half_m), (width_m / 2, height_m + half_m, width_m / 2, half_m),
-        )
-    ]  # fmt: skip
 
 
 def _robot(playback: Playback, robot: int, time_s: float) -> list[str]:

@@ -30,6 +30,7 @@ from vibroswarm.motion.physics.wheels_model import (
 from vibroswarm.motion.physics.wheels_model import WHEELS as WHEELS_AT
 from vibroswarm.motion.pose import ARC, on_arcs
 from vibroswarm.result import Result
+from vibroswarm.scenario.fields import Arena
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
@@ -167,6 +168,8 @@ INK: Final = (60, 60, 60)
 """Colour of walls and of the robots' fronts."""
 WALL_M: Final = 0.03
 """Height of the walls."""
+THICK_M: Final = 0.005
+"""Thickness of the walls."""
 ROBOT_HEIGHT_M: Final = 0.025
 """Height of a robot that is a disc."""
 SAMPLE_M: Final = 0.008
@@ -175,6 +178,17 @@ CHUNK: Final = 64
 """Samples in one cloud of points: only the latest cloud changes when a sample is added."""
 PIXELS: Final = 400
 """Pixels of the floor's picture along the longer side of the arena."""
+
+
+def walls(arena: Arena) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
+    """Return middle (x, y) and size (x, y) of each wall by its name, m; walls stand just outside the arena."""
+    width_m, height_m = arena.width_m, arena.height_m
+    return {
+        "left": ((-THICK_M / 2, height_m / 2), (THICK_M, height_m)),
+        "right": ((width_m + THICK_M / 2, height_m / 2), (THICK_M, height_m)),
+        "low": ((width_m / 2, -THICK_M / 2), (width_m, THICK_M)),
+        "high": ((width_m / 2, height_m + THICK_M / 2), (width_m, THICK_M)),
+    }
 
 
 class Part(NamedTuple):
@@ -272,14 +286,7 @@ class Scene:
             "/floor", np.ascontiguousarray(floor_picture(playback, 0.0)), width_m, height_m, format="png",
             position=(width_m / 2, height_m / 2, 0.0), wxyz=(0.0, 1.0, 0.0, 0.0), receive_shadow=False,
         )  # fmt: skip
-        thick_m = 0.005
-        # Middle (x, y) and size (x, y) of each wall; walls stand just outside the arena.
-        for name, at, size in (
-            ("left", (-thick_m / 2, height_m / 2), (thick_m, height_m)),
-            ("right", (width_m + thick_m / 2, height_m / 2), (thick_m, height_m)),
-            ("low", (width_m / 2, -thick_m / 2), (width_m, thick_m)),
-            ("high", (width_m / 2, height_m + thick_m / 2), (width_m, thick_m)),
-        ):
+        for name, (at, size) in walls(arena).items():
             place = (*at, WALL_M / 2)
             api.add_box(f"/walls/{name}", INK, (*size, WALL_M), opacity=0.35, position=place)
         parts = robot_parts(playback.result)

@@ -21,6 +21,7 @@ import numpy as np
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.errors import InputError, RunError, whole_number_of
 from vibroswarm.result import Result
+from vibroswarm.view.picture import camera_of
 from vibroswarm.view.scene import Playback, Scene
 
 HOST: Final = "127.0.0.1"
@@ -102,7 +103,7 @@ class Server:
     def __init__(self, result: Result, run: int, port: int = 0, speed: float = 20.0) -> None:
         module, self.playback = viser(), Playback(result, run)
         self.server: Any = _started(module, port)
-        _aim(self.server, result)
+        _aim_at_floor(self.server, result)
         self.scene = Scene(self.server.scene, self.playback)
         # Controls of the page; ``step`` reads their values.
         gui, end_s = self.server.gui, self.playback.end_s
@@ -161,7 +162,7 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
     playback = Playback(result, run)
     server = _started(viser(), port=0)  # any free port; the server only makes the file
     try:
-        _aim(server, result)
+        _aim_at_floor(server, result)
         scene = Scene(server.scene, playback)
         scene.set_time(0.0)
         serializer = server.get_scene_serializer()
@@ -245,14 +246,7 @@ def _stop(server: Any) -> None:
         server.stop()
 
 
-def _aim(server: Any, result: Result) -> None:
-    """Place a server's first view above the arena's lower edge, looking at the middle of the floor."""
+def _aim_at_floor(server: Any, result: Result) -> None:
     arena = result.scenario.arena
-    across_m = max(arena.width_m, arena.height_m)
-    # The place of the camera of ``picture.camera_of``.
-    server.initial_camera.position = (
-        arena.width_m / 2,
-        arena.height_m / 2 - 0.55 * across_m,
-        0.95 * across_m,
-    )
+    server.initial_camera.position = tuple(camera_of(result)[0].tolist())
     server.initial_camera.look_at = (arena.width_m / 2, arena.height_m / 2, 0.0)
