@@ -502,3 +502,15 @@ def test_what_dies_while_its_versions_are_asked_is_not_taken_for_a_wrong_install
     for wrong in (ImportError("no vibroswarm"), own | {"numpy": "1"}):  # the negative control
         with pytest.raises(InputError, match=r"cannot import vibroswarm|other versions"):
             executors._check_dask_versions(client({"a": own, "b": wrong}), mixed=False)
+
+
+def test_a_scheduler_that_ends_right_after_it_answered_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    comm = pytest.importorskip("distributed.comm")
+
+    def nthreads() -> Any:
+        raise comm.CommClosedError("closed")
+
+    client = SimpleNamespace(nthreads=nthreads, close=lambda timeout: None)
+    monkeypatch.setattr(executors, "_connected", lambda *_: client)
+    with pytest.raises(RunError, match="the Dask scheduler is gone"), workers_for("dask://localhost:1"):
+        pass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -9,11 +11,14 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from vibroswarm.cli import commands, main
+from vibroswarm.core.atomic_io import whole_folder, write_file
 from vibroswarm.core.folders import matching
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.study import executors
 
 LINE = [sys.executable, "-m", "vibroswarm", "scenario"]
 
@@ -117,6 +122,52 @@ def test_a_folder_that_cannot_be_read_does_not_count_as_empty(locked: Path) -> N
     assert matching(locked.parent / "none", "*") == []
     with pytest.raises(InputError, match="cannot be read: Permission denied"):
         matching(locked, "*")
+
+
+def test_a_panic_of_polars_is_told_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with few open files (ulimit -n 20): a panic is no Exception of Python, and had its traceback."""
+
+    def panic(*arguments: object) -> int:
+        raise pl.exceptions.PanicException("Too many open files")
+
+    monkeypatch.setattr(commands, "call", panic)
+    assert main(["presets"]) == 1
+    assert capsys.readouterr().err == "vibroswarm: error: polars failed: Too many open files\n"
+
+
+def test_processes_that_cannot_share_memory_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where /dev/shm is read-only."""
+
+    def refused(*arguments: object, **named: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/dev/shm/pym-1")
+
+    monkeypatch.setattr(executors, "_ProcessFlag", refused)
+    with (
+        pytest.raises(RunError, match=r"share memory .*/dev/shm/pym-1.*; use threads instead"),
+        executors.workers_for("processes", 1),
+    ):
+        pass
+
+
+def test_a_process_that_may_start_none_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All runs were lost, with "AssertionError: daemonic processes are not allowed to have children"."""
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)  # type: ignore[attr-defined]
+    with pytest.raises(RunError, match="may start none; use threads"), executors.workers_for("processes", 1):
+        pass
+
+
+def test_a_file_that_does_not_fit_is_named_by_the_folder_that_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(RunError) as found, whole_folder(tmp_path / "mine") as part:
+        write_file(part / "run.html", "page")
+    assert str(found.value) == f"could not write '{tmp_path / 'mine' / 'run.html'}': No space left on device"
 
 
 def test_a_library_that_cannot_be_loaded_is_not_taken_for_the_output(

@@ -13,13 +13,14 @@ import pytest
 
 from vibroswarm import InputError, Result, Study, preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.core.folders import write_described
+from vibroswarm.core.folders import read_described, write_described
 from vibroswarm.core.tables import parquet_bytes
 from vibroswarm.documents.saved import begin
 from vibroswarm.optimize import verify as module
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import held
+from vibroswarm.optimize.validation import score_fresh
 from vibroswarm.optimize.verify import verify
 from vibroswarm.study.batch import Batch, BatchResult, do_batch
 
@@ -151,6 +152,31 @@ def test_other_figures_of_a_search_are_seen(search: Path, study: Path, tmp_path:
     assert found.saved == found.runs.height == 12 + held(search)["runs_there"]
     (differing,) = found.runs.filter(~found.runs["same"])["cell"]
     assert differing.startswith("runs/changed: candidate ")
+
+
+def test_fresh_runs_of_a_search_are_simulated_again(search: Path, tmp_path: Path) -> None:
+    """Negative control: the last bit of one figure of one fresh run."""
+    folder = tmp_path / "search"
+    shutil.copytree(search, folder)
+    steps = verify(folder, 1).saved
+    read = Search.read(folder / "search.toml")
+    score_fresh(
+        read, [("middle", read.space.values([0.5] * len(read.space.names)))], 3, folder=folder, workers=1
+    )
+    assert verify(folder, 10**6).holds
+    (path,) = (folder / "fresh").glob("*.json")
+    about, files = read_described(path, "fresh")
+    table = pl.read_parquet(files["fresh"])
+    figures = table["figure_0"].to_numpy().copy()
+    figures.view("uint64")[0] ^= 1
+    changed = {"fresh": parquet_bytes(table.with_columns(pl.Series("figure_0", figures)))}
+    more = {key: about[key] for key in ("failed", "why", "made_from")}
+    write_described(path.parent, path.stem, "fresh", changed, **more)
+    found = verify(folder, 10**6)
+    assert found.saved == steps + 3
+    assert found.runs.filter(~found.runs["same"]).rows() == [(path.stem, 0, False, "fresh")]
+    (folder / "fresh" / f"{path.stem}.parquet").unlink()
+    assert "is missing" in verify(folder, 1).damaged[0]
 
 
 def test_what_is_damaged_is_not_verified(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -88,6 +89,19 @@ def test_two_in_one_process_are_two(tmp_path: Path) -> None:
     with folder_lock(tmp_path):
         assert (tmp_path / LOCK_FILE).exists()
     assert not (tmp_path / LOCK_FILE).exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes of POSIX")
+def test_what_is_in_the_place_of_a_lock_is_refused_and_stays(tmp_path: Path) -> None:
+    """What a link led to was overwritten; a folder let several processes in; a pipe failed as "Invalid argument"."""
+    other, lock = tmp_path / "other.txt", tmp_path / LOCK_FILE
+    other.write_text("precious")
+    for make in (lambda: lock.symlink_to(other), lambda: os.mkfifo(lock), lock.mkdir):
+        make()
+        with pytest.raises(InputError, match="in the place of a file: move it away"), folder_lock(tmp_path):
+            pass
+        lock.rename(tempfile.mkdtemp(dir=tmp_path) if lock.is_dir() else tmp_path / "away")
+    assert other.read_text() == "precious"
 
 
 def test_a_folder_that_was_begun_is_gone_on_with(whole: pl.DataFrame, tmp_path: Path) -> None:

@@ -93,6 +93,24 @@ def test_what_was_added_is_found_again(filled: Path) -> None:
     ]
 
 
+def test_a_shard_is_read_again_only_if_a_file_of_it_has_changed(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command opens a study up to three times, and a shard takes milliseconds: minutes of 20,000 of them."""
+    assert len(Store.open(copy).shards) == 2
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "_read", lambda store, path: pytest.fail("read again"))
+        assert len(Store.open(copy).shards) == 2
+    table = next((copy / SHARDS).glob("*.parquet"))
+    whole = table.read_bytes()
+    table.write_bytes(whole[:-9] + bytes([whole[-9] ^ 1]) + whole[-8:])  # as long as it was
+    (damaged,) = Store.open(copy).damaged
+    assert damaged.startswith(f"{table.stem}.json: ")
+    assert "is damaged" in damaged
+    table.write_bytes(whole)
+    assert len(Store.open(copy).shards) == 2
+
+
 def test_a_batch_that_is_done_twice_is_the_same_file(copy: Path) -> None:
     before = {p.name: p.read_bytes() for p in (copy / SHARDS).iterdir()}
     add(Store.open(copy), 0, 20)

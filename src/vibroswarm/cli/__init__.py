@@ -88,13 +88,15 @@ def _code(argv: Sequence[str] | None) -> int:
             raise
         sys.stdout.flush()
         return code
-    except Exception as error:
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:
         if interruption.came():
             raise KeyboardInterrupt from error
         return _code_of(error)
 
 
-def _code_of(error: Exception) -> int:
+def _code_of(error: BaseException) -> int:
     """Print the message of an expected error and return its exit code; any other error, a bug, is raised again.
 
     No message is printed if the reader of stdout closed the pipe.
@@ -110,6 +112,8 @@ def _code_of(error: Exception) -> int:
         return 1
     if isinstance(error, OSError):
         return _failed_with(error)
+    if type(error).__name__ == "PanicException":  # of polars, where the system refuses it a thread or a file
+        return _failed(f"polars failed: {error}", 1)
     raise error
 
 

@@ -107,7 +107,8 @@ def make(
         check_new(out, replace=force)  # refuse the file before the work
     design = make_floor(rows, columns, fill_ratio, moran, entropy, seed)
     if out is not None:
-        write_tiles(out, design.tiles, replace=force)
+        with named("--out", of="path"):
+            write_tiles(out, design.tiles, replace=force)
     target = {"fill_ratio": fill_ratio, "moran_index": moran, "entropy": entropy}
     print_document(design_document(design, target, in_terminal(design.tiles)), as_json=json)
     print_saved_file(out, as_json=json)

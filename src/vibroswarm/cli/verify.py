@@ -28,7 +28,7 @@ def verify(
     examples:
       vibroswarm verify out/study
       vibroswarm verify out/league --runs 200
-      vibroswarm verify out/pso                  a search: runs of its steps
+      vibroswarm verify out/pso                  a search: runs of its steps, and fresh runs
       vibroswarm verify out/paper                a reproduction: runs of its cells and searches
     """
     from vibroswarm.optimize.verify import verify as simulate_again

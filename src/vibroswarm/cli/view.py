@@ -51,12 +51,8 @@ def view(
     speed = 20.0 if speed is None else speed
     refuse(html and picture, "--picture", "conflicts with --html; use one of them")
     refuse(at is not None and picture is None, "--at", "needs --picture")
-    for option, file, suffix in (("html", html, ".html"), ("picture", picture, ".png")):
-        if file is None:
-            continue
-        refuse(file.suffix != suffix, f"--{option}", f"'{file}' does not end in {suffix}")
-        refuse(file.is_dir(), f"--{option}", f"'{file}' is a folder; give the name of a file")
-        refuse(file.exists() and not force, str(file), "exists; add --force to replace it")
+    _check_file("--html", html, ".html", force)
+    _check_file("--picture", picture, ".png", force)
     if picture is None:
         viser()  # raises an error before any work if this package is missing; only pictures do not need it
     report(f"reading {folder} and preparing its scene ...")
@@ -84,3 +80,12 @@ def view(
         server.serve()
     finally:
         server.stop()
+
+
+def _check_file(option: str, file: Path | None, suffix: str, force: bool) -> None:
+    """Refuse the file of an option, if it is given, before the work."""
+    if file is None:
+        return
+    refuse(file.suffix != suffix, option, f"'{file}' does not end in {suffix}")
+    refuse(file.is_dir(), option, f"'{file}' is a folder; give the name of a file")
+    refuse(file.exists() and not force, str(file), "exists; add --force to replace it")

@@ -18,6 +18,7 @@ import re
 import secrets
 import shutil
 import socket
+import stat
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -155,7 +156,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     process that holds it, for the error message of other processes.
 
     Raises:
-        InputError: another process holds the lock.
+        InputError: another process holds the lock, or the lock file is a link, a folder or a pipe.
     """
     path = folder / LOCK_FILE
     stream = _acquire(path)
@@ -182,9 +183,12 @@ def _acquire(path: Path) -> int | None:
     """Create or open a lock file and lock it; return its descriptor, or None if the file cannot be written.
 
     Raises:
-        InputError: another process holds the lock.
+        InputError: another process holds the lock, or it is no plain file: what a link leads to would be overwritten.
     """
     while True:
+        with suppress(OSError):  # there is none
+            if not stat.S_ISREG(path.lstat().st_mode):
+                raise InputError("is in the place of a file: move it away", field=str(path))
         try:
             stream = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError:
@@ -440,6 +444,11 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
                 # Wait 0.5 ms longer after each try, times a factor (1 to 7) that differs between processes: if all
                 # processes waited equally long, the same one might lose every time.
                 time.sleep(0.0005 * (MAX_TRIES - tries_left) * (1 + os.getpid() % 7))
+    except RunError as error:
+        if str(part) not in str(error):
+            raise
+        # a file of the new folder could not be written; the user knows only the name of ``path``
+        raise RunError(str(error).replace(str(part), str(path))) from error
     except OSError as error:
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
@@ -561,18 +570,18 @@ def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
         InputError: the folder is refused.
     """
     for tries_left in reversed(range(MAX_TRIES)):  # tries after this one
-        before = _identity(path)
+        before = identity(path)
         try:
             _check_folder(path, replace, marker)
             return
         except (InputError, FileNotFoundError):
             # Check again if another process has replaced the folder in the middle of this check.
-            if not tries_left or _identity(path) == before:
+            if not tries_left or identity(path) == before:
                 raise
 
 
-def _identity(path: Path) -> tuple[int, int, int] | None:
-    """Return a value that identifies the file or folder at ``path``; None if there is none.
+def identity(path: Path) -> tuple[int, int, int] | None:
+    """Return a value that identifies the file or folder at ``path`` and its content; None if there is none.
 
     Device and inode number are not enough: a new folder may get the inode number of a folder that was just removed. So
     the time of the last change is part of the value.

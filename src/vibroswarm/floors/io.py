@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, stated, whole
 from vibroswarm.core.untrusted_files import read_bytes
-from vibroswarm.errors import InputError, check_flags, number_of, warn_once
+from vibroswarm.errors import InputError, check_flags, named, number_of, warn_once
 from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, as_tiles, rows_of
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 from vibroswarm.floors.surfaces import steps_of
@@ -181,6 +181,7 @@ def read_palette(path: Path | str, colours: Sequence[str], size: Size | None = N
     return as_tiles(np.argmax(shares, axis=0))
 
 
+@named("path", of="--out")
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
     """Write a floor to a file from which ``read_tiles`` gives the same tiles.
 

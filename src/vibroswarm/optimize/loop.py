@@ -16,7 +16,6 @@ from typing import Never
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, number
@@ -29,7 +28,7 @@ from vibroswarm.optimize.race import Race
 from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import REQUEST, SearchFolder, results_in, step_table
+from vibroswarm.optimize.steps import REQUEST, STEPS, RecordedRun, SearchFolder, results_in, step_table
 from vibroswarm.study.executors import Workers, workers_for
 
 
@@ -333,11 +332,6 @@ class _Loop:
         )
 
 
-RecordedRun = tuple[int, Piece, NDArray[np.float64]]
-"""A run that a step of a search has recorded: key of the candidate, what simulates this run alone, and its figures,
-(cases, columns)."""
-
-
 class _EndOfSteps(Exception):  # noqa: N818  (nothing went wrong)
     """The next step is not recorded."""
 
@@ -361,7 +355,7 @@ class _Replay(_Loop):
             figures = rows.select(r"^figure_\d+$").to_numpy().reshape(len(runs), len(self.search.cases), -1)
             good = rows.filter(pl.col("case") == 0)["failed"].is_null()
             self.collected += [
-                (ask.key, piece, of_run)
+                RecordedRun(STEPS, f"candidate {ask.key}", piece, of_run)
                 for piece, of_run, is_good in zip(runs, figures, good, strict=True)
                 if is_good
             ]

@@ -30,10 +30,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
 from vibroswarm.core.atomic_io import (
@@ -58,8 +59,8 @@ from vibroswarm.core.folders import (
 )
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry
-from vibroswarm.errors import InputError, warn_once
-from vibroswarm.optimize.evaluate import Result, RunFigures
+from vibroswarm.errors import InputError, plain_value, warn_once
+from vibroswarm.optimize.evaluate import Piece, Result, RunFigures, Simulations
 from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
 from vibroswarm.result import code_files, write_code
@@ -292,6 +293,19 @@ def _described_table(path: Path, kind: str, schema: Schema) -> pl.DataFrame:
     return read_table(files[kind], schema, kind)
 
 
+class RecordedRun(NamedTuple):
+    """A saved run of a search that can be simulated again."""
+
+    table: str
+    """``STEPS`` or ``FRESH``."""
+    name: str
+    """The candidate, or the file of fresh runs."""
+    piece: Piece
+    """What simulates this run alone."""
+    figures: NDArray[np.float64]
+    """(cases, columns); the columns are those of the first objectives, or of all."""
+
+
 class FreshFolder:
     """Fresh runs in the folder of a search, each set of values with its runs under a name that says what ran."""
 
@@ -312,19 +326,49 @@ class FreshFolder:
         path = self.folder / f"{self._name(values, runs, seed, width)}.json"
         if not os.path.lexists(path):
             return None
-        cases, schema = len(self.search.cases), _fresh_schema(width)
         try:
-            about = read_manifest(path, "fresh")
-            table = _described_table(path, "fresh", schema)
-            failed, why = entry(about, "failed", int, path), entry(about, "why", str, path)
-            if table.is_empty() or table.height != (runs - failed) * cases:
-                raise InputError(f"has {table.height} rows, not {(runs - failed) * cases}", field=str(path))
+            return self._read(path, runs, width)
         except InputError as error:
             warn_once(f"{error}; these runs are repeated")
             return None
+
+    def _read(self, path: Path, runs: int, width: int) -> RunFigures:
+        """Read fresh runs from their description; arguments as of ``read``.
+
+        Raises:
+            InputError: they are damaged.
+        """
+        about, cases = read_manifest(path, "fresh"), len(self.search.cases)
+        table = _described_table(path, "fresh", _fresh_schema(width))
+        failed, why = entry(about, "failed", int, path), entry(about, "why", str, path)
+        if table.is_empty() or table.height != (runs - failed) * cases:
+            raise InputError(f"has {table.height} rows, not {(runs - failed) * cases}", field=str(path))
         figures = table.select(list(_figures(width))).to_numpy().reshape(-1, cases, width)
         numbers = table["run"].to_numpy()[::cases].astype(np.int64)
         return RunFigures(rows=figures, runs=numbers, failed=failed, why=why)
+
+    def recorded(self) -> tuple[list[RecordedRun], list[str]]:
+        """Return the saved runs, and what is wrong with damaged files.
+
+        Older folders do not say what the runs were made from; these runs are left out.
+        """
+        found, damaged = list[RecordedRun](), list[str]()
+        cases = [cell.scenario for cell in self.search.cases]
+        for path in matching(self.folder, "[!.]*.json"):
+            try:
+                made_from = read_manifest(path, "fresh").get("made_from")
+                if made_from is None:
+                    continue
+                values, runs, seed, width = made_from
+                done = self._read(path, runs, width)
+            except InputError as error:
+                damaged.append(str(error))
+                continue
+            simulations = Simulations(cases, seed, self.search.study.motion)
+            for run, figures in zip(done.runs.tolist(), done.rows, strict=True):
+                (piece,) = simulations.pieces(values, run, run + 1)
+                found.append(RecordedRun(FRESH, path.stem, piece, figures))
+        return found, damaged
 
     def add(self, values: Mapping[str, Any], runs: int, seed: int, done: RunFigures) -> None:
         """Write the fresh runs of a set of values; arguments as of ``read``.
@@ -342,7 +386,10 @@ class FreshFolder:
         table = pl.DataFrame(columns, schema=dict(_fresh_schema(width).columns))
         name = self._name(values, runs, seed, width)
         tables = {"fresh": parquet_bytes(table)}
-        write_described(self.folder, name, "fresh", tables, failed=done.failed, why=done.why)
+        made_from = plain_value([values, runs, seed, width])
+        write_described(
+            self.folder, name, "fresh", tables, failed=done.failed, why=done.why, made_from=made_from
+        )
 
 
 def _fresh_schema(width: int) -> Schema:

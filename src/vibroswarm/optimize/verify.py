@@ -21,8 +21,8 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import frame_of
 from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.optimize.evaluate import do_piece
-from vibroswarm.optimize.loop import RecordedRun, recorded_runs
-from vibroswarm.optimize.steps import STEPS, read_step, saved_search, versions_of
+from vibroswarm.optimize.loop import recorded_runs
+from vibroswarm.optimize.steps import STEPS, FreshFolder, RecordedRun, read_step, saved_search, versions_of
 from vibroswarm.result import TABLES, Result
 from vibroswarm.simulation import simulate, versions
 from vibroswarm.study.batch import FURTHER, ROBOTS, batch_of, do_batch
@@ -94,10 +94,10 @@ def verify(
     """Simulate a sample of the runs of a folder again, and compare their tables with the saved ones.
 
     Args:
-        folder: of a result, a study (also of a league or a detection), a search, whose steps are compared, or a
-            reproduction. Runs of folders within, such as a study's second block, are among those that are drawn. runs:
-            number of runs, drawn from all saved ones; if there are fewer, all. seed: of the draw. progress: called with
-            the share of the runs that is done.
+        folder: of a result, a study (also of a league or a detection), a search (runs of its steps and fresh runs), or
+            a reproduction. Runs of folders within, such as a study's second block, are among those that are drawn.
+        runs: number of runs, drawn from all saved ones; if there are fewer, all. seed: of the draw.
+        progress: called with the share of the runs that is done.
     Raises:
         InputError: the folder holds none of these, recorded runs (which no seed repeats), no runs, or user code that is
             not loaded.
@@ -192,7 +192,8 @@ def _of_study(folder: Path) -> _Part:
 
 
 def _of_search(folder: Path) -> _Part:
-    search, damaged = saved_search(folder), []
+    search = saved_search(folder)
+    fresh, damaged = FreshFolder(folder, search).recorded()
     for path in matching(folder / STEPS, "*.json"):
         try:
             read_step(path, search)
@@ -200,12 +201,13 @@ def _of_search(folder: Path) -> _Part:
             damaged.append(str(error))
 
     def again(chosen: Sequence[RecordedRun]) -> Iterator[tuple[str, int, bool, str]]:
-        for candidate, piece, figures in chosen:
-            found = do_piece(piece, search.objectives)
-            same = not isinstance(found, str) and np.array_equal(found[0], figures)
-            yield f"candidate {candidate}", piece.first, same, "" if same else "steps"
+        for saved in chosen:
+            found = do_piece(saved.piece, search.objectives)
+            width = saved.figures.shape[1]
+            same = not isinstance(found, str) and np.array_equal(found[0, :, :width], saved.figures)
+            yield saved.name, saved.piece.first, same, "" if same else saved.table
 
-    return _Part(recorded_runs(search, folder), again, [versions_of(folder)], damaged)
+    return _Part([*recorded_runs(search, folder), *fresh], again, [versions_of(folder)], damaged)
 
 
 def _drawn(saved: Sequence[Any], count: int, seed: int) -> list[Any]:

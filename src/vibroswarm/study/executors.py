@@ -94,7 +94,7 @@ def workers_for(
     Raises:
         InputError: ``count`` is not a whole number from 1 to ``MOST_WORKERS``, there is no such executor or file, Dask
             is not installed, no scheduler answers, or a Dask worker has no vibroswarm or other versions.
-        RunError: the Dask scheduler has no workers.
+        RunError: the Dask scheduler has no workers, or processes cannot be started here.
     """
     if count is not None:
         count = whole_number_of(count, "workers", 1, MOST_WORKERS)
@@ -183,7 +183,14 @@ class SingleProcessPools(Executor):
 
     def __init__(self, count: int) -> None:
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
-        self.cancel = _ProcessFlag()
+        if multiprocessing.current_process().daemon:
+            raise RunError(
+                "this is a process of a multiprocessing.Pool, which may start none; use threads instead"
+            )
+        try:
+            self.cancel = _ProcessFlag()
+        except OSError as error:
+            raise RunError(f"processes cannot share memory ({error}); use threads instead") from error
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm-process")
         # In each thread, ``process``: its own process. Not set before the first call; None after a death.
         self._own = threading.local()
@@ -318,15 +325,24 @@ class _DaskWorkers(Workers):
 
         ``RunError`` is also raised if the scheduler does not answer.
         """
-        try:
-            threads = sum(self.client.nthreads().values())
-        except Exception as error:  # a closed or disconnected client may raise anything
-            raise _gone(error) from error
+        threads = sum(_threads_of(self.client).values())
         self.count, self.checked_s = max(threads, 1), time.monotonic()
         if threads:
             self.with_workers_s = self.checked_s
         elif self.checked_s - self.with_workers_s > WITHOUT_WORKERS_S:
             raise RunError(f"the Dask scheduler has had no worker for {WITHOUT_WORKERS_S:g} s; {GO_ON}")
+
+
+def _threads_of(client: Any) -> dict[str, int]:
+    """Return how many threads each worker of a cluster has.
+
+    Raises:
+        RunError: the scheduler does not answer.
+    """
+    try:
+        return dict(client.nthreads())
+    except Exception as error:  # a closed or disconnected client may raise anything
+        raise _gone(error) from error
 
 
 def _gone(error: Exception) -> RunError:
@@ -352,7 +368,7 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
         logging.getLogger(name).setLevel(logging.CRITICAL)  # we report their failures ourselves, once
     client = _connected(distributed.Client, address)
     try:
-        threads = client.nthreads()
+        threads = _threads_of(client)
         if not threads:
             raise RunError(
                 f"the Dask scheduler at '{address}' has no workers; start some, and run the same command again"

@@ -24,7 +24,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST, make_folder, remove_leftovers, write_file
+from vibroswarm.core.atomic_io import MANIFEST, identity, make_folder, remove_leftovers, write_file
 from vibroswarm.core.folders import (
     DAMAGED,
     check_definition,
@@ -81,6 +81,11 @@ class Shard:
     """Path of each table, by its name."""
     made_by: Mapping[str, str]
     """``simulation.versions`` of the worker."""
+
+
+_checked: Final[dict[tuple[Path, str], tuple[list[Any], Shard]]] = {}
+"""Shards that this process has read and checked, by description and hash of the study, with the ``identity`` of their
+files: a command opens a study several times, and reading a shard takes milliseconds."""
 
 
 @dataclass
@@ -202,7 +207,7 @@ class Store:
                 self.left_over += 1
             elif path.suffix == ".json":
                 try:
-                    shard = self._read(path)
+                    shard = self._shard(path)
                 except ValueError as error:  # its message says what is wrong
                     self.broken[path.stem] = str(error)
                 except OSError as error:  # its message does not say that a shard is damaged
@@ -368,6 +373,14 @@ class Store:
                 f"shards were made by different versions: {'; '.join(different)}", field=str(self.folder)
             )
 
+    def _shard(self, path: Path) -> Shard:
+        """Return a shard as ``_read`` does, or as this process has read it, unless a file of it has changed since."""
+        files, shard = _checked.get((path, self.hash), ([], None))
+        if shard is None or files != _identities(path, shard):
+            shard = self._read(path)
+            _checked[path, self.hash] = _identities(path, shard), shard
+        return shard
+
     def _read(self, path: Path) -> Shard:
         """Read a shard's description, and check it and the files that it names.
 
@@ -427,6 +440,11 @@ class Store:
         """Raise RunError if the text is read as another study: the shards would seem to belong to that other study."""
         if Study.from_toml(text, name=MARKER).hash != self.study.hash:
             raise RunError(f"{MARKER} would be read as another study; set the differing fields with --set")
+
+
+def _identities(path: Path, shard: Shard) -> list[Any]:
+    """Return what identifies the files of a shard, whose description is ``path``."""
+    return [identity(file) for file in (path, *shard.files.values())]
 
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "level")
