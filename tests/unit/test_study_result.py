@@ -154,6 +154,18 @@ def test_figures_from_some_runs_at_a_time_are_those_of_the_whole_table(
             assert one.summary.as_row() == whole.as_row()
 
 
+def test_some_columns_of_the_tables_are_read_alone(result: StudyResult) -> None:
+    robots, runs = result.tables(1)
+    for one, whole in zip(result.tables(1, ["decision", "truth"]), (robots, runs), strict=True):
+        assert_frame_equal(one, whole.select(one.columns), check_exact=True)
+    assert [table.columns for table in result.tables(1, ["decision", "truth"])] == [
+        ["run", "robot", "decision"],
+        ["run", "truth"],
+    ]
+    with pytest.raises(InputError, match=r"columns: there is no 'decison', did you mean 'decision'"):
+        result.tables(1, ["decison"])
+
+
 def test_few_runs_are_in_memory_at_a_time_where_their_robots_have_large_arrays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

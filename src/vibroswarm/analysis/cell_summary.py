@@ -108,7 +108,7 @@ def summary_of(
     """
     robot_counts = table["robots"].to_numpy()
     # Right and wrong are defined only in runs with a truth.
-    with_truth = table.filter(pl.col("truth").is_not_null())
+    with_truth = table.select("truth", "right", "robots").drop_nulls("truth")
     right, counts_with_truth = (with_truth[name].to_numpy() for name in ("right", "robots"))
     iccs = {
         "decision_time": icc(*(times[name].to_numpy() for name in times.columns)),

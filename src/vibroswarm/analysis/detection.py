@@ -29,7 +29,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.figures import run_figures
+from vibroswarm.analysis.figures import Swarms
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence, time_grid
 from vibroswarm.analysis.intervals import check_level, plain
 from vibroswarm.errors import InputError, check_choice
@@ -103,8 +103,8 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
     Raises:
         InputError: the runs have different numbers of robots, or there are no runs.
     """
-    sizes = run_figures(robots, runs, t_end_s)["robots"].unique()
-    if sizes.len() != 1:
+    sizes = np.unique(Swarms.of_tables(robots, runs, t_end_s).count)
+    if sizes.size != 1:
         raise InputError("all runs of a cell must have the same number of robots", field="cells")
     fills, truths = runs["fill_ratio"], runs["truth"]
     has_one_truth = truths.n_unique() == 1 and truths.null_count() == 0

@@ -7,15 +7,19 @@ its final decision. Limits hold at each time by itself.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.figures import run_figures
+from vibroswarm.analysis.figures import Swarms
 from vibroswarm.analysis.intervals import cluster_share_of_distinct, wilson_limits
 
 POINTS = 121
 """Number of times in the default grid from 0 to t_end."""
+READ: Final = ("decision", "decision_time_s", "truth", "consensus", "consensus_time_s")
+"""Columns of the tables that are read, besides run and robot."""
 
 
 def time_grid(t_end_s: float, times_s: ArrayLike | None) -> NDArray[np.float64]:
@@ -42,10 +46,11 @@ def robot_incidence(
     Returns: one row per time: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``. Right
         and wrong are shares of the robots in runs with a truth; null if there are no such runs.
     """
-    table = run_figures(robots, runs, t_end_s)
+    table = _sized(robots, runs, t_end_s)
     times = time_grid(t_end_s, times_s)
     known = table.filter(pl.col("truth").is_not_null())
-    robots_and_truth = robots.join(table.select("run", "truth"), on="run")
+    decisions = robots.select("run", "decision", "decision_time_s")
+    robots_and_truth = decisions.join(table.select("run", "truth"), on="run")
     decided = pl.col("decision") != -1
     # For each share, the runs whose robots count, and which robots are counted at their decision times.
     parts = {
@@ -64,6 +69,13 @@ def robot_incidence(
     return pl.DataFrame(columns).fill_nan(None)
 
 
+def _sized(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
+    """Return truth, consensus and its time, and number of robots of each run, sorted by run."""
+    swarms = Swarms.of_tables(robots, runs, t_end_s)
+    table = runs.sort("run").select("run", "truth", "consensus", "consensus_time_s")
+    return table.with_columns(robots=pl.Series(swarms.count))
+
+
 def _counts_over_time(
     decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -73,7 +85,7 @@ def _counts_over_time(
     decision times per k serves all times, without a table of runs by times.
 
     Args:
-        decided: rows of the robots that decided. of: ``run_figures`` of the runs that count. times: times, s.
+        decided: rows of the robots that decided. of: the runs that count, as of ``_sized``. times: times, s.
     Returns: the kinds of runs, one for each size of a run and each count from 0 to this size: number of robots of a
         run, (kinds,); number of them that had decided, (kinds,); and number of runs of each kind, (times, kinds).
     """
@@ -118,7 +130,7 @@ def swarm_incidence(
         ``_high``. ``open`` is the share of runs without consensus yet, or with split decisions. Right and wrong are
         shares of the runs with a truth; null if there are no such runs.
     """
-    table = run_figures(robots, runs, t_end_s)
+    table = _sized(robots, runs, t_end_s)
     times = time_grid(t_end_s, times_s)
     with_truth = table["truth"].count()
     with_consensus = table.filter(pl.col("consensus_time_s").is_not_null())

@@ -15,7 +15,7 @@ import polars as pl
 from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
-from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
+from vibroswarm.analysis.incidence import READ, robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, drawn_of, first_of, listed, stated
 from vibroswarm.documents.cell_figures import TIME_AND_ERROR
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
@@ -253,7 +253,7 @@ def _incidence(
     """
     frames = []
     for cell_outcome in cells:
-        robots, runs = outcome.result.tables(cell_outcome.cell.number)
+        robots, runs = outcome.result.tables(cell_outcome.cell.number, READ)
         t_end_s = cell_outcome.summary.t_end_s
         times_s = np.linspace(0.0, t_end_s, TIMES)
         incidence = robot_incidence if unit == "robot" else swarm_incidence
@@ -279,7 +279,7 @@ def _spread(outcome: Outcome, style: str) -> Picture:
     A run without consensus has no such time (null); it is counted as "without consensus".
     """
     frames = [
-        outcome.result.tables(one.cell.number)[1].select(
+        outcome.result.tables(one.cell.number, ["consensus_time_s"])[1].select(
             cell=pl.lit(name_of(one.cell)), value="consensus_time_s"
         )
         for one in outcome.cells

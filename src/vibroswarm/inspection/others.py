@@ -15,12 +15,12 @@ robot that took all samples by itself is judged by its own map.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.patches import Form, Patches, Shares
@@ -90,7 +90,9 @@ def correlated(random: np.random.Generator, count: int, replicates: int) -> Floa
     """Draw standard normal numbers, each correlated with the one before by ``LAG_ONE``, (count, replicates)."""
     white = random.standard_normal((count, replicates))
     white[1:] *= np.sqrt(1.0 - LAG_ONE**2)
-    return np.asarray(lfilter([1.0], [1.0, -LAG_ONE], white, axis=0))
+    for before, now in pairwise(white):
+        now += LAG_ONE * before
+    return white
 
 
 def by_tiles(samples: Samples) -> Others:

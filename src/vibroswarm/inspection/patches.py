@@ -225,6 +225,8 @@ class Shares(NamedTuple):
     """Index of the sample of each entry, ascending within a patch."""
     share: NDArray[np.float32]
     """q_j of each entry."""
+    place: NDArray[np.int32]
+    """(samples,): row of each sample in the tables that kernels read. Neighbours are near each other in memory."""
 
 
 def shares_of(samples: Samples, patches: Patches) -> Shares:
@@ -242,7 +244,9 @@ def shares_of(samples: Samples, patches: Patches) -> Shares:
         np.empty(most, np.float32),
     )
     _fill(qx, of_x, begin, candidate, qy, of_y, strips.first, first, sample, share)
-    return Shares(first, sample[: first[-1]], share[: first[-1]])
+    order = np.lexsort((samples.column("x_m"), samples.column("y_m") // FINEST_M))
+    place = np.argsort(order).astype(np.int32)
+    return Shares(first, sample[: first[-1]], share[: first[-1]], place)
 
 
 def _along(samples: Samples, axis: str, low_m: Floats, high_m: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -285,11 +289,12 @@ def _fill(qx: Floats, of_x: NDArray[np.int64], begin: NDArray[np.int64], candida
 
 @kernel
 def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
-                     more: NDArray[np.float32], work: Floats, out: Floats) -> None:  # fmt: skip
+                     place: NDArray[np.int32], more: NDArray[np.float32], work: Floats,
+                     out: Floats) -> None:  # fmt: skip
     """Write ln L_j of each replicate to ``out``, (patches, replicates).
 
     Args:
-        more: r - 1 of each sample and replicate, (samples, replicates), of ``AT_ONCE`` replicates or fewer.
+        more: of ``_by_place``, for ``AT_ONCE`` replicates or fewer.
         work: (2, ``AT_ONCE``), room.
     """
     product, total = work[0], work[1]
@@ -298,7 +303,7 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
         product[:] = 1.0
         total[:] = 0.0
         for k in range(first[j], first[j + 1]):
-            row, q = more[sample[k]], share[k]
+            row, q = more[place[sample[k]]], share[k]
             for b in range(replicates):
                 product[b] *= 1.0 + q * row[b]
             if (k + 1 - first[j]) % FACTORS == 0:
@@ -307,6 +312,13 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
                     product[b] = 1.0
         for b in range(replicates):
             out[j, b] = total[b] + np.log(product[b])
+
+
+def _by_place(shares: Shares, log_ratio: Floats) -> NDArray[np.float32]:
+    """Return r - 1 of each sample and replicate, (samples, replicates), in the rows ``Shares.place``."""
+    more = np.empty(log_ratio.shape, dtype=np.float32)
+    more[shares.place] = np.expm1(log_ratio)
+    return more
 
 
 def log_likelihoods(shares: Shares, log_ratio: Floats) -> Floats:
@@ -318,7 +330,7 @@ def log_likelihoods(shares: Shares, log_ratio: Floats) -> Floats:
     out = np.empty((shares.first.size - 1, log_ratio.shape[1]))
     for begin in range(0, log_ratio.shape[1], AT_ONCE):
         part = slice(begin, begin + AT_ONCE)
-        more = np.ascontiguousarray(np.expm1(log_ratio[:, part]), dtype=np.float32)
+        more = _by_place(shares, log_ratio[:, part])
         some = np.empty((out.shape[0], more.shape[1]))
         _log_likelihoods(*shares, more, np.empty((2, AT_ONCE)), some)
         out[:, part] = some
@@ -339,14 +351,16 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
     for now in range(looks):
         new = look[shares.sample] == now
         first = np.append(0, np.cumsum(np.bincount(patch[new], minlength=shares.first.size - 1)))
-        logs = logs + log_likelihoods(Shares(first, shares.sample[new], shares.share[new]), log_ratio)
+        some = shares._replace(first=first, sample=shares.sample[new], share=shares.share[new])
+        logs = logs + log_likelihoods(some, log_ratio)
         yield logs
 
 
 @kernel
 def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
-                     more: NDArray[np.float32], look: NDArray[np.int64], form: NDArray[np.int64], weight: Floats,
-                     largest: bool, product: Floats, out: Floats) -> None:  # fmt: skip
+                     place: NDArray[np.int32], more: NDArray[np.float32], look: NDArray[np.int64],
+                     form: NDArray[np.int64], weight: Floats, largest: bool, product: Floats,
+                     out: Floats) -> None:  # fmt: skip
     """Add weight times L_j of each patch, at each look and replicate, to ``out``, (looks, forms, replicates).
 
     Args:
@@ -359,7 +373,7 @@ def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share:
         k = first[j]
         for now in range(out.shape[0]):
             while k < first[j + 1] and look[sample[k]] <= now:
-                row, q = more[sample[k]], share[k]
+                row, q = more[place[sample[k]]], share[k]
                 for b in range(replicates):
                     product[b] *= 1.0 + q * row[b]
                 k += 1
@@ -387,7 +401,7 @@ def ratios_at_looks(
     weight = patches.weights * len(patches.forms)
     for begin in range(0, log_ratio.shape[1], AT_ONCE):
         part = slice(begin, begin + AT_ONCE)
-        more = np.ascontiguousarray(np.expm1(log_ratio[:, part]), dtype=np.float32)
+        more = _by_place(shares, log_ratio[:, part])
         some = np.zeros((looks, out.shape[1], more.shape[1]))
         _ratios_at_looks(*shares, more, look, patches.form, weight, strict, np.empty(AT_ONCE), some)
         out[..., part] = np.minimum(some, LARGEST)

@@ -105,11 +105,13 @@ def _empty(kinds: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, NDArra
 def tables_of(rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Divide rows of one cell, one for each run and robot, into a table of robots and one of runs, as a ``Result`` has.
 
-    The table of runs also has the figures of how the robots of a run sampled.
+    Columns that the rows do not have are in neither. The table of runs also has the figures of how the robots of a run
+    sampled.
     """
     # ``run`` is the only column that both tables have.
     of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
-    return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
+    of_robot = [name for name in ROBOTS if name in rows.columns]
+    return rows.select(of_robot), rows.filter(pl.col("robot") == 0).select(of_run)
 
 
 def values_of(column: pl.Series) -> NDArray[Any]:

@@ -16,6 +16,7 @@ import polars as pl
 
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.analysis.detection import detection_curve, needed, pairs
+from vibroswarm.analysis.incidence import READ
 from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.notebook_view import NotebookView
@@ -112,7 +113,7 @@ def detection_of(
     scenario = study.cells[0].scenario
     alarms = _alarms_for(scenario, error) if false_alarms is None else false_alarms
     # for each cell: its table of robots and its table of runs
-    cells = [result.tables(number) for number in result.selected]
+    cells = [result.tables(number, (*READ, "fill_ratio")) for number in result.selected]
     need = needed(cells, scenario.run.t_end_s, error, false_alarms=alarms)
     curve = detection_curve(cells, scenario.run.t_end_s)
     summary = outcome_of(result, compare=False).table

@@ -342,14 +342,26 @@ class StudyResult(NotebookView):
             InputError: the cell has no runs yet.
         """
         scenario, agreements = self.cell(cell).scenario, self.agreements(cell)
-        step, is_empty = max(ROWS_IN_A_PART // scenario.swarm.robots, 1), True
+        for robots, runs in self._tables_in_parts(cell):
+            own = None if agreements is None else agreements.join(runs.select("run"), on="run", how="semi")
+            yield run_figures(robots, runs, scenario.run.t_end_s, own, costs_of(scenario)), robots, runs
+
+    def _tables_in_parts(
+        self, cell: int, columns: Sequence[str] = ()
+    ) -> Iterator[tuple[pl.DataFrame, pl.DataFrame]]:
+        """Yield the tables of robots and of runs (``tables_of``) of some runs of a cell at a time.
+
+        Args:
+            columns: those that are read, besides run and robot; empty: all.
+        Raises:
+            InputError: the cell has no runs yet.
+        """
+        read = pl.col("run", "robot", *columns) if columns else pl.all()
+        step, is_empty = max(ROWS_IN_A_PART // self.cell(cell).scenario.swarm.robots, 1), True
         for start in range(0, self.runs_of(cell), step):
             for rows in self._scans("robots", (cell,), start, start + step):
-                robots, runs = tables_of(rows.sort("run", "robot").collect())
-                own, is_empty = agreements, False
-                if own is not None:
-                    own = own.filter(pl.col("run").is_between(start, start + step, closed="left"))
-                yield run_figures(robots, runs, scenario.run.t_end_s, own, costs_of(scenario)), robots, runs
+                is_empty = False
+                yield tables_of(rows.select(read).sort("run", "robot").collect())
         if is_empty:
             self._scan("robots", (cell,))  # which raises
 
@@ -378,12 +390,20 @@ class StudyResult(NotebookView):
         extra = [name for name in names if name not in ("cell", *ROBOTS, *RUNS)]
         return self._with_varied(rows.select("cell", *RUNS, *extra).collect())
 
-    def tables(self, cell: int) -> tuple[pl.DataFrame, pl.DataFrame]:
+    def tables(self, cell: int, columns: Sequence[str] = ()) -> tuple[pl.DataFrame, pl.DataFrame]:
         """Return the tables of robots and of runs of one cell, as in a ``Result``.
 
         The table of runs also has the figures of how the robots of a run sampled.
+
+        Args:
+            columns: those that are read, besides run and robot; empty: all.
+        Raises:
+            InputError: the cell has no runs yet, or there is no such column.
         """
-        return tables_of(self.rows(cell).collect())
+        for name in columns:
+            check_choice(name, "columns", ROWS)
+        robots, runs = zip(*self._tables_in_parts(cell, columns), strict=True)
+        return pl.concat(robots), pl.concat(runs)
 
     def samples(self, *cells: int) -> pl.DataFrame:
         """Return the table of samples of ``cells`` (by default all selected), with the varied fields.
