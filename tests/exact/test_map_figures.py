@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm import Study, preset, simulate
@@ -13,10 +14,12 @@ from vibroswarm.analysis.map_figures import floor_maps, keeps_map
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.documents.detection import detection_document
 from vibroswarm.documents.league import league_document
+from vibroswarm.documents.run import run_document
 from vibroswarm.documents.study import study_document
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.result import Result
+from vibroswarm.show.document import Text
 from vibroswarm.study.detection import detection_of, detection_study
 from vibroswarm.study.summary import outcome_of
 
@@ -89,6 +92,12 @@ def test_maps_are_reported_as_they_are_at_the_end(name: str, boundary: float) ->
     reported = result.reports.filter(name="p").sort("run", "robot", "index")["value"].to_numpy()
     maps = floor_maps(result).drop_nulls("robot").sort("run", "robot", "row", "column")
     np.testing.assert_array_equal(reported, maps["vibrating"].to_numpy())
+    pooled = floor_maps(result).filter(pl.col("robot").is_null(), run=0)
+    right = sum((p > 0.5) == truth for p, truth in pooled.select("vibrating", "vibrates").iter_rows())
+    texts = [part for part in run_document(result, 0).parts if isinstance(part, Text)]
+    assert any(f"all robots' samples: {right} of 16 tiles right" in text.words for text in texts)
+    (drawn,) = [text.words for text in texts if text.kind == "code"]
+    assert drawn.count("!") == 16 - right
     of_study = (
         Study.of(scenario, runs=2, seed=3).run().reported().filter(name="p").sort("run", "index")["value"]
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.recordings.acceleration import read_acceleration
+from vibroswarm.recordings.acceleration import read_acceleration, stops_of
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
@@ -43,7 +44,7 @@ def energy_of(acceleration: np.ndarray[Any, Any]) -> float:
     return float(np.sqrt((filtered**2).mean()))
 
 
-def recorded(log: Path, path: Path, rate_hz: float = RATE_HZ, leave_out: int = -1) -> list[float]:
+def recorded(log: Path, path: Path, rate_hz: float = RATE_HZ, leave_out: Collection[int] = ()) -> list[float]:
     """Write a file of acceleration for the samples of a log; return their energies."""
     rng, energies = np.random.default_rng(3), []
     samples = pl.read_csv(log)
@@ -55,7 +56,7 @@ def recorded(log: Path, path: Path, rate_hz: float = RATE_HZ, leave_out: int = -
             energies.append(energy_of(acceleration))
             times = float(row["t_ms"]) / 1000.0 - (COUNT - 1 - np.arange(COUNT)) / rate_hz
             for j, (time_s, values) in enumerate(zip(times, acceleration, strict=True)):
-                if (k, j) != (7, leave_out):
+                if k != 7 or j not in leave_out:
                     out.writerow((row["id"], f"{time_s:.6f}", *(repr(float(v)) for v in values)))
     return energies
 
@@ -110,12 +111,25 @@ def test_samples_of_a_log_of_places_are_found_as_the_robot_finds_them(
     assert "only with --acceleration it may be missing" in capsys.readouterr().err
 
 
+def test_a_robot_that_drives_slowly_does_not_stand() -> None:
+    time_s = np.arange(1200) / 100.0
+    x_m = 0.05 * np.clip(time_s - 5.0, 0.0, 2.0)  # from 5 s to 7 s
+    rows = pl.DataFrame({"time_s": time_s, "x_m": x_m, "y_m": 0.5, "line": range(1200)})
+    stops = [stop["time_s"].to_numpy() for stop in stops_of(rows, Path("a.csv"), 0.5)]
+    assert np.allclose([(stop[0], stop[-1]) for stop in stops], [(0.0, 5.0), (7.0, 12.0)], atol=0.05)
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "leave_out", "said"),
-    [(200.0, -1, "readings at 200 Hz"), (366.0, -1, "readings at 366 Hz"), (RATE_HZ, 60, "lacks readings")],
+    [
+        (200.0, (), "readings at 200 Hz"),
+        (366.0, (), "readings at 366 Hz"),
+        (RATE_HZ, (60,), "lacks readings"),
+        (RATE_HZ, range(COUNT), "lacks readings"),  # those of the stop before are no substitute
+    ],
 )
 def test_another_rate_and_missing_readings_are_refused(
-    rate_hz: float, leave_out: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    rate_hz: float, leave_out: Collection[int], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recorded(SHIPPED / "camera.csv", tmp_path / "a.csv", rate_hz, leave_out)
     assert main(arguments(tmp_path / "a.csv", tmp_path / "lab")) == 2

@@ -106,6 +106,16 @@ def test_a_floor_that_reads_to_the_wrong_side_is_told(recording: Recording) -> N
     assert at_threshold(recording, 2.2).decidable.verdict == "decidable"
 
 
+def test_what_robots_are_asked_does_not_change_the_floor(
+    recording: Recording, logs: list[Path], ground: Floor
+) -> None:
+    """Asked for the share of still tiles, that share was taken for the fill ratio by which errors are weighed."""
+    asked = {"strategy.name": "dirichlet", "task.name": "share", "task.share.kind": 0}
+    other = recording_of([read_log(logs[0])], ground, preset("paper").with_values(asked))
+    assert other.runs["fill_ratio"][0] == pytest.approx(1 - recording.runs["fill_ratio"][0])
+    assert labelled(other).fill_ratio == labelled(recording).fill_ratio == recording.runs["fill_ratio"][0]
+
+
 def test_distance_to_the_other_kind() -> None:
     floor = Floor.filling([[0, 1], [0, 0]])
     x, y = np.array([0.4, 0.45, 0.6, 0.1]), np.array([0.6, 0.3, 0.9, 0.1])

@@ -15,6 +15,7 @@ import pytest
 from helpers.commands import json_of, output_of, refusal_of, words_of
 from vibroswarm import preset
 from vibroswarm.cli import main
+from vibroswarm.core.numbers import percent
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -149,6 +150,15 @@ def test_threshold(kept, tmp_path, capsys):
     found = document["tables"]
     assert [row["rule"] for row in found["thresholds"]] == ["equal error", "least error", "in use"]
     assert found["edge_profile"][-1]["to_m"] is None
+    equal, near = found["thresholds"][0], found["edge_profile"][0]
+    kinds = ("false_positive", "false_negative")
+    still, vibrating = (percent(equal[f"all_samples_{kind}"]) for kind in kinds)
+    of_inner = [percent(equal[f"inner_samples_{kind}"]) for kind in kinds]
+    assert f"{still} of the samples on still tiles read as vibrating, {vibrating} of" in document["answer"][0]
+    words = " ".join(said.split())
+    assert f" {still} ({of_inner[0]}) {vibrating} ({of_inner[1]}) " in words
+    still, vibrating = (percent(near[kind]) for kind in kinds)
+    assert f"0 to 10 mm {still} of {near['still']} {vibrating} of {near['vibrating']} " in words
     # Sessions are judged by the threshold of the others, if there are any.
     assert [row["session"] for row in found["unseen"]] == [1, 2]
     assert not document["warnings"]

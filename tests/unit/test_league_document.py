@@ -11,14 +11,16 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.core.numbers import p_value
 from vibroswarm.documents.league import by_difficulty, league_document
 from vibroswarm.documents.league_answer import answers
-from vibroswarm.league.belief_calibration import belief_calibration
+from vibroswarm.league.belief_calibration import AS_PLAYED, AT_95, COMMON, OWN, belief_calibration
 from vibroswarm.league.entries import AIM, GUESSING, default_strategies, entries_of, floors_of
 from vibroswarm.league.fault_curves import fault_curves
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.words import league_tables
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.show.cells import written
 from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Section
 from vibroswarm.show.page import page_html
@@ -64,9 +66,11 @@ def said(
     error: float = 0.2,
     best: pl.DataFrame = BEST,
     strategies: Sequence[str] = tuple(STANDINGS["name"]),
+    beliefs: pl.DataFrame | None = None,
 ) -> tuple[str, ...]:
     """The answer of a league of entries that all have this forced error."""
-    tables = {
+    tables = {} if beliefs is None else {"beliefs": beliefs}
+    tables |= {
         "differences": differences,
         "fronts": fronts,
         "floor_differences": on_floors() if floors is None else floors,
@@ -160,6 +164,21 @@ def test_nothing_is_said_to_differ_where_nothing_is_shown() -> None:
     assert found[3].endswith("no significant difference.")
 
 
+def test_robots_are_called_too_sure_only_where_it_is_certain() -> None:
+    beliefs = pl.DataFrame(
+        [
+            ("sure", AS_PLAYED, OWN, 0.9, 0.8), ("base", AS_PLAYED, OWN, 0.8, 0.9), ("fast", AT_95, OWN, 0.9, 0.8),
+            ("fast", AS_PLAYED, COMMON, 0.8, 0.8),
+        ],
+        schema=["name", "settings", "prior", "confidence_low", "right_high"],
+        orient="row",
+    ).with_columns(confidence=pl.col("confidence_low") + 0.2, right=pl.col("right_high") - 0.2)  # fmt: skip
+    *_, words = said(differences().clear(), FRONTS, beliefs=beliefs)
+    assert words.endswith(
+        "than their confidence says, on floors from their own prior: sure; on floors of independent tiles: none found."
+    )
+
+
 def test_a_floor_and_its_mirror_are_averaged() -> None:
     floors = pl.DataFrame(
         {
@@ -193,10 +212,15 @@ def test_every_table_and_figure_is_in_the_document(standings: Standings) -> None
     document = league_document(standings, tables)
     said = document_data(document)
     assert said["answer"][0].startswith("Smallest forced error: ")
+    untuned = [entry.label for entry in standings.league.entries if not entry.tuned]
+    assert said["warnings"] == [f"Not tuned for a league (`vibroswarm league tune`): {', '.join(untuned)}."]
+    assert 0 < len(untuned) < len(standings.league.entries)
     for name, frame in tables.items():
         assert said["tables"][name] == frame.fill_nan(None).to_dicts()
     assert set(document.tables) == {*tables, "costs", "tolerated", "settings"} - {"fronts", "best"}
     assert set(document.figures) == {"front", "beliefs", "faults-stuck_at_1", "floors"}
+    by_floor = document.figures["floors"].drawn.numbers
+    assert by_floor.filter("best")["value"].unique().to_list() == [by_floor["value"].min()]
     assert "1 robot stuck at 1" in document.figures["faults-stuck_at_1"].drawn.numbers["series"].to_list()
     text = page_html(document)
     assert "Smallest forced error" in text
@@ -222,13 +246,19 @@ def test_an_entry_of_undefined_error_comes_last_and_is_not_the_best(standings: S
 
 
 def test_differences_of_an_entry_stand_in_one_row(standings: Standings) -> None:
-    frame = league_document(standings).tables["differences"].frame
+    table = league_document(standings).tables["differences"]
+    frame, cells = table.frame, written(table)
     assert frame["name"].to_list() == ["soft", "places"]
+    of_p = [k for k, head in enumerate(cells.headings) if head.title == "p"]
     for row in standings.differences().iter_rows(named=True):
         (beside,) = frame.filter(pl.col("name") == row["name"]).to_dicts()
         assert beside[row["figure"]] == row["difference"]
+        assert beside[f"{row['figure']}_low"] == row["difference_low"]
         assert beside[f"{row['figure']}_high"] == row["difference_high"]
         assert beside[f"{row['figure']}_p"] == row["p_holm"]
+    for row, texts in zip(frame.to_dicts(), cells.rows, strict=True):
+        values = [p_value(row[f"{figure}_p"]) for figure in ("forced_error", "decision_time_s")]
+        assert [texts[k].text for k in of_p] == values
 
 
 def test_fronts_come_first_and_every_setting_last() -> None:
@@ -249,4 +279,7 @@ def test_fronts_come_first_and_every_setting_last() -> None:
     assert numbers["series"].n_unique() == 2
     assert document.tables["main"].frame["name"].to_list() == sorted(["none 14.0 %", "soft 14.0 %"])
     assert document.tables["standings"].frame.height == 8
+    levels = league_document(played, league_tables(played) | {"fronts": FRONTS}).tables["levels"].frame
+    assert levels.columns == ["name", "time at 10 %", "time at 20 %"]
+    assert levels.rows() == [("base", "-", "500*"), ("sure", "700*", "510*"), ("fast", "open", "533")]
     assert page_html(document)

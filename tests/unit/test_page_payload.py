@@ -83,7 +83,8 @@ def test_energies_that_are_not_known_are_not_numbers(record: RunRecord) -> None:
 # 0.4999999999999998: half of 22 columns of 5 cm, of which the arena cuts the last.
 @pytest.mark.parametrize(("fill", "truth"), [(0.4, 0), (0.5, None), (0.4999999999999998, None), (0.6, 1)])
 def test_truth(record: RunRecord, fill: float, truth: int | None) -> None:
-    assert payload(replace(record, fill_ratio=fill))["truth"]["decision"] == truth
+    told = payload(replace(record, fill_ratio=fill, expected_ones=0.3))["truth"]
+    assert (told["decision"], told["ones"], told["fill_ratio"]) == (truth, 0.3, fill)
 
 
 def test_an_outcome_that_is_not_known_is_refused(record: RunRecord) -> None:

@@ -41,7 +41,7 @@ from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.distributions import Group, quantile
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.picture import picture_bytes
-from vibroswarm.plots.style import STYLES, look, settings
+from vibroswarm.plots.style import ON_DARK, ON_LIGHT, PAPER, STYLES, look, settings
 
 LONG = [
     "walk.avoidance_threshold_mm = 55",
@@ -390,8 +390,8 @@ def test_the_check_for_hidden_words_finds_them():
     assert "is cut" in faults
 
 
-KINDS_OF_MARKS = ("outcomes", "heat", "belief", "front", "certainty")
-"""Cases with hatches, cells and a bar, areas and lines, markers, an image: all that a file has to write."""
+KINDS_OF_MARKS = ("outcomes", "certainty")
+"""Cases with hatches and images, which get names of their own in a file; ``test_plots_style`` has lines and markers."""
 
 
 @pytest.mark.parametrize("name", KINDS_OF_MARKS)
@@ -413,15 +413,19 @@ def holds(lines: list[np.ndarray], points: Any) -> bool:
     return any(line.shape == wanted.shape and np.allclose(line, wanted, equal_nan=True) for line in lines)
 
 
-@pytest.mark.usefixtures("without_layout")
-def test_boxes_stand_at_their_quantiles():
-    frame = runs(["a", "b"], 101, undecided=0)
-    picture = draw_boxes(frame, t_end=1200)
-    boxes = [
+def boxes_of(picture: Picture) -> list[Rectangle]:
+    return [
         patch
         for patch in picture.figure.axes[0].patches
         if isinstance(patch, Rectangle) and patch.zorder == 2
     ]
+
+
+@pytest.mark.usefixtures("without_layout")
+def test_boxes_stand_at_their_quantiles():
+    frame = runs(["a", "b"], 101, undecided=0)
+    picture = draw_boxes(frame, t_end=1200)
+    boxes = boxes_of(picture)
     assert len(boxes) == picture.numbers.height == 2
     for row, box in zip(picture.numbers.to_dicts(), boxes, strict=True):
         values = frame.filter(pl.col("cell") == row["cell"])["value"].to_numpy()
@@ -429,7 +433,15 @@ def test_boxes_stand_at_their_quantiles():
             np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
         )
         assert (box.get_x(), box.get_x() + box.get_width()) == pytest.approx((row["q25"], row["q75"]))
-        assert any(np.allclose(line[:, 0], row["median"]) for line in lines_of(picture))
+        for low, high in (
+            ("q05", "q05"),
+            ("q05", "q25"),
+            ("median", "median"),
+            ("q75", "q95"),
+            ("q95", "q95"),
+        ):
+            assert any(np.allclose(line[:, 0], (row[low], row[high])) for line in lines_of(picture))
+    assert "box: 25 % to 75 %; whiskers: 5 % to 95 % of the runs" in picture.caption
 
 
 def group_of(values: list[float], runs: int) -> Group:
@@ -459,8 +471,8 @@ def test_undecided_runs_are_never_dropped_in_silence():
         by_cell = picture.numbers.group_by("cell", maintain_order=True).first()
         assert by_cell["undecided"].sum() == lost
         assert by_cell["runs"].to_list() == [40, 40]
-    box = draw_boxes(frame, t_end=1200).numbers.row(1, named=True)
-    assert box["median"] is None
+    assert picture.numbers["median"][1] is None
+    assert 1200 < boxes_of(picture)[1].get_x() < picture.figure.axes[0].get_xlim()[1]
 
 
 def test_a_value_behind_the_end_is_refused():
@@ -489,8 +501,15 @@ def test_outcome_bars_are_the_shares_and_fill_the_row():
                 assert drawn[at] == pytest.approx((row, left, values[kind]))
                 left, at = left + values[kind], at + 1
         assert left == pytest.approx(1)
+        low, high = values["right_low"], values["right_high"]
+        for ends in ((low, high), (low, low), (high, high)):
+            assert any(
+                np.allclose((*line[:, 0], line[:, 1].mean()), (*ends, row)) for line in lines_of(picture)
+            )
     assert at == len(drawn)
     assert picture.numbers["right"].to_list() == [count / 200 for count in frame["right"]]
+    words = [text.get_text() for text in picture.figure.axes[0].texts]
+    assert words == [f"{round(100 * right)} %" for right in picture.numbers["right"]]
     assert picture.numbers["runs"].to_list() == [200] * 3
 
 
@@ -576,35 +595,65 @@ def test_a_logarithmic_axis_refuses_0_of_a_constant_series_too():
 @pytest.mark.usefixtures("without_layout")
 def test_a_constant_series_is_drawn_at_its_first_value():
     """A series may have no value at some x, or nowhere."""
-    levels = {"first": [None, 2.0, 2.0], "never": [None, None, None], "rising": [1.0, 2.0, 3.0]}
+    levels = {
+        "first": [None, 2.0, 2.0],
+        "same": [2.0] * 3,
+        "never": [None, None, None],
+        "rising": [1.0, 2.0, 3.0],
+    }
     rows = [(float(x), name, value) for name, values in levels.items() for x, value in enumerate(values)]
     frame = pl.DataFrame(rows, schema={"x": float, "series": str, "estimate": float}, orient="row")
     frame = frame.with_columns(low=pl.col("estimate") - 0.1, high=pl.col("estimate") + 0.1)
-    picture = draw_error_bars(frame, constant=("first", "never"))
+    picture = draw_error_bars(frame, constant=("first", "same", "never"))
     (axes,) = picture.figure.axes
     assert [
         line.get_ydata()[0]
         for line in axes.lines
         if len(set(line.get_xdata())) == 2 and list(line.get_xdata()) == [0, 1]
     ] == [2.0]
-    assert "4 of 9 have no value." in picture.caption
+    (band,) = axes.patches
+    assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((1.9, 2.1))
+    (legend,) = picture.figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["first = same", "never", "rising"]
+    assert "4 of 12 have no value." in picture.caption
 
 
 def test_names_without_a_value_say_so():
     frame = estimates(["a", "b"], [""]).with_columns(
         estimate=pl.when(pl.col("x") == "a").then(float("nan")).otherwise(pl.col("estimate"))
     )
-    assert "no value" in [words for words, _ in texts_of(draw_error_bars(frame).figure)]
+    picture = draw_error_bars(frame)
+    assert "no value" in [words for words, _ in texts_of(picture.figure)]
+    assert holds(lines_of(picture), [(frame["low"][1], 1), (frame["high"][1], 1)])
+
+
+@pytest.mark.usefixtures("without_layout")
+def test_a_range_is_drawn_as_a_band():
+    (band,) = draw_error_bars(estimates([1, 2], [""], 30.0), spans=True).figure.axes[0].collections
+    limits = estimates([1, 2], [""], 30.0).select("low", "high").to_numpy()
+    vertices = band.get_paths()[0].vertices[:, 1]
+    assert (vertices.min(), vertices.max()) == pytest.approx((limits.min(), limits.max()))
 
 
 @pytest.mark.usefixtures("without_layout")
 def test_incidence_rises_and_falls_as_told():
     frame = curves(["soft"], 30)
     picture = draw_incidence(frame, runs=500, t_end=1300)
+    (axes,) = picture.figure.axes
+    bands = dict(
+        zip(
+            ("right", "wrong"), (band.get_paths()[0].vertices[:, 1] for band in axes.collections), strict=True
+        )
+    )
     for kind, sign in (("right", 1), ("wrong", -1)):
         heights = sign * frame[kind].to_numpy()
         points = np.column_stack([[*frame["time_s"], 1300.0], [*heights, heights[-1]]])
         assert holds(lines_of(picture), points)
+        limits = sign * frame.select(f"{kind}_low", f"{kind}_high").to_numpy()
+        assert (bands[kind].min(), bands[kind].max()) == pytest.approx((limits.min(), limits.max()))
+    assert {line.get_drawstyle() for line in axes.lines if len(line.get_xdata()) > 2} == {"steps-post"}
+    heights = {text.get_text(): text.xy[1] for text in axes.texts}
+    assert heights["wrong"] < 0.5 < heights["right"]
     rest = 1 - frame["right"][-1] - frame["wrong"][-1]
     assert f"Without consensus at 1300 s: soft {100 * rest:.0f} %" in picture.caption  # split or incomplete
     assert "500 runs" in picture.caption
@@ -673,9 +722,16 @@ def test_heat_puts_each_value_at_its_place_and_finds_the_best():
         assert cells[[1, 2].index(y), [40, 55, 70].index(x)] == value
     assert cells.mask.sum() == 1
     assert picture.numbers.filter("best").select("x", "y").rows() == [(40, 1), (55, 1)]
-    assert "Hatched: 1 of 6 cells has no value" in picture.caption
+    assert (
+        "Outlined: the lowest and all within 8 of it. Hatched: 1 of 6 cells has no value" in picture.caption
+    )
+    highest = in_a_column("heat, long names")
+    assert highest.numbers.filter("best")["value"].to_list() == [highest.numbers["value"].max()]
+    assert highest.caption.endswith("Outlined: the highest.")
     told = [words for words, _ in texts_of(picture.figure)]
     assert {"900", "893", "886", "911", "904"} <= set(told)
+    colours = {text.get_text(): text.get_color() for text in picture.figure.axes[0].texts}
+    assert (colours["886"], colours["911"]) == (ON_DARK, ON_LIGHT)  # the scale begins dark
     shares = pl.DataFrame({"x": [1, 2, 3], "y": 1, "value": [29.17, 25.0, 0.417]})
     assert {"29.2", "25.0", "0.4"} <= {words for words, _ in texts_of(draw_heat(shares).figure)}
 
@@ -689,6 +745,26 @@ def test_heat_leaves_numbers_out_where_they_do_not_fit():
 def test_maps_to_scale_fill_the_room_that_the_layout_leaves(name):
     """On a page; in a column the test of words looks too."""
     assert maps_fill_their_room(PICTURES[name]("page").figure)
+
+
+@pytest.mark.usefixtures("without_layout")
+def test_certainty_is_a_standard_deviation_and_marks_stand_at_their_places():
+    probability = np.array([[0.5, 0.9], [0.1, 1.0], [0.0, 0.2]])
+    marked = [(0.2, 0.4, 1.0, 0.5, True), (0.1, 0.3, 0.2, 0.4, False)]
+    picture = draw_certainty(probability, (2.0, 3.0), np.array([[0.5, 1.0], [1.5, 0.2]]), marked_m=marked)
+    for axes, values, most in zip(
+        picture.figure.axes[:2],
+        (probability, np.sqrt(probability * (1 - probability))),
+        (1.0, 0.5),
+        strict=True,
+    ):
+        (image,) = axes.images
+        assert np.allclose(image.get_array(), values)
+        assert (image.get_extent(), image.get_clim()) == ([0.0, 2.0, 0.0, 3.0], (0.0, most))
+        places = [(*mark.get_center(), mark.get_width(), mark.get_height()) for mark in axes.patches[::2]]
+        assert np.allclose(places, [(0.7, 0.65, 1.0, 0.5), (0.2, 0.5, 0.2, 0.4)])
+    assert holds(lines_of(picture, 1), [(0.5, 1.0), (1.5, 0.2)])
+    assert picture.numbers["standard_deviation"].to_list() == pytest.approx([0.5, 0.3, 0.3, 0.0, 0.0, 0.4])
 
 
 @pytest.mark.usefixtures("without_layout")
@@ -709,6 +785,10 @@ def test_density_is_in_units_of_even_sampling():
         x_m=(pl.col("x_low_m") + pl.col("x_high_m")) / 2, y_m=(pl.col("y_low_m") + pl.col("y_high_m")) / 2
     )
     assert draw_density(counted, bins=10).numbers.equals(numbers)
+    assert "above the colours' end" not in picture.caption
+    wide = in_a_column("density, wide")
+    above = wide.numbers.filter(pl.col("density") > 1.1).height
+    assert f"{above} bins lie above the colours' end at 1.1." in wide.caption
     with pytest.raises(InputError, match="outside the arena of 1 m x 1 m"):
         draw_density(places(9).with_columns(pl.col("x_m") + 1))
 
@@ -726,6 +806,17 @@ def test_the_front_is_what_nothing_beats():
     front = picture.numbers.filter("front").sort("number")
     assert front["number"].to_list() == list(range(1, front.height + 1))
     assert holds(lines_of(picture), front.select("time", "error").to_numpy())
+    off, on = (line for line in picture.figure.axes[0].lines if line.get_marker() in ("s", "o"))
+    assert (off.get_markerfacecolor(), len(off.get_xdata())) == (PAPER, 30 - front.height)
+    assert on.get_markerfacecolor() != PAPER
+    bars = np.concatenate([part.get_segments() for part in picture.figure.axes[0].collections])
+    for row in frame.to_dicts():
+        for low, high in (
+            (("time_low", "error"), ("time_high", "error")),
+            (("time", "error_low"), ("time", "error_high")),
+        ):
+            ends = [[row[name] for name in end] for end in (low, high)]
+            assert np.isclose(bars, ends).all(axis=(1, 2)).any()
     assert (
         "2 without a value"
         in draw_front(
@@ -743,6 +834,8 @@ def test_detection_draws_each_curve():
         missed = frame.filter(pl.col("series") == name)["missed"].to_numpy()
         assert any(np.array_equal(line[:, 1], missed) for line in lines_of(picture))
     assert picture.numbers.select(frame.columns).equals(frame.cast({"runs": pl.Float64}))
+    assert holds(lines_of(picture), [(0, 0.05), (1, 0.05)])
+    assert holds(lines_of(picture), [(0.03, 0), (0.03, 1)])
     assert "5 % tolerated" in picture.caption
     assert "decision boundary 0.03" in picture.caption
     in_percent = draw_detection(frame, boundary=0.025, percent=True)  # as the tables of `detect`
@@ -757,6 +850,15 @@ def test_forest_rows_are_the_differences():
     frame = differences(["a", "b", "c"])
     picture = draw_forest(frame)
     lines = lines_of(picture)
+    open_marks = [
+        line.get_markerfacecolor() == PAPER
+        for line in picture.figure.axes[0].lines
+        if line.get_marker() == "D"
+    ]
+    assert open_marks == frame.select((pl.col("low") <= 0) & (pl.col("high") >= 0)).to_series().to_list()
+    assert len(set(open_marks)) == 2
+    for name, arrow in (("forest", "← better"), ("forest, long names", "better →")):  # low, high
+        assert arrow in [text.get_text() for text in in_a_column(name).figure.axes[0].texts]
     for row, values in enumerate(frame.to_dicts()):
         assert holds(lines, [(values["low"], row), (values["high"], row)])
         assert holds(lines, [(values["difference"], row)])
@@ -856,6 +958,11 @@ def test_reports_over_time_have_a_line_for_each_robot_and_quartiles_of_many() ->
         reports(40).filter(pl.col("name") == "trust").group_by("robot").agg(pl.col("value").last())["value"]
     )
     assert many.figure.axes[1].lines[0].get_ydata()[-1] == pytest.approx(last.median())
+    edges = many.figure.axes[1].collections[0].get_paths()[0].vertices
+    at_end = edges[edges[:, 0] == edges[:, 0].max(), 1]
+    quartiles = [last.quantile(q, "linear") for q in (0.25, 0.75)]
+    assert [at_end.min(), at_end.max()] == pytest.approx(quartiles)
+    assert {line.get_drawstyle() for line in panels[1].lines} == {"steps-post"}
     with pytest.raises(InputError):
         draw_reports(reports(1).clear())
 
@@ -876,8 +983,29 @@ def test_borders_and_words_of_tiles_know_all_kinds() -> None:
     assert "circles: kind 1, squares: kind 2" in three.caption
     of_kind = [line for line in three.figure.axes[0].lines if line.get_marker() in ("o", "s")]
     assert [len(line.get_xdata()) for line in of_kind] == [1, 1]
+    # row 0 is at the top; the lower left corner of the second floor is not that of the arena
+    assert holds(lines_of(two), [(0.25, 0.25), (0.75, 0.75)])
+    tiles = np.array([[0, 1], [1, 1]], dtype=np.uint8)
+    part = draw_density(frame, tiles=tiles, tile_size_m=(0.2, 0.1), corner_m=(0.3, 0.5))
+    assert holds(lines_of(part), [(0.4, 0.55), (0.6, 0.55), (0.6, 0.65)])
     # each of the tiles (0, 1) and (1, 0) has four sides, of which they share none
     assert len(three.figure.axes[0].collections[-1].get_segments()) == 8
+
+
+@pytest.mark.usefixtures("without_layout")
+def test_the_strongest_lines_of_a_spectrum_are_named() -> None:
+    """At their frequencies: it has seven lines, and room for the names of six."""
+    hz = [20.0 * k for k in range(1, 8)]
+    lines = pl.DataFrame(
+        {
+            "hz": hz,
+            "low": [f - 1 for f in hz],
+            "high": [f + 1 for f in hz],
+            "amplitude": [0.1 * k for k in range(1, 8)],
+        }
+    )
+    (axes,) = draw_spectrum(spectra(["still"]), lines).figure.axes
+    assert [(text.get_text(), text.xy[0]) for text in axes.texts] == [(f"{f:.0f}", f) for f in hz[:0:-1]]
 
 
 def test_a_spectrum_speaks_of_bands_only_where_lines_are() -> None:

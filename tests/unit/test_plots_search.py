@@ -26,6 +26,14 @@ def test_scores_best_mean_and_truth_are_drawn(style: str, tmp_path: Path) -> Non
     assert len(axes.lines) == 2 + 2 + 1  # particles, best and mean, truth
     drawn = {tuple(line.get_ydata()) for line in axes.lines}
     assert (5.0, 4.0, 4.5) in drawn
+    (legend,) = picture.figure.legends
+    of_name = {
+        text.get_text(): line.get_color()
+        for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    }
+    of_values = {tuple(line.get_ydata()): line.get_color() for line in axes.lines}
+    assert of_name["best as the search believes"] == of_values[5.0, 4.0, 4.5]
+    assert of_name["true, on fresh runs"] == of_values[6.0, 6.0]
     assert picture.numbers["best"].to_list() == [5.0, 4.0, 4.5]
     assert "6" in picture.caption
     assert "selection bias" in picture.caption

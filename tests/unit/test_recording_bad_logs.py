@@ -350,6 +350,7 @@ def test_a_floor_that_is_turned_is_told_so(logs: list[Path], ground: Floor, orie
         recording_of([read_log(logs[0])], wrong, preset("paper"))
     fits = floor_fits(wrong, in_order(read_log(logs[0])).samples)
     assert np.array_equal(turned(wrong.tiles, fits[0].orientation), ground.tiles)
+    assert fits[0].probability >= 1 / (floor_fit.FLOORS + 1)  # never 0, whatever other floors do
 
 
 def test_a_floor_that_does_not_fit_is_taken_on_request(logs: list[Path], ground: Floor) -> None:

@@ -46,7 +46,7 @@ def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: 
     assert threshold.low <= 1.45 <= threshold.high + 0.0005  # energies are written to 0.001
     assert settings["strategy.name"].value == strategy, settings["strategy.name"].evidence
     tau = settings["sample.sample_interval_ms"]
-    assert tau.low <= 2000 <= tau.high
+    assert tau.low <= 2000 <= tau.high < tau.low + 100
     assert tau.value == 2000
     assert settings["decision.gate"].value == gate, settings["decision.gate"].evidence
     assert settings["decision.min_observations"].low <= least <= settings["decision.min_observations"].high
@@ -60,6 +60,16 @@ def test_a_threshold_whose_bounds_are_far_apart_is_in_their_middle(
 ) -> None:
     between = pl.DataFrame({"energy": [low / 2, low, high], "bit": [0, 0, 1]})
     assert infer_threshold(between).value == value
+
+
+@pytest.mark.parametrize(("wrong", "value"), [(2, 1.5), (3, None)])
+def test_a_threshold_that_more_than_2_percent_of_the_bits_contradict_is_inconclusive(
+    wrong: int, value: float | None
+) -> None:
+    bits = [0] * 50 + [0] * wrong + [1] * (50 - wrong)
+    inferred = infer_threshold(pl.DataFrame({"energy": [1.0] * 50 + [2.0] * 50, "bit": bits}))
+    assert inferred.value == value
+    assert f"at the best threshold {wrong} of them contradict it" in inferred.evidence
 
 
 def test_one_robot_does_not_tell_the_strategy(logs: list[Path]) -> None:
@@ -231,6 +241,10 @@ def test_tau_is_found_where_rows_cut_its_intervals(tmp_path: Path) -> None:
     tau = infer_tau(pl.DataFrame(columns))
     assert tau.low <= 3778 <= tau.high
     assert tau.evidence.startswith("122 of 122 intervals without avoidance are 4.79")
+    alike = infer_tau(
+        pl.DataFrame(columns | {"spacing_s": [4.8] * 30})
+    )  # less a stop of 1 s and up to 0.04 s
+    assert (alike.low, alike.high) == pytest.approx((3760 - 20, 3760 + 40 + 20))
 
 
 def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:

@@ -18,7 +18,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.core.numbers import decimals_of, every, first_of, number, percent, some, verb, with_limits
+from vibroswarm.core.numbers import (
+    decimals_of,
+    duration,
+    every,
+    first_of,
+    number,
+    percent,
+    some,
+    verb,
+    with_limits,
+)
 from vibroswarm.errors import InputError
 from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
@@ -361,19 +371,20 @@ def test_words_follow_the_number_of_things() -> None:
 
 
 def test_numbers_of_a_column_have_the_same_decimals_and_their_limits():
-    """44.0, 8.3, 0.3; and p-values below 0.001 as such."""
+    """44.0, 8.3, 0.3; and p-values below 0.001 as such. What is true or false is yes or no."""
     frame = pl.DataFrame(
         {
             "share": [0.44, 0.0833, 0.0033], "low": [0.4, 0.05, 0.0], "high": [0.5, 0.1, None],
-            "time": [1204.0, 887.5, 31.25], "small": [1e-9, 5.0, None], "p": [0.0004, 0.0512, 1.0],
+            "time": [1204.0, 887.5, 31.25], "small": [1e-9, 5.0, None], "p": [0.0004, 0.0051, 1.0],
+            "known": [True, False, None],
         }
     )  # fmt: skip
     columns = {"share": Column(share=True, limits=("low", "high")), "p": Column(p_value=True)}
     page = Page(page_of(Table(frame, columns)))
     assert page.texts["td"] == [
-        "44.0 [40.0, 50.0]", "1204", "1e-09", "< 0.001",
-        "8.3 [5.0, 10.0]", "888", "5", "0.051",
-        "0.3", "31", "–", "1.000",
+        "44.0 [40.0, 50.0]", "1204", "1e-09", "< 0.001", "yes",
+        "8.3 [5.0, 10.0]", "888", "5", "0.005", "no",
+        "0.3", "31", "–", "1.000", "–",
     ]  # fmt: skip
     assert "low" not in "".join(page.texts["th"])
 
@@ -384,6 +395,12 @@ def test_settings_have_no_more_decimals_than_they_need():
     assert decimals_of([0.5, 0.5]) == 1
     assert decimals_of([2.0, None, 40.0]) == 0
     assert decimals_of([0.486, 0.5]) == 3
+    assert decimals_of([29.17, 0.417]) == 1
+
+
+def test_times_have_the_unit_that_suits_them():
+    times_s = (0.4, 12.0, 89.0, 180.0, 5399.0, 9000.0)
+    assert list(map(duration, times_s)) == ["0.4 s", "12 s", "89 s", "3 min", "90 min", "2.5 h"]
 
 
 def test_answers_come_before_what_follows_and_before_the_contents() -> None:

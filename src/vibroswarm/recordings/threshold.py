@@ -199,7 +199,7 @@ def labelled(recording: Recording) -> Labelled:
         tile=tile,
         session=frame["run"].cast(pl.Int64).to_numpy(),
         robot=frame["robot"].cast(pl.Int64).to_numpy(),
-        fill_ratio=float(recording.runs["fill_ratio"][0]),
+        fill_ratio=floor.fill_ratio_within(*recording.scenario.arena.size_m),
     )
 
 
