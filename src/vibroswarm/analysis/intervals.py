@@ -492,7 +492,7 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     beyond = min(at_most, at_least)
     p_value = min(1.0, 2.0 * (1 + beyond) / (means.size + 1))
     if beyond < _TAIL and d.size > _EXACT:  # too few draws beyond 0 to estimate a small p-value
-        p_value = _small_p_value(d, p_value)
+        p_value = _small_p_value(d)
     return Tested(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
 
 
@@ -555,12 +555,11 @@ def _rare_mean(amounts: Values, n: int, unseen: float, level: float) -> tuple[fl
     return amount * amounts.size / n, amount * float(low), amount * float(high)
 
 
-def _small_p_value(d: Values, by_draws: float) -> float:
+def _small_p_value(d: Values) -> float:
     """Compute the p-value of sum(d), where draws of random signs give few sums as extreme.
 
     It is exact for up to ``_HALVES`` differences other than 0, and if all of these have one sign, which one choice of
-    signs in 2^n does. Otherwise it is that of the normal limit, if this is below ``by_draws``. The limit is seldom too
-    small: a sum with random signs is far out less often than a normal value.
+    signs in 2^n does. Otherwise it is that of the saddlepoint.
     """
     apart = np.abs(d)
     apart = apart[apart > 1e-12 * apart.max()]  # not by rounding alone
@@ -572,8 +571,42 @@ def _small_p_value(d: Values, by_draws: float) -> float:
         # Sums at least as large as the observed one: of each sum of one half, the sums of the other half that suffice.
         below = np.searchsorted(one, observed * (1.0 - 1e-12) - other)
         return 2.0 * float(one.size - below.mean()) / one.size
-    normal = 2.0 * float(ndtr(-observed / math.sqrt(float(apart @ apart))))
-    return min(by_draws, max(normal, _least_p_value(apart.size)))
+    return max(_saddlepoint_p_value(apart, observed), _least_p_value(apart.size))
+
+
+def _saddlepoint_p_value(sizes: Values, observed: float) -> float:
+    """Compute how probably the sum of numbers with random signs is at least ``observed`` from 0, on either side.
+
+    By Lugannani and Rice (1980), with K(t) = sum ln cosh(t size) and K'(t) = observed: for p down to 1e-6 within 3 %
+    where sizes differ, and up to a fourth too large where more than 30 are equal. Possible sums of multiples of a unit
+    are two units apart: half of that is the correction for continuity.
+    """
+    from scipy.optimize import brentq  # which takes long to import
+
+    largest = float(sizes.max())
+    sizes = sizes / largest
+    aim = observed / largest - _unit(sizes)
+
+    def slope(t: float) -> float:
+        return float(sizes @ np.tanh(t * sizes)) - aim
+
+    highest = 1.0
+    while slope(highest) < 0.0:
+        highest *= 2.0
+    t = brentq(slope, 0.0, highest, xtol=1e-14)
+    k = float(np.logaddexp(t * sizes, -t * sizes).sum()) - sizes.size * math.log(2.0)
+    w = math.sqrt(2.0 * (t * aim - k))
+    v = t * math.sqrt(float((sizes**2 * (1.0 - np.tanh(t * sizes) ** 2)).sum()))
+    return 2.0 * float(ndtr(-w) + math.exp(-0.5 * w * w) / math.sqrt(2.0 * math.pi) * (1.0 / v - 1.0 / w))
+
+
+def _unit(sizes: Values) -> float:
+    """Return the unit of which all sizes are multiples, the smallest divided by 1 to 12; 0 if there is none."""
+    for parts in range(1, 13):
+        multiples = sizes * (parts / sizes.min())
+        if np.abs(multiples - multiples.round()).max() < 1e-6:
+            return float(sizes.min()) / parts
+    return 0.0
 
 
 def _signed_sums(values: Values) -> Values:
