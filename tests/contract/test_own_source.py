@@ -179,7 +179,7 @@ WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
     "a stop unknown": (with_samples(lambda t: t.with_columns(stop_start_s=UNKNOWN)), "'stop_start_s' lacks a value"),
     "an endless stop": (with_samples(lambda t: t.with_columns(stop_s=pl.lit(math.inf, pl.Float32))), "'stop_s' holds"),
     "a stop after its sample": (with_samples(lambda t: t.with_columns(stop_start_s=t["time_s"] + 1)), "is after its"),
-    "a number twice": (with_samples(lambda t: t.with_columns(sample=pl.lit(0, pl.UInt32))), "are not numbered 0, 1, 2"),
+    "a number twice": (with_samples(lambda t: t.with_columns(sample=pl.lit(0, pl.UInt32))), "are not numbered in"),
     "no robot": (with_samples(lambda t: t.with_columns(robot=pl.lit(None, pl.UInt16))), "'robot' lacks a value"),
     "samples as a list": (with_samples(lambda t: t.rows()), "the table samples is list"),
     "no end": (with_ends(lambda t: t.with_columns(end_s=UNKNOWN)), "ends: column 'end_s' lacks a value"),
@@ -196,6 +196,15 @@ def test_wrong_moves_and_failures_are_refused(what: str, stop: str) -> None:
     change, words = WRONG_ROWS[what]
     with pytest.raises(CodeError, match=words):
         simulate_with(change, stop)
+
+
+def test_numbers_of_samples_go_on_from_piece_to_piece() -> None:
+    """A number that begins anew with each piece repeats readings; one that is left out repeats nothing."""
+    anew = pl.int_range(pl.len(), dtype=pl.UInt32).over("robot")
+    with pytest.raises(CodeError, match="robot 0 are not numbered in the order"):
+        simulate_with(with_samples(lambda t: t.with_columns(sample=anew)), "all_decided")
+    later = simulate_with(with_samples(lambda t: t.with_columns(pl.col("sample") * 2)), "all_decided")
+    assert later.motion["sample"].max() > 1
 
 
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])

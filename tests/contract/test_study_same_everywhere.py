@@ -504,7 +504,7 @@ def test_what_dies_while_its_versions_are_asked_is_not_taken_for_a_wrong_install
             executors._check_dask_versions(client({"a": own, "b": wrong}), mixed=False)
 
 
-def test_a_scheduler_that_ends_right_after_it_answered_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_ends_right_after_it_answered_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     comm = pytest.importorskip("distributed.comm")
 
     def nthreads() -> Any:

@@ -24,6 +24,7 @@ from vibroswarm.observation.energy_model import energies_of, rates, shares_below
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.scenario.fields import Sensor
+from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors import sensor as sensor_of
 from vibroswarm.strategies.drawn_kind import drawn_kind
 from vibroswarm.strategies.kind_belief import least_belief, most_belief
@@ -143,16 +144,17 @@ def test_shares_by_bisection_are_the_given_ones() -> None:
         np.testing.assert_allclose(found, formula, atol=1e-12)
 
 
-def test_shares_are_sought_once_for_each_sensor() -> None:
+def test_shares_are_sought_once_for_each_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every run needs them. A sensor with other parameters has others."""
-    calls = []
+    calls, values = [], SensorModel.values
 
-    def measure(kind: int, u: np.ndarray[Any, Any], p: Any) -> np.ndarray[Any, Any]:
+    def counted(self: SensorModel, kind: int, *more: Any) -> Any:
         calls.append(kind)
-        return sensor_of("confusion").values(kind, u, p)
+        return values(self, kind, *more)
 
+    monkeypatch.setattr(SensorModel, "values", counted)
     model, (p, other) = (
-        replace(sensor_of("confusion"), measure=measure),
+        replace(sensor_of("confusion"), name="asked"),
         (confusion(kinds=3, accuracy=accuracy).params for accuracy in (0.9, 0.8)),
     )
     first = model.shares_up_to(1, np.ones(1), p)

@@ -124,7 +124,7 @@ def test_a_folder_that_cannot_be_read_does_not_count_as_empty(locked: Path) -> N
         matching(locked, "*")
 
 
-def test_a_panic_of_polars_is_told_in_a_line(
+def test_a_panic_of_polars_is_reported_in_a_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As with few open files (ulimit -n 20): a panic is no Exception of Python, and had its traceback."""
@@ -134,10 +134,12 @@ def test_a_panic_of_polars_is_told_in_a_line(
 
     monkeypatch.setattr(commands, "call", panic)
     assert main(["presets"]) == 1
-    assert capsys.readouterr().err == "vibroswarm: error: polars failed: Too many open files\n"
+    assert capsys.readouterr().err == (
+        "vibroswarm: error: polars failed: Too many open files; see the traceback with --verbose\n"
+    )
 
 
-def test_processes_that_cannot_share_memory_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_that_cannot_share_memory_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where /dev/shm is read-only."""
 
     def refused(*arguments: object, **named: object) -> None:
@@ -154,7 +156,10 @@ def test_processes_that_cannot_share_memory_are_told(monkeypatch: pytest.MonkeyP
 def test_a_process_that_may_start_none_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """All runs were lost, with "AssertionError: daemonic processes are not allowed to have children"."""
     monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)  # type: ignore[attr-defined]
-    with pytest.raises(RunError, match="may start none; use threads"), executors.workers_for("processes", 1):
+    with (
+        pytest.raises(RunError, match="cannot start processes; use threads"),
+        executors.workers_for("processes", 1),
+    ):
         pass
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,11 +122,13 @@ def test_what_is_wrong_is_said_in_a_sentence(what: str, capsys: pytest.CaptureFi
     assert not list(Path().glob("run/*.parquet"))
 
 
-def test_a_sensor_whose_global_changes_reads_what_it_measures() -> None:
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_sensor_whose_global_changes_reads_what_it_measures(wrapped: bool) -> None:
     forget("mine")
     session: dict[str, Any] = {"__name__": "session", "WIDTH": 0.1}
     exec(GOOD.replace("return u + kind", "return WIDTH * u + 2 * kind"), session)  # noqa: S102
-    register(session["mine"])
+    mine = session["mine"]
+    register(replace(mine, measure=partial(mine.measure)) if wrapped else mine)
     scenario = preset("paper").with_values({"sensor.model": "mine", "run.t_end_s": 60.0})
     for session["WIDTH"] in (0.1, 4.0):
         seen = simulate(scenario, 1, energies=True).observations

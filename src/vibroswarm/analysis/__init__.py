@@ -12,6 +12,7 @@
 | ``decidability`` | whether the question can be decided |
 | ``centralised_baseline``, ``oracle_posterior`` | references for a strategy |
 | ``tile_posterior`` | the posterior that ``oracle_posterior`` uses |
-| ``map_scores``, ``map_figures``, ``floor_maps`` | how good maps of the floor are |
+| ``map_scores``, ``map_figures`` | maps of the floor, and how good they are |
+| ``answers_over_time``, ``robot_knowledge`` | agreement and error over time; what robots were told |
 | ``intervals`` | confidence intervals for all of them |
 """

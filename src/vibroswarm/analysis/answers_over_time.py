@@ -56,9 +56,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import task
 
 if TYPE_CHECKING:
-    from vibroswarm.inference.agents import (
-        Swarm,
-    )  # at run time only its rows are read, so no kernels are loaded
+    from vibroswarm.inference.agents import Swarm  # a type alone: no kernels are loaded
 
 
 AGREEMENTS: Final[dict[str, Any]] = {"run": pl.UInt32, "holds": pl.Boolean}

@@ -112,8 +112,10 @@ def _code_of(error: BaseException) -> int:
         return 1
     if isinstance(error, OSError):
         return _failed_with(error)
-    if type(error).__name__ == "PanicException":  # of polars, where the system refuses it a thread or a file
-        return _failed(f"polars failed: {error}", 1)
+    if (
+        type(error).__name__ == "PanicException"
+    ):  # of polars, as where the system refuses it a thread or a file
+        return _failed(f"polars failed: {error}; see the traceback with --verbose", 1)
     raise error
 
 

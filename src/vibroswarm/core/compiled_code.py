@@ -12,6 +12,7 @@ import sysconfig
 from collections.abc import Callable, Iterator
 from enum import Enum, EnumMeta
 from functools import cache
+from hashlib import sha256
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, ModuleType
 from typing import Any, Final
 
@@ -127,7 +128,7 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
     if isinstance(value, PLAIN):
         return f"{type(value).__name__} {value!r}"
     if isinstance(value, np.ndarray):
-        return f"{value.dtype} {value.shape} {value.tobytes()!r}"
+        return f"{value.dtype} {value.shape} {sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, tuple | list):
         return f"{type(value).__name__} {[_of_value(each, names, seen) for each in value]}"
     if isinstance(value, ModuleType):

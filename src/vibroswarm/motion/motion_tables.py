@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -229,6 +230,7 @@ class CheckedState:
 
     def __init__(self, state: Any, init: Callable[..., Any], scenario: Scenario, run: int) -> None:
         self.state, self.init, self.scenario, self.run = state, init, scenario, run
+        self.numbers: dict[int, int] = {}  # number of each robot's last sample
 
     @property
     def time_s(self) -> float:
@@ -242,12 +244,16 @@ class CheckedState:
         _refuse(self.init, wrong_tables(piece))
         after_s = self.time_s
         _refuse(self.init, _wrong_time(self.scenario, until_s, after_s))
-        _refuse(self.init, _wrong_rows(piece, self.scenario, self.run, before_s, after_s))
+        wrong = _wrong_rows(piece, self.scenario, self.run, before_s, after_s, self.numbers)
+        _refuse(self.init, wrong)
+        self.numbers |= dict(piece.samples.group_by("robot").agg(pl.col("sample").max()).iter_rows())
         return piece
 
     def copy(self) -> CheckedState:
         """See ``MotionState.copy``."""
-        return CheckedState(_called(self.init, self.state.copy), self.init, self.scenario, self.run)
+        copy = CheckedState(_called(self.init, self.state.copy), self.init, self.scenario, self.run)
+        copy.numbers = dict(self.numbers)
+        return copy
 
 
 def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
@@ -310,13 +316,19 @@ def _stated(columns: Mapping[str, Any]) -> str:
 
 
 def _wrong_rows(
-    piece: Motion, scenario: Scenario, run: int, before_s: float, after_s: float
+    piece: Motion,
+    scenario: Scenario,
+    run: int,
+    before_s: float,
+    after_s: float,
+    numbers: Mapping[int, int] = MappingProxyType({}),
 ) -> Iterator[str]:
     """Yield errors in the rows of a piece of motion that passed ``wrong_tables``; segments are not checked.
 
     Args:
         piece: what ``advance`` returned, or the part of a batch that belongs to ``run``.
         before_s, after_s: ``time_s`` of the state before and after; for a batch, start and end of the run.
+        numbers: of the last sample in earlier pieces, by robot.
     """
     robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4  # times may be rounded by a quarter tick
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
@@ -342,13 +354,12 @@ def _wrong_rows(
             )
     if samples.is_empty():
         return
-    # Numbers continue those of earlier pieces. They are addresses of chance: a repeated one repeats a reading.
-    first = 0 if before_s == 0.0 else pl.col("sample").first().over("robot")
-    wrong = samples.filter(pl.col("sample") != first + pl.int_range(pl.len()).over("robot"))
+    # Numbers are addresses of chance: a repeated one repeats a reading.
+    earlier = pl.col("robot").replace_strict(numbers, default=-1, return_dtype=pl.Int64)
+    before = pl.col("sample").cast(pl.Int64).shift().over("robot").fill_null(earlier)
+    wrong = samples.filter(pl.col("sample") <= before)
     if wrong.height:
-        yield (
-            f"the table samples: those of robot {wrong['robot'][0]} are not numbered 0, 1, 2, ... in the order of time"
-        )
+        yield f"the table samples: those of robot {wrong['robot'][0]} are not numbered in the order of time, from 0"
     if (samples["stop_start_s"] > samples["time_s"]).any():
         yield "the table samples: a stop_start_s is after its time_s"
     time_s = samples["time_s"].to_numpy()

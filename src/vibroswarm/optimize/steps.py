@@ -57,6 +57,7 @@ from vibroswarm.core.folders import (
     read_manifest,
     write_described,
 )
+from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError, plain_value, warn_once
@@ -350,14 +351,15 @@ class FreshFolder:
     def recorded(self) -> tuple[list[RecordedRun], list[str]]:
         """Return the saved runs, and what is wrong with damaged files.
 
-        Older folders do not say what the runs were made from; these runs are left out.
+        Older folders do not say what the runs were made from; these runs are left out, with a warning.
         """
-        found, damaged = list[RecordedRun](), list[str]()
+        found, damaged, older = list[RecordedRun](), list[str](), 0
         cases = [cell.scenario for cell in self.search.cases]
         for path in matching(self.folder, "[!.]*.json"):
             try:
                 made_from = read_manifest(path, "fresh").get("made_from")
                 if made_from is None:
+                    older += 1
                     continue
                 values, runs, seed, width = made_from
                 done = self._read(path, runs, width)
@@ -368,6 +370,11 @@ class FreshFolder:
             for run, figures in zip(done.runs.tolist(), done.rows, strict=True):
                 (piece,) = simulations.pieces(values, run, run + 1)
                 found.append(RecordedRun(FRESH, path.stem, piece, figures))
+        if older:
+            warn_once(
+                f"{count(older, 'file')} of fresh runs in {self.folder} do not say what they were made from, as an "
+                "older version wrote them; they are left out"
+            )
         return found, damaged
 
     def add(self, values: Mapping[str, Any], runs: int, seed: int, done: RunFigures) -> None:

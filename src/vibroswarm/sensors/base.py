@@ -91,7 +91,7 @@ REFERENCE_SEED: Final = SEED_LIMIT - 1
 FIRST_REFERENCE_RUN: Final = 2**31
 """Seed and number of the first of these floors, which no simulation has."""
 _new_hash: Final = itertools.count()
-"""Hashes of sensors whose functions read values of which no change can be seen."""
+"""Hashes of sensors whose functions read values whose changes cannot be detected."""
 
 
 @viewed
@@ -192,10 +192,12 @@ class SensorModel(Plugin):
 
     def __hash__(self) -> int:
         """Hash the sensor with all that its functions read: its laws are cached, and a session may change a global."""
-        functions = [one for one in vars(self).values() if isinstance(one, FunctionType)]
+        functions = [one for one in vars(self).values() if callable(one) and not isinstance(one, type)]
         if self.code or is_shipped(*functions):
             return hash((self.name, self.code, *functions))
         try:
+            if not all(isinstance(one, FunctionType) for one in functions):  # such as functools.partial
+                raise UnknownValueError
             return hash((self.name, *map(compiled_text, functions)))
         except UnknownValueError:  # then no cache may find it again
             return next(_new_hash)

@@ -185,7 +185,7 @@ class SingleProcessPools(Executor):
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
         if multiprocessing.current_process().daemon:
             raise RunError(
-                "this is a process of a multiprocessing.Pool, which may start none; use threads instead"
+                "a daemonic process, as of multiprocessing.Pool, cannot start processes; use threads instead"
             )
         try:
             self.cancel = _ProcessFlag()

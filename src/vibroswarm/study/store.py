@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shlex
+import time
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
@@ -83,6 +84,8 @@ class Shard:
     """``simulation.versions`` of the worker."""
 
 
+COARSE_NS: Final = 20_000_000
+"""How much earlier than the clock a time of change may be, ns: file systems count in steps."""
 _checked: Final[dict[tuple[Path, str], tuple[list[Any], Shard]]] = {}
 """Shards that this process has read and checked, by description and hash of the study, with the ``identity`` of their
 files: a command opens a study several times, and reading a shard takes milliseconds."""
@@ -377,8 +380,12 @@ class Store:
         """Return a shard as ``_read`` does, or as this process has read it, unless a file of it has changed since."""
         files, shard = _checked.get((path, self.hash), ([], None))
         if shard is None or files != _identities(path, shard):
+            start_ns = time.time_ns() - COARSE_NS
             shard = self._read(path)
-            _checked[path, self.hash] = _identities(path, shard), shard
+            files = _identities(path, shard)
+            # One that changes while it is read is read again.
+            if all(one is not None and one[2] < start_ns for one in files):
+                _checked[path, self.hash] = files, shard
         return shard
 
     def _read(self, path: Path) -> Shard:
@@ -442,7 +449,7 @@ class Store:
             raise RunError(f"{MARKER} would be read as another study; set the differing fields with --set")
 
 
-def _identities(path: Path, shard: Shard) -> list[Any]:
+def _identities(path: Path, shard: Shard) -> list[tuple[int, int, int] | None]:
     """Return what identifies the files of a shard, whose description is ``path``."""
     return [identity(file) for file in (path, *shard.files.values())]
 
