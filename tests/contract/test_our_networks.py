@@ -152,8 +152,10 @@ def test_who_is_in_range_hears() -> None:
 
 
 def test_delays_are_fixed_and_exponential() -> None:
-    (fixed,) = logs(over("delay", fixed_s=2.0, random_s=0.0), 1)
-    assert np.unique((fixed.arrival_tick - fixed.tick[:, None])[fixed.state != OWN]).tolist() == [100]
+    # At least one tick; 0.14 s / 0.02 s is above 7 by rounding.
+    for fixed_s, ticks in ((2.0, 100), (0.14, 7), (0.0, 1)):
+        (fixed,) = logs(over("delay", fixed_s=fixed_s, random_s=0.0), 1)
+        assert np.unique((fixed.arrival_tick - fixed.tick[:, None])[fixed.state != OWN]).tolist() == [ticks]
     found = [
         log.arrival_tick - log.tick[:, None] for log in logs(over("delay", fixed_s=2.0, random_s=3.0), 8)
     ]
@@ -184,10 +186,11 @@ def test_loss_by_size_is_the_fit_of_the_published_shares() -> None:
 
 @pytest.mark.parametrize("robots", [5, 10])
 def test_so_much_is_lost(robots: int) -> None:
-    states = np.concatenate([log.state.ravel() for log in logs(over("loss_by_size", robots=robots), 10)])
-    count, lost = int((states != OWN).sum()), int((states == LOST).sum())
-    share = share_lost(robots)
-    assert abs(lost - share * count) < 4.0 * math.sqrt(count * share * (1 - share))
+    by_size, by_share = over("loss_by_size", robots=robots), over("loss", robots=robots, share=0.3)
+    for scenario, share in ((by_size, share_lost(robots)), (by_share, 0.3)):
+        states = np.concatenate([log.state.ravel() for log in logs(scenario, 10)])
+        count, lost = int((states != OWN).sum()), int((states == LOST).sum())
+        assert abs(lost - share * count) < 4.0 * math.sqrt(count * share * (1 - share))
 
 
 def lost_in_order(scenario: Scenario, runs: int) -> list[np.ndarray[Any, Any]]:

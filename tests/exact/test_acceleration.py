@@ -112,6 +112,12 @@ def test_robots_feel_the_pair() -> None:
     amplitudes = 2 * np.abs((found[:, 2] - GRAVITY_M_S2) @ wave) / t.size
     assert amplitudes == pytest.approx(right, rel=1e-9)  # 50 periods: the window holds whole ones
     assert np.abs(found[:, :2]).max() == 0.0
+    tilted = accelerations(
+        samples_at([0.1, 0.3], [1, 0]), quiet(motor_hz=(100.0,), lateral=0.2).sensor.params
+    )
+    beside = (tilted[:, :2] @ wave) / ((tilted[:, 2] - GRAVITY_M_S2) @ wave)[:, np.newaxis]
+    assert np.linalg.norm(beside, axis=1) == pytest.approx([0.2, 0.2])
+    assert np.abs(beside.real).max() < 1e-9  # a quarter of a turn apart
 
 
 def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
@@ -119,6 +125,11 @@ def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
     found = accelerations(samples_at([0.2] * 200, [1, 0]), p)
     heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
     assert heights == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
+    # 15 mm from the edge, feet 20 mm from the middle are on both sides in directions within acos(0.75) of across it.
+    heights = np.abs(accelerations(samples_at([0.185] * 400, [1, 0]), p)[:, 2] - GRAVITY_M_S2).max(axis=1)
+    straddles = heights < 0.85 * p.amplitude_m_s2
+    assert heights[straddles] == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
+    assert straddles.mean() == pytest.approx(math.acos(0.75) / (math.pi / 2), abs=0.1)
 
 
 def test_noise_has_its_standard_deviation_and_no_memory() -> None:

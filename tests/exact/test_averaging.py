@@ -71,9 +71,11 @@ def test_the_opposite_of_a_share_is_the_rest() -> None:
 
 def test_averaging_decides_as_those_that_count() -> None:
     for more, least in (({"floor.source": "random:0.4", "task.name": "fill_ratio"}, 0.8), (MAJORITY, 0.9)):
-        robots = simulate(PAPER.with_values({"strategy.name": "averaging", **more}), 3, 100).runs
-        assert robots["right"].sum() > least * 5 * 100
-        assert robots["right"].sum() > 10 * robots["wrong"].sum()
+        result = simulate(PAPER.with_values({"strategy.name": "averaging", **more}), 3, 100)
+        assert result.runs["right"].sum() > least * 5 * 100
+        assert result.runs["right"].sum() > 10 * result.runs["wrong"].sum()
+        # The first to decide do so at their 20th reading, the least by default; samples count from 0.
+        assert result.inference.filter(pl.col("decision") >= 0)["sample"].min() == 19
 
 
 def test_the_majority_rule_takes_each_kind_that_most_read() -> None:

@@ -12,9 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vibroswarm.inference.agents import world_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.strategies.distrust import two_sided_tail, weigh
+from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED
+from vibroswarm.strategies.distrust import begin, on_message, on_sample, two_sided_tail, weigh
 from vibroswarm.study.fault_tolerance import fault_curve
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
@@ -79,6 +81,29 @@ def test_what_is_left_out(sources: list[tuple[int, float]], threshold: float) ->
     kept = [j for j in range(len(bits)) if j not in expected]
     assert s.left_out == len(expected)
     assert (s.alpha, s.beta) == (1 + sum(ones[j] for j in kept), 1 + sum(bits[j] - ones[j] for j in kept))
+
+
+@pytest.mark.parametrize("gate", [GATE_OWN, GATE_RECEIVED])
+def test_bits_of_a_source_left_out_count_neither_for_the_belief_nor_for_the_gate(gate: int) -> None:
+    """Robot 0, whose own sensor is stuck at 1, and robot 1, whose sensor is stuck at 1 too, among three that read 0."""
+    w: Any = world_of(preset("paper").with_values({"decision.min_observations": 150}), 6000)
+    w = w._replace(gate=gate, robot=0)
+    s: Any = SimpleNamespace(own=0)
+    a: Any = SimpleNamespace(ones=np.zeros(5, int), bits=np.zeros(5, int), is_out=np.zeros(5, np.uint8))
+    p: Any = SimpleNamespace(threshold=0.01)
+    begin(s, a, None, p, w)  # type: ignore[arg-type]
+    for _ in range(160):
+        for sender in range(1, 5):
+            on_message(s, a, SimpleNamespace(bit=int(sender == 1)), sender, 1.0, None, p, w)  # type: ignore[arg-type]
+        on_sample(s, a, SimpleNamespace(reading=1), SimpleNamespace(), None, p, w)  # type: ignore[arg-type]
+    assert a.is_out.tolist() == [1, 1, 0, 0, 0]
+    assert s.decision == (-1 if gate == GATE_OWN else 0)
+    before = (s.alpha, s.beta)
+    assert before == (1, 1 + 3 * 160)
+    on_message(s, a, SimpleNamespace(bit=1), 1, 2.0, None, p, w)  # type: ignore[arg-type]
+    assert (s.alpha, s.beta) == before
+    on_message(s, a, SimpleNamespace(bit=1), 2, 2.0, None, p, w)  # type: ignore[arg-type]
+    assert (s.alpha, s.beta) == (2, before[1])
 
 
 QUICK = {"run.t_end_s": 150.0, "decision.min_observations": 20, "decision.credible_threshold": 0.8}

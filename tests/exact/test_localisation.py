@@ -15,7 +15,7 @@ from vibroswarm.localisation.locate import program_of, speed_law
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.geometry import arc, wall_distance
 from vibroswarm.robot import localisation as robot
-from vibroswarm.robot.pose_correction import correct, gain, learn_beyond, meet, wall_rays
+from vibroswarm.robot.pose_correction import correct, gain, learn_beyond, meet, wall_rays, widen
 from vibroswarm.robot.pose_mixture import (
     BIAS,
     HEADING,
@@ -98,6 +98,54 @@ def test_moves_spread_as_a_cloud_does() -> None:
     assert quiet.covariances[0, HEADING, HEADING] < 0.9 * f.covariances[0, HEADING, HEADING]
 
 
+@pytest.mark.parametrize("state", [HEADING, SPEED, BIAS, SCALE])
+def test_a_drive_spreads_each_state_by_its_derivatives(state: int) -> None:
+    """Of a drive that bends by a radian, against differences of where it ends."""
+    of, step, ends = program(corrects=False, gyro_walk_rad_sqrt_s=0.0), 1e-5, []
+    for change in (-step, step):
+        f = begun(of)
+        f.means[0, state] += change
+        robot.drive(f, of, 4.0, 1.0, 0.0, False)
+        ends.append(f.means[0, :HEADING].copy())
+    f = begun(of)
+    f.covariances[0] = 0.0
+    f.covariances[0, state, state] = 1.0
+    robot.drive(f, of, 4.0, 1.0, 0.0, False)
+    derivative = (ends[1] - ends[0]) / (2.0 * step)
+    assert f.covariances[0, :HEADING, state] == pytest.approx(derivative, abs=0.02 * abs(derivative).max())
+
+
+def test_a_turn_shifts_the_place_in_either_direction_alike() -> None:
+    of = program(turn_shift_m=0.004)
+    f = begun(of)
+    before = f.covariances[0, :2, :2].copy()
+    robot.turn(f, of, 1.0, 1.2)
+    assert f.covariances[0, :2, :2] - before == pytest.approx(0.004**2 * np.eye(2))
+
+
+def test_a_blocked_robot_covers_any_share_of_its_drive() -> None:
+    """A uniform number of the way, of mean 1/2 and variance 1/12."""
+    of = program(blocked_share=1.0)
+    f = begun(of, heading=0.0)
+    f.covariances[0] = 0.0
+    robot.drive(f, of, 2.0, 0.0, 0.0, True)
+    way_m = 2.0 * of.full_speed_m_s * of.speed_factor
+    assert f.means[0, X] - 0.5 == pytest.approx(way_m / 2.0)
+    assert f.covariances[0, X, X] == pytest.approx(way_m**2 / 12.0, rel=0.02)
+
+
+def test_after_a_turn_an_obstacle_is_twice_as_likely_a_robot() -> None:
+    of = program(lost_share=0.0, start_heading_spread_rad=0.01, start_spread_m=0.03)
+    shares = []
+    for after_drive in (True, False):
+        f = begun(of, x=0.9, y=0.5, heading=0.0)
+        before = f.monitor[UNEXPECTED]
+        robot.obstacle(f, of, 0.1 - of.ray_forward_m - 0.06, after_drive)
+        shares.append(f.monitor[UNEXPECTED] - 0.95 * before)
+    assert 0.1 < shares[0] < 0.9
+    assert shares[1] == pytest.approx(2.0 * shares[0] / (1.0 + shares[0]))
+
+
 def test_a_correction_is_that_of_the_joint_state() -> None:
     """State and past places, corrected by one number, as by the textbook formula on all of them at once."""
     rng, size = np.random.default_rng(2), STATES + 2 * LAG
@@ -134,6 +182,27 @@ def test_learning_that_a_number_is_beyond_matches_its_moments(cut: float, spread
     assert left == pytest.approx(0.5 * math.erfc(cut / 2**0.5))
     assert f.means[0, X] == pytest.approx(law.mean(), rel=1e-5)
     assert f.covariances[0, X, X] == pytest.approx(law.var(), rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("cut", [5.0, 8.0])
+def test_a_bound_far_beyond_what_is_believed_still_moves_the_mean_past_it(cut: float) -> None:
+    """There the ratio of the normal law is taken from its asymptote, which is 0.3 % too large at 5."""
+    f = begun(program())
+    f.covariances[0], f.means[0, X] = np.diag([0.04, 1.0, 1.0, 1.0, 1.0, 1.0]), 0.5
+    learn_beyond(f, 0, X, 1.0, 0.0, 0.5, 0.5 + 0.2 * cut, 0.0)
+    assert f.means[0, X] - 0.5 == pytest.approx(truncnorm(cut, np.inf, scale=0.2).mean(), rel=4e-3)
+
+
+@pytest.mark.parametrize("redrawn", [False, True])
+def test_a_component_that_may_be_lost_is_widened_but_for_a_speed_that_is_redrawn(redrawn: bool) -> None:
+    """By 10 cm, 10 degrees and 0.3 times the spreads at the start, as variances."""
+    of = program(speed_redrawn=redrawn)
+    f = begun(of)
+    before = f.covariances[0].copy()
+    widen(f, 0, of)
+    speed = 0.0 if redrawn else 0.3 * of.speed_spread
+    added = [0.1, 0.1, math.radians(10.0), speed, 0.3 * of.gyro_bias_spread_rad_s, 0.3 * of.gyro_scale_spread]
+    assert f.covariances[0] - before == pytest.approx(np.diag(np.square(added)))
 
 
 @settings(deadline=None)
@@ -174,6 +243,13 @@ def test_components_are_redrawn_by_weight() -> None:
     assert copies.sum() == 8
     assert (abs(copies - 8 * weights) < 1.0).all()
     assert f.weights == pytest.approx(np.full(8, 1 / 8))
+    uneven = np.array(
+        [2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+    )  # 6.4 components are effective, which is enough
+    f.means[:, X], f.weights[:] = np.arange(8), uneven
+    resample(f)
+    assert (f.means[:, X] == np.arange(8)).all()
+    assert f.weights == pytest.approx(uneven / 8.0)
     f.means[:, X], f.weights[:] = np.arange(8), 5.0
     resample(f)
     assert (f.means[:, X] == np.arange(8)).all()
@@ -237,6 +313,9 @@ def test_a_wall_that_is_not_there_is_unexpected() -> None:
     free = np.mean(drawn_m + rng.normal(0.0, of.seen_noise_m, drawn_m.size) < seen_at_m)
     assert 0.1 < free < 0.5
     assert f.monitor[UNEXPECTED] - before == pytest.approx(-math.log(free), rel=0.1)
+    unheeded = begun(of, x=0.9, y=0.5, heading=0.0)
+    robot.drive(unheeded, of._replace(blind_s=0.8), 0.7, 0.0, 0.0, False)  # rays are ignored for longer
+    assert unheeded.monitor[UNEXPECTED] - before < 0.01
 
 
 def test_the_law_of_speeds_is_that_of_the_robots() -> None:

@@ -221,7 +221,7 @@ def test_mcp_decides_as_a_loop_over_the_tables_does() -> None:
         "mcp", run__t_end_s=600.0, floor__source="random:0.2", decision__min_observations=60, **told
     )
     result = simulate(scenario, 5, [3])
-    found = []
+    found, last = [], {}
     for heard in account(result):
         x, a = [], []
         for readings in (heard.own, *heard.others):
@@ -231,10 +231,13 @@ def test_mcp_decides_as_a_loop_over_the_tables_does() -> None:
                 a.append(information(h, t, x[-1], 0.8, 0.88))
         belief = ndtr((0.5 - np.dot(a, x) / sum(a)) * math.sqrt(sum(a)))
         assert heard.row["belief_below"] == pytest.approx(belief, abs=1e-9)
+        last[heard.row["robot"]] = (np.dot(a, x) / sum(a), 1.0 / math.sqrt(sum(a)))
         counted = len(heard.own) - 1 + sum(map(len, heard.others))
         found.append((heard, -1 if counted <= 60 else 0 if belief > 0.95 else 1 if belief < 0.05 else -1))
     assert decided_in(result) == decided_by(found)
     assert len(decided_in(result)) == 5
+    for robot, estimate, spread in result.robots.select("robot", "estimate", "estimate_spread").rows():
+        assert (estimate, spread) == pytest.approx(last[robot], abs=1e-9)
 
 
 # Bayes Bots
@@ -456,12 +459,13 @@ def test_a_belief_goes_through_signal_listening_and_update() -> None:
     one.hears(1, 52.5, truth=2)
     said = one.wakes(53.0)
     assert (said.truth, one.s.truth, one.s.unchanged, one.decision) == (1, 1, 0, -1)
-    for k, expected in enumerate([-1, -1, 1]):
+    # An uncertain belief that stays is not decided; a certain one is, after staying twice.
+    for k, (heard, expected) in enumerate([(1, -1), (1, -1), (2, -1), (2, -1), (2, 1)]):
         one.s.is_signalling = False
         one.s.phase_end_s = 100.0 + 10.0 * k
-        one.hears(2, 99.0 + 10.0 * k, truth=2)
+        one.hears(2, 99.0 + 10.0 * k, truth=heard)
         one.wakes(100.0 + 10.0 * k)
-        assert (one.s.truth, one.decision) == (2, expected)
+        assert (one.s.truth, one.decision) == (heard, expected)
 
 
 # DBBS
@@ -508,6 +512,13 @@ def test_dbbs_takes_no_robot_again_within_its_memory() -> None:
         one.reads(1)
         taken.append(int(one.a.taken[3]))
     assert taken == [1, 1, 1, 4, 4, 4, 7, 7]
+
+
+def test_dbbs_counts_a_sender_heard_twice_between_two_readings_once() -> None:
+    one = One("dbbs")
+    for sender, heard in ((1, 1), (1, 1), (2, 2), (1, 2)):
+        one.hears(sender, ones=3, zeros=1, social_ones=0.0, social_zeros=0.0)
+        assert one.s.heard == heard
 
 
 def test_exponents_of_dbbs_stay_finite() -> None:

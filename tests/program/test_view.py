@@ -190,6 +190,13 @@ def test_the_server_is_for_this_machine_only_and_prints_nothing(
             server.step(step)
         assert server.time.value == pytest.approx(30.0)
         assert sum(server.scene.shown.values()) == server.playback.samples_by(30.0)
+        for robot, frame in enumerate(server.scene.frames):
+            x_m, y_m, heading_rad = server.playback.poses(robot, 30.0)[0]
+            w, x, y, z = frame.wxyz
+            # Turned by the quaternion, the robot's x axis has the direction of the heading.
+            ahead = (w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y))
+            assert ahead == pytest.approx((math.cos(heading_rad), math.sin(heading_rad), 0.0))
+            assert tuple(frame.position) == pytest.approx((x_m, y_m, 0.0))
         server.playing.value, server.time.value = False, 10.0  # scrubbed back
         server.step(1.0)
         assert sum(server.scene.shown.values()) == server.playback.samples_by(10.0)
