@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import os
 import random
@@ -484,17 +485,22 @@ def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
         time.sleep(0.05)
 
 
+def sync(function: Callable[[], Any], callback_timeout: float) -> Any:
+    """As the method of a client of Dask."""
+    return asyncio.run(asyncio.wait_for(function(), callback_timeout))
+
+
 def test_what_dies_while_its_versions_are_asked_is_not_taken_for_a_wrong_installation() -> None:
     comm = pytest.importorskip("distributed.comm")
     own = executors.versions()
 
     def client(replies: Any) -> Any:
-        def run(*_: object, **__: object) -> Any:
+        async def run(*_: object, **__: object) -> Any:
             if isinstance(replies, Exception):
                 raise replies
             return replies
 
-        return SimpleNamespace(run=run)
+        return SimpleNamespace(run=run, sync=sync)
 
     executors._check_dask_versions(client({"a": own, "b": comm.CommClosedError("closed")}), mixed=False)
     with pytest.raises(RunError, match="the Dask scheduler is gone"):
@@ -507,10 +513,37 @@ def test_what_dies_while_its_versions_are_asked_is_not_taken_for_a_wrong_install
 def test_a_scheduler_that_ends_right_after_it_answered_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     comm = pytest.importorskip("distributed.comm")
 
-    def nthreads() -> Any:
+    async def nthreads() -> Any:
         raise comm.CommClosedError("closed")
 
-    client = SimpleNamespace(nthreads=nthreads, close=lambda timeout: None)
+    client = SimpleNamespace(nthreads=nthreads, sync=sync, close=lambda timeout: None)
     monkeypatch.setattr(executors, "_connected", lambda *_: client)
     with pytest.raises(RunError, match="the Dask scheduler is gone"), workers_for("dask://localhost:1"):
         pass
+
+
+def test_no_waiting_for_a_scheduler_that_ends_while_it_sends_a_result_or_does_not_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    distributed, comm = pytest.importorskip("distributed"), pytest.importorskip("distributed.comm")
+    cluster = distributed.LocalCluster(
+        1, processes=False, threads_per_worker=1, dashboard_address=None, protocol="inproc://"
+    )
+    client = distributed.Client(cluster, set_as_default=False)
+
+    async def closed(**_: object) -> Any:
+        raise comm.CommClosedError("closed")
+
+    async def silent(**_: object) -> Any:
+        await asyncio.sleep(60.0)
+
+    monkeypatch.setattr(executors, "_connected", lambda *_: client)
+    with cluster, workers_for("dask://localhost:1", mixed=True) as crew:
+        assert crew.executor.submit(int).result(timeout=5.0) == 0
+        client.scheduler.gather = closed
+        with pytest.raises(comm.CommClosedError):
+            crew.executor.submit(int).result(timeout=5.0)
+        monkeypatch.setattr(executors, "ANSWER_S", 0.1)
+        client.scheduler.ncores = silent
+        with pytest.raises(RunError, match="the Dask cluster has not answered"):
+            crew.check()

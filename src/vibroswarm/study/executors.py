@@ -17,13 +17,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
+    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -41,6 +42,10 @@ NAMES: Final = ("threads", "processes")
 """Executors that are given by a name."""
 CONNECT_S: Final = 10.0
 """Time limit for a Dask scheduler to answer."""
+ANSWER_S: Final = 20.0
+"""Time limit for a Dask scheduler, once connected, to say which workers it has."""
+IMPORT_S: Final = 120.0
+"""Time limit for Dask workers to import vibroswarm and to send its versions."""
 CLOSE_S: Final = 5.0
 """Time limit for closing the connection to a Dask scheduler."""
 WITHOUT_WORKERS_S: Final = 30.0
@@ -241,7 +246,7 @@ class SingleProcessPools(Executor):
             # None has started yet: another try would not help.
             raise RunError(
                 "worker processes cannot start: see the error printed above. A script may start them only below "
-                'the line if __name__ == "__main__":'
+                'the line if __name__ == "__main__": and only if it is a file, not standard input'
             ) from None
 
 
@@ -299,6 +304,43 @@ def _is_cancelled() -> bool:
     return bool(_cancel.is_set())
 
 
+class _DaskExecutor(Executor):
+    """An executor of a Dask client.
+
+    A future of Dask's own ``Client.get_executor`` stays unfinished for ever if its result cannot be fetched, as when
+    the scheduler ends while it sends the result.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
+        """Submit a call. ``pure=False``: equal calls are run again, instead of sharing one result."""
+        future: Future[Any] = Future()
+        self._client.loop.add_callback(
+            _pass_on, self._client.submit(function, *arguments, pure=False, **named), future
+        )
+        return future
+
+
+async def _pass_on(theirs: Any, future: Future[Any]) -> None:
+    """Wait for a future of Dask, and give ``future`` its result or its exception."""
+    result: Any = None
+    failure: BaseException | None = None
+    try:
+        result = await theirs
+    except CancelledError as error:
+        failure = _gone(error)
+    except BaseException as error:  # the task's own, or that its result cannot be fetched
+        failure = error
+    if not future.set_running_or_notify_cancel():  # the study was stopped
+        return
+    if failure is None:
+        future.set_result(result)
+    else:
+        future.set_exception(failure)
+
+
 @dataclass
 class _DaskWorkers(Workers):
     """Workers of a Dask cluster, which may join and leave; the study stops if there is no worker for a while."""
@@ -339,14 +381,29 @@ def _threads_of(client: Any) -> dict[str, int]:
     Raises:
         RunError: the scheduler does not answer.
     """
+    return dict(_answer(client, ANSWER_S, client.nthreads))
+
+
+def _answer(client: Any, limit_s: float, ask: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    """Return what a method of a Dask client returns, which by itself would wait for the scheduler without limit.
+
+    Raises:
+        RunError: the scheduler has ended, or no answer comes within ``limit_s``.
+    """
+
+    async def answer() -> Any:
+        return await ask(*arguments, **named)
+
     try:
-        return dict(client.nthreads())
+        return client.sync(answer, callback_timeout=limit_s)
+    except TimeoutError as error:
+        raise RunError(f"the Dask cluster has not answered for {limit_s:g} s; {GO_ON}") from error
     except Exception as error:  # a closed or disconnected client may raise anything
         raise _gone(error) from error
 
 
 def _gone(error: Exception) -> RunError:
-    return RunError(f"the Dask scheduler is gone ({type(error).__name__}); {GO_ON}")
+    return RunError(f"the Dask scheduler is gone or has restarted ({type(error).__name__}); {GO_ON}")
 
 
 def _dask(address: str, mixed: bool) -> Iterator[Workers]:
@@ -374,12 +431,12 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
                 f"the Dask scheduler at '{address}' has no workers; start some, and run the same command again"
             )
         _check_dask_versions(client, mixed)
-        # ``pure=False``: equal calls are run again, instead of sharing one result. ``count`` is at least 1, so that
-        # batches are submitted even if the workers report no threads.
-        pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
-        yield _DaskWorkers(pool, count, name=f"{len(threads)} Dask workers", client=client)
+        # ``count`` is at least 1, so that batches are submitted even if the workers report no threads.
+        count = max(sum(threads.values()), 1)
+        yield _DaskWorkers(_DaskExecutor(client), count, name=f"{len(threads)} Dask workers", client=client)
     finally:
-        client.close(timeout=CLOSE_S)
+        with suppress(Exception):  # the scheduler may have ended, or not answer
+            client.close(timeout=CLOSE_S)
 
 
 def _connected(connect: Any, address: str) -> Any:
@@ -413,14 +470,11 @@ def _check_dask_versions(client: Any, mixed: bool) -> None:
     Workers that join later are checked when their first batch comes back.
 
     Raises:
-        InputError: a worker is refused. RunError: the scheduler has ended.
+        InputError: a worker is refused. RunError: the scheduler has ended, or a worker does not answer.
     """
     from distributed.comm.core import CommClosedError
 
-    try:
-        replies = client.run(versions, on_error="return")
-    except CommClosedError as error:
-        raise _gone(error) from error
+    replies = _answer(client, IMPORT_S, client.run, versions, on_error="return")
     for worker, reply in replies.items():
         if isinstance(reply, CommClosedError):  # it has died since
             continue
