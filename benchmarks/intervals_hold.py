@@ -1,9 +1,9 @@
-"""How often intervals hold the truth, by simulated studies with known truth: figures of docs/figures/statistics.md.
+"""How often intervals hold the truth, by simulated studies of known truth, as in statistics.md and calibration.md.
 
     python benchmarks/intervals_hold.py runs [--studies 2000]         # mean decision time of few runs
     python benchmarks/intervals_hold.py margin [--studies 600]        # "equivalent" where the difference is the margin
     python benchmarks/intervals_hold.py sessions [--studies 6000]     # energy distance among recorded sessions
-    python benchmarks/intervals_hold.py fit [--studies 30] [--sessions 1]  # estimates of `calibrate fit`
+    python benchmarks/intervals_hold.py fit [--studies 33] [--sessions 1]  # estimates of `calibrate fit`
 
 Laws of runs and differences are drawn in place of simulated swarms; ``fit`` simulates preset calibrated and fits it, in
 one to three seconds of CPU for each session.
@@ -38,11 +38,11 @@ def main() -> None:
     """Print the figures of one part."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parts: dict[str, tuple[Callable[..., None], int]] = {
-        "runs": (of_runs, 2000), "margin": (at_margin, 600), "sessions": (among_sessions, 6000), "fit": (of_fit, 30),
+        "runs": (of_runs, 2000), "margin": (at_margin, 600), "sessions": (among_sessions, 6000), "fit": (of_fit, 33),
     }  # fmt: skip
     parser.add_argument("part", choices=parts)
-    parser.add_argument("--studies", type=int)
-    parser.add_argument("--sessions", type=int, default=1)
+    parser.add_argument("--studies", type=int, help="how many; more than 0")
+    parser.add_argument("--sessions", type=int, default=1, help="of each study of fit")
     options = parser.parse_args()
     function, studies = parts[options.part]
     more = {"sessions": options.sessions} if options.part == "fit" else {}
@@ -109,7 +109,7 @@ def among_sessions(studies: int, random: np.random.Generator) -> None:
                 found.append(mean_interval(pseudo_values(squared.sum(axis=1) / (sessions - 1))))
             above = np.mean([one.low > 2.0 * directions for one in found])
             print(
-                f"{sessions} sessions, {directions} directions: {held(found, 2.0 * directions)}; too large {above:.3f}"
+                f"{sessions} sessions, directions: {directions}; {held(found, 2.0 * directions)}; too large {above:.3f}"
             )
 
 

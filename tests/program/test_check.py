@@ -257,15 +257,15 @@ BAD = {
     ),
     "network: in the past": (
         NETWORK.replace("tick + 1 + n.count % 40", "-5"),
-        "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick -5",
+        "FAIL  nothing is heard before it is sent: 5 robots, none: send lets robot 1 read at tick -5",
     ),
     "network: before it is sent": (
         AT_ONCE,
-        "FAIL  nothing is heard before it is sent: five robots, none: send lets robot 1 read at tick ",
+        "FAIL  nothing is heard before it is sent: 5 robots, none: send lets robot 1 read at tick ",
     ),
     "network: numbers beyond 64 bits": (
         NETWORK.replace("n.count % 40", "(sender + 2**40) * 2**40 % 97"),
-        "FAIL  compiled as in plain Python: five robots, none: compiled and plain Python results differ: ",
+        "FAIL  compiled as in plain Python: 5 robots, none: compiled and plain Python results differ: ",
     ),
     "network: a probability": (
         "from vibroswarm.networks import Network\n\n\n"

@@ -55,9 +55,9 @@ def limits_of(draws: Floats) -> Floats:
 
 
 def limits_of_bootstrap(draws: Floats, groups: int) -> Floats:
-    """Return the 95 % limits of bootstrap draws of few groups, (2,): deviations are made wider (``few_factor``).
+    """Return 95 % limits from bootstrap draws, (2,), widened for few groups by ``few_factor``.
 
-    Limits of what is negative in no draw are not negative.
+    If no draw is negative, limits are cut at 0.
 
     Args:
         draws: (draws,). groups: how many were resampled; limits of one are infinite.

@@ -36,8 +36,8 @@ def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputE
     why = f"there is no {kind} {shown(name)}{nearest(name, known)} (there are {', '.join(known)})"
     if multiprocessing.parent_process() is not None:
         why += (
-            "; a worker process imports the script again, but runs neither a notebook's cells nor what stands under "
-            "'if __name__ == \"__main__\"'; register yours outside of it, or name a file (FILE.py:NAME)"
+            "; worker processes run neither notebook cells nor code under 'if __name__ == \"__main__\"': register it "
+            "elsewhere in the script, or name a file (FILE.py:NAME)"
         )
     return InputError(why, field=field)
 

@@ -25,10 +25,9 @@ A source of motion (an engine, a recording, a camera track) gives these tables:
 * ``failures``, of a source whose runs may fail: the time from which the robots of a failed run stand still, and why.
   Nothing is known of that run after that time; its robots sample no more, and count as undecided.
 
-Times are whole numbers of control periods (ticks), and so are the times of a log once they are rounded. At the ticks,
-bodies never overlap and never leave the arena. A simulator of soft contact states in its ``tolerance``
-how far they may. Motion never depends on the floor, the sensor, the messages or the decisions, unless a strategy
-steers.
+Times are whole control periods (ticks); round those of a log. At the ticks, bodies never overlap and never leave the
+arena. A simulator of soft contact states in its ``tolerance`` how far they may. Motion never depends on the floor, the
+sensor, the messages or the decisions, unless a strategy steers.
 
 ## Your own source
 

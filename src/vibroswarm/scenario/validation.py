@@ -325,7 +325,9 @@ def _check_kinds(s: Sections) -> None:
     answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
     if len(answers) != decisions:
         other = "fill_ratio, or a strategy with answers_kinds, such as dirichlet"
-        fitting = "majority" if strategy.answers_kinds else other
+        fitting = (
+            f"majority, or a sensor of {len(answers)} kinds of tile" if strategy.answers_kinds else other
+        )
         raise InputError(
             f"'{s.task.name}' has {len(answers)} answers, and '{s.strategy.name}' decides among {decisions}; "
             f"choose {fitting}",

@@ -4,7 +4,7 @@ Each function takes the options of a command as keywords, so that Python makes t
 
     scenario_of(preset="text", floor="diagonal:0.46", robots=8, settings=["run.t_end_s=600"])
 
-``warnings_of`` lists probable mistakes in a scenario: what is allowed, and hardly meant.
+``warnings_of`` lists valid settings that are probably mistakes.
 """
 
 from __future__ import annotations
