@@ -77,10 +77,7 @@ def test_the_least_damage_is_part_of_the_told_risk_whatever_is_declared(declared
 
 @pytest.mark.parametrize("least_risk", [0.01, 0.06])
 def test_the_worst_place_is_one_of_many_draws(least_risk: float) -> None:
-    """Blocks are those of the centres that damage can have: only in one of them, 8 cm wide, most is missed, or nearly.
-
-    That one is missed by far elsewhere counts once.
-    """
+    """Only one block of centres, 8 cm wide, has a high risk; a single extreme draw elsewhere must not win."""
     random = np.random.default_rng(1)
     x_m, y_m = random.uniform(0.1, 0.5, (2, 2000))
     risk = np.where((x_m < 0.18) & (y_m > 0.42), least_risk, 1.0)

@@ -245,9 +245,7 @@ def test_claimed_errors_are_those_that_happen(paper: Result) -> None:
 
 
 def test_places_energies_and_priors_tell_more(paper: Result) -> None:
-    began = time.process_time()
     bits = could_be_known(paper)
-    assert (time.process_time() - began) / 200 < 0.03  # measured: 0.002 s a run
     counts = could_be_known(paper, "counts")
     energies, mirror = could_be_known(paper, energies=True), could_be_known(paper, "mirror")
     assert energies.time_s.high < bits.time_s.low
@@ -313,3 +311,10 @@ def test_a_sensor_without_errors_settles_a_tile_at_once() -> None:
     for times in ([], [10.0, 5.0], [1.0, math.nan]):
         with pytest.raises(InputError, match="times_s"):
             could_be_known(perfect, times_s=times)
+
+
+def test_it_is_fast_enough(paper: Result) -> None:
+    began = time.process_time()
+    could_be_known(paper)
+    pooled_counting(paper)
+    assert (time.process_time() - began) / 200 < 0.03  # measured: 0.002 s a run

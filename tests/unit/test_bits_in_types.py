@@ -25,7 +25,7 @@ ALLOWED = {
         strategies/three_valued strategies/totals strategies/valentini""",
     "a strategy, sensor or task whose case of two is the paper's, and of more its own": """strategies/dirichlet
         strategies/dirichlet_soft strategies/kind_belief tasks/agree tasks/share sensors/claims""",
-    "maps of two kinds, which have fewer numbers; place_kinds and kind_map are those of more": """
+    "maps of two kinds, which have fewer numbers; tile_map has that of more kinds too (kind_map)": """
         strategies/place_evidence strategies/place_map strategies/place_samples strategies/place_share
         strategies/place_summaries strategies/place_trust strategies/places
         analysis/map_figures analysis/map_scores documents/cell_figures inspection/tile_map""",

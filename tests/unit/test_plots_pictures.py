@@ -1012,3 +1012,33 @@ def test_a_spectrum_speaks_of_bands_only_where_lines_are() -> None:
     """Groups have no lines in their picture: it spoke of the "intervals of 0 lines"."""
     for lines, words in ((0, "over frequency."), (1, "intervals of 1 line."), (2, "intervals of 2 lines.")):
         assert draw_spectrum(spectra(["still"]), LINES_HZ.head(lines)).caption.endswith(words)
+
+
+DOUBLED: dict[str, Callable[[], object]] = {
+    "forest": lambda: draw_forest(differences(["a", "a"]), better="low"),
+    "outcomes": lambda: draw_outcomes(counts(["none", "none"])),
+    "heat": lambda: draw_heat(pl.concat([grid([1], [1])] * 2), best="low"),
+}
+
+
+@pytest.mark.parametrize("kind", DOUBLED)
+def test_two_rows_of_one_mark_are_refused(kind: str) -> None:
+    with pytest.raises(InputError, match="two rows have"):
+        DOUBLED[kind]()
+
+
+def beyond(frame: pl.DataFrame, high: str) -> pl.DataFrame:
+    """Put the upper limits below what they limit."""
+    return frame.with_columns(pl.lit(-1e9).alias(high))
+
+
+OUTSIDE: dict[str, Callable[[], object]] = {
+    "forest": lambda: draw_forest(beyond(differences(["a", "b"]), "high"), better="low"),
+    "incidence": lambda: draw_incidence(beyond(curves(["soft"]), "right_high"), runs=9),
+}
+
+
+@pytest.mark.parametrize("kind", OUTSIDE)
+def test_limits_that_do_not_hold_their_estimate_are_refused(kind: str) -> None:
+    with pytest.raises(InputError, match="does not lie in"):
+        OUTSIDE[kind]()

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.table_checks import too_wide
 from vibroswarm.show import cells
-from vibroswarm.show.document import Column, Document, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.show.terminal import print_document
 
 WIDTHS = (40, 60, 80, 140, 100_000)
@@ -171,7 +171,8 @@ def test_a_terminal_acts_on_no_text_of_a_file() -> None:
 
 
 def test_sections_of_figures_alone_are_left_out() -> None:
-    assert printed(Section("Pictures", ())) == "It is.\n"
+    drawn = Figure("picture", lambda style: pytest.fail("a terminal draws nothing"))
+    assert printed(Section("Pictures", (drawn, Section("More", (drawn,))))) == "It is.\n"
 
 
 @pytest.mark.parametrize(

@@ -112,9 +112,8 @@ def _code_of(error: BaseException) -> int:
         return 1
     if isinstance(error, OSError):
         return _failed_with(error)
-    if (
-        type(error).__name__ == "PanicException"
-    ):  # of polars, as where the system refuses it a thread or a file
+    # Of polars, as where the system refuses it a thread or a file.
+    if type(error).__name__ == "PanicException":
         return _failed(f"polars failed: {error}; see the traceback with --verbose", 1)
     raise error
 

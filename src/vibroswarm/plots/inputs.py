@@ -31,14 +31,14 @@ def tidy(
         other: required columns of any type, which are not changed.
         optional_numbers: columns of numbers that are added, filled with nulls, if the frame does not have them.
         complete: columns among ``numbers`` that must not have missing values.
-        once: columns in which no two rows may have the same values. bounds: columns of lower limits, estimates and
-            upper limits that must be in this order.
+        once: columns in which no two rows may have the same values.
+        bounds: columns of lower limits, estimates and upper limits that must be in this order.
     Returns:
         The frame with these columns, and with all its other columns unchanged.
     Raises:
         InputError: the frame has no rows or lacks a column; or a column of numbers holds something else, an infinite
-            number, or a missing number although it must be complete; two rows
-            have the same values, or an estimate is outside its interval.
+            number, or a missing number although it must be complete; or two rows have the same values; or an estimate
+            is outside its limits.
     """
     for name in (*numbers, *texts, *other):
         if name not in frame.columns:

@@ -212,7 +212,7 @@ def _has_content(part: Part) -> bool:
 
 @dataclass(frozen=True)
 class Section(NotebookView):
-    """Parts under a heading; those without content are dropped."""
+    """Parts under a heading; empty texts and sections are dropped."""
 
     title: str
     parts: tuple[Part, ...]
@@ -227,7 +227,7 @@ class Section(NotebookView):
     everything."""
 
     def __post_init__(self) -> None:
-        """Drop parts without content."""
+        """Drop empty texts and sections."""
         object.__setattr__(self, "parts", tuple(filter(_has_content, self.parts)))
 
 
@@ -236,7 +236,7 @@ Part = Text | Table | Figure | Photos | Section
 
 @dataclass(frozen=True)
 class Document(NotebookView):
-    """What a result says; empty sentences, and parts without content, are dropped."""
+    """What a result says; empty sentences, texts and sections are dropped."""
 
     title: str
     answer: tuple[str, ...]
@@ -282,10 +282,10 @@ def if_any(found: Sized | None, make: Callable[[Any], Iterable[Part]]) -> tuple[
     return () if found is None or len(found) == 0 else tuple(make(found))
 
 
-Whole = TypeVar("Whole", Document, Section)
+_Whole = TypeVar("_Whole", Document, Section)
 
 
-def without_pictures(whole: Whole) -> Whole:
+def without_pictures(whole: _Whole) -> _Whole:
     """Return a document without its figures and photographs, and without the sections that had nothing else."""
     kept = [part for part in whole.parts if not isinstance(part, Figure | Photos)]
     below = [without_pictures(part) if isinstance(part, Section) else part for part in kept]
