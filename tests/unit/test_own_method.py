@@ -117,10 +117,10 @@ def test_a_worker_process_says_why_it_may_not_know_a_name(monkeypatch: pytest.Mo
         preset("paper").with_values(unknown)
     monkeypatch.setattr(multiprocessing, "parent_process", object)
     with pytest.raises(
-        InputError, match=r"under 'if __name__ == .*; register yours outside of it, or name a file"
+        InputError, match=r"under 'if __name__ == .*: register it elsewhere .*, or name a file"
     ):
         preset("paper").with_values(unknown)
-    with pytest.raises(InputError, match="register yours outside of it"):
+    with pytest.raises(InputError, match="register it elsewhere"):
         method("mine")
 
 
