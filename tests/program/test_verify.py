@@ -175,6 +175,14 @@ def test_fresh_runs_of_a_search_are_simulated_again(search: Path, tmp_path: Path
     found = verify(folder, 10**6)
     assert found.saved == steps + 3
     assert found.runs.filter(~found.runs["same"]).rows() == [(path.stem, 0, False, "fresh")]
+    values = about["made_from"][0]
+    for wrong in (7, ["values"], ["x", 3, 1, 1], [values, "3", 1, 1]):
+        write_described(path.parent, path.stem, "fresh", changed, **{**more, "made_from": wrong})
+        assert path.stem in "".join(verify(folder, 1).damaged), wrong
+    write_described(
+        path.parent, path.stem, "fresh", changed, **{**more, "made_from": [{"walk.none": 1}, 3, 1, 1]}
+    )
+    assert not verify(folder, 10**6).holds
     (folder / "fresh" / f"{path.stem}.parquet").unlink()
     assert "is missing" in verify(folder, 1).damaged[0]
 

@@ -46,6 +46,7 @@ from vibroswarm.core.atomic_io import (
     write_files,
 )
 from vibroswarm.core.folders import (
+    DAMAGED,
     check_definition,
     check_not_older,
     check_places,
@@ -60,7 +61,7 @@ from vibroswarm.core.folders import (
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry
-from vibroswarm.errors import InputError, plain_value, warn_once
+from vibroswarm.errors import InputError, plain_value, shown, warn_once
 from vibroswarm.optimize.evaluate import Piece, Result, RunFigures, Simulations
 from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
@@ -361,19 +362,20 @@ class FreshFolder:
                 if made_from is None:
                     older += 1
                     continue
+                if not isinstance(made_from, list) or list(map(type, made_from)) != [dict, int, int, int]:
+                    raise InputError(f"{DAMAGED}: made_from is {shown(made_from)}", field=str(path))
                 values, runs, seed, width = made_from
                 done = self._read(path, runs, width)
+                simulations = Simulations(cases, seed, self.search.study.motion)
+                pieces = [simulations.pieces(values, run, run + 1)[0] for run in done.runs.tolist()]
             except InputError as error:
                 damaged.append(str(error))
-                continue
-            simulations = Simulations(cases, seed, self.search.study.motion)
-            for run, figures in zip(done.runs.tolist(), done.rows, strict=True):
-                (piece,) = simulations.pieces(values, run, run + 1)
-                found.append(RecordedRun(FRESH, path.stem, piece, figures))
+            else:
+                found += [RecordedRun(FRESH, path.stem, *one) for one in zip(pieces, done.rows, strict=True)]
         if older:
             warn_once(
-                f"{count(older, 'file')} of fresh runs in {self.folder} do not say what they were made from, as an "
-                "older version wrote them; they are left out"
+                f"{count(older, 'file')} of fresh runs in {self.folder}, of an older version, without what the runs "
+                "were made from: left out"
             )
         return found, damaged
 

@@ -48,6 +48,8 @@ STRATEGY: Final = "strategy.name"
 """The field of which every two values are compared."""
 SIGNIFICANT: Final = 0.05
 """A difference is significant if its corrected p-value is below this."""
+FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
+"""The figures of an answer."""
 MOST_AGAIN: Final = 1000
 """Most runs of the second block, which only has to confirm a difference."""
 MOST_VALUES: Final = 8
@@ -354,10 +356,6 @@ class _Figures(NamedTuple):
 def _key(point: dict[str, Any]) -> str:
     """Return a text that is equal for equal points, whatever the order of their fields."""
     return repr(sorted((k, repr(v)) for k, v in point.items()))
-
-
-FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
-"""The figures of an answer."""
 
 
 @dataclass(frozen=True)
