@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from vibroswarm.inference.agents import world_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED
+from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED, GATE_TOTAL
 from vibroswarm.strategies.distrust import begin, on_message, on_sample, two_sided_tail, weigh
 from vibroswarm.study.fault_tolerance import fault_curve
 from vibroswarm.testing import plain_run
@@ -83,10 +83,18 @@ def test_what_is_left_out(sources: list[tuple[int, float]], threshold: float) ->
     assert (s.alpha, s.beta) == (1 + sum(ones[j] for j in kept), 1 + sum(bits[j] - ones[j] for j in kept))
 
 
-@pytest.mark.parametrize("gate", [GATE_OWN, GATE_RECEIVED])
-def test_bits_of_a_source_left_out_count_neither_for_the_belief_nor_for_the_gate(gate: int) -> None:
-    """Robot 0, whose own sensor is stuck at 1, and robot 1, whose sensor is stuck at 1 too, among three that read 0."""
-    w: Any = world_of(preset("paper").with_values({"decision.min_observations": 150}), 6000)
+@pytest.mark.parametrize(
+    ("gate", "needed", "decision"),
+    [(GATE_OWN, 0, -1), (GATE_RECEIVED, 479, 0), (GATE_TOTAL, 479, 0), (GATE_TOTAL, 480, -1)],
+)
+def test_bits_of_a_source_left_out_count_neither_for_the_belief_nor_for_the_gate(
+    gate: int, needed: int, decision: int
+) -> None:
+    """Robot 0, whose own sensor is stuck at 1, and robot 1, whose sensor is stuck at 1 too, among three that read 0.
+
+    They count 480 bits.
+    """
+    w: Any = world_of(preset("paper").with_values({"decision.min_observations": needed}), 6000)
     w = w._replace(gate=gate, robot=0)
     s: Any = SimpleNamespace(own=0)
     a: Any = SimpleNamespace(ones=np.zeros(5, int), bits=np.zeros(5, int), is_out=np.zeros(5, np.uint8))
@@ -97,7 +105,7 @@ def test_bits_of_a_source_left_out_count_neither_for_the_belief_nor_for_the_gate
             on_message(s, a, SimpleNamespace(bit=int(sender == 1)), sender, 1.0, None, p, w)  # type: ignore[arg-type]
         on_sample(s, a, SimpleNamespace(reading=1), SimpleNamespace(), None, p, w)  # type: ignore[arg-type]
     assert a.is_out.tolist() == [1, 1, 0, 0, 0]
-    assert s.decision == (-1 if gate == GATE_OWN else 0)
+    assert s.decision == decision
     before = (s.alpha, s.beta)
     assert before == (1, 1 + 3 * 160)
     on_message(s, a, SimpleNamespace(bit=1), 1, 2.0, None, p, w)  # type: ignore[arg-type]

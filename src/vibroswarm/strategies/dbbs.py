@@ -11,7 +11,7 @@ Bayesian belief sharing"; rules as in the author's public code.
 | social belief | N_h | - | flat at first; beliefs of a robot j make it N_h^lambda S_jh N_jh^mu, normalised |
 | decay_own, decay_other | lambda, mu | - | 0.8 and 0.4 in the author's script |
 | memory | L | - | readings after which a robot's beliefs may be used again; 10 for 20 robots in the author's script |
-| belief | p | - | share of S_h N_h at hypotheses below the boundary (not in the original) |
+| belief | p | - | share of S_h N_h at hypotheses below the boundary, and half of that at it (not in the original) |
 
 At each reading a robot draws one of the robots that it has heard since its last reading. It updates its social belief
 by the beliefs of that robot, unless it used that robot within the last L readings.

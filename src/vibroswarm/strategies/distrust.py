@@ -99,7 +99,9 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
         # without its prior is the number of these observations; without the own readings, it is the number of bits
         # received.
         own = s.own if a.is_out[w.robot] == 0 else 0
-        if enough(own, s.alpha + s.beta - w.prior_alpha - w.prior_beta - own, w):
+        received = s.alpha + s.beta - w.prior_alpha - w.prior_beta - own
+        # ``enough`` leaves out the current reading, which is not counted if the own sensor is left out.
+        if enough(max(own, 1 - w.gate_counts_current), received, w):
             s.decision = decided(belief_below(s.alpha, s.beta, w), -1, w)
     out.bit = x.reading
     return True
