@@ -10,7 +10,7 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.league.entries import Entry, floors_of
-from vibroswarm.league.fault_curves import FILL, MARGIN, _verdict, borne, fault_curves
+from vibroswarm.league.fault_curves import FILL, MARGIN, _rise, _verdict, borne, fault_curves
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
@@ -68,6 +68,14 @@ def test_a_stuck_sensor_is_not_borne_and_a_radio_that_dies_last_is() -> None:
     assert {row["kind"]: row["borne"] for row in borne(curves).iter_rows(named=True)} == {
         "stuck_at_1": 0, "radio_dead": 1,
     }  # fmt: skip
+
+
+def test_runs_without_a_rise_do_not_say_how_large_rises_are() -> None:
+    """By the one small fall among four runs, no rise above 3 points was thought possible: "tolerated"."""
+    falls, before = np.array([0.2375, 0.3, 0.3, 0.3]), np.full(4, 0.3)
+    assert _rise(falls, before).high == pytest.approx(0.4899, abs=1e-4)  # Wilson's of 0 of 4
+    assert _rise(np.repeat(falls, 19), np.repeat(before, 19)).high < MARGIN
+    assert _rise(before, falls).high == pytest.approx(0.0653, abs=1e-4)  # Student's of three 0 and 0.0625
 
 
 def test_what_is_borne_ends_at_the_first_number_that_is_not() -> None:

@@ -8,7 +8,8 @@ faulty with each larger number, and everything else is the same, so differences 
 |---|---|
 | kind, faulty | the fault (a field of ``[faults]``), and the number of robots that have it |
 | forced_error | mean forced error (``analysis.forced_error``) of the working robots, averaged over floors |
-| rise | its difference from that of the same robots in the same runs without faults |
+| rise | its difference from that of the same robots in the same runs without faults; where no run shows a rise, \
+the upper limit is at least Wilson's of 0 runs |
 | bears | true (tolerated): upper limit of the rise below ``MARGIN``; false: lower limit above; else null, as for an \
 entry that guesses without faults |
 
@@ -26,8 +27,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import columns_of, share_interval, student_test
-from vibroswarm.analysis.paired import difference
+from vibroswarm.analysis.intervals import Interval, columns_of, share_interval, student_test, wilson_limits
+from vibroswarm.analysis.paired import difference, differences
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.entries import Entry, floors_of
@@ -175,10 +176,21 @@ def _row(case: Case, errors: dict[Case, Errors], guess: float) -> dict[str, Any]
     )
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
     row |= columns_of("forced_error", share_interval(of_run))
-    rise = difference(of_run, before, test=student_test, most=1.0).interval if count else (0.0, 0.0, 0.0)
-    row |= columns_of("rise", rise)
+    row |= columns_of("rise", _rise(of_run, before) if count else (0.0, 0.0, 0.0))
     row["bears"] = _verdict(row) if count > 0 and share_interval(before).high < guess else None
     return row
+
+
+def _rise(of_run: NDArray[np.float64], before: NDArray[np.float64]) -> Interval:
+    """Estimate the mean rise of the forced error over runs, (runs,) each.
+
+    Where no run shows a rise, the upper limit is at least that of how often a rise by 1 may occur: falls do not say how
+    large rises are.
+    """
+    rise = difference(of_run, before, test=student_test, most=1.0).interval
+    if (differences(of_run, before) > 0.0).any():
+        return rise
+    return rise._replace(high=max(rise.high, float(wilson_limits(0, rise.n)[1])))
 
 
 def _verdict(row: dict[str, Any]) -> bool | None:
