@@ -130,6 +130,11 @@ def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
     straddles = heights < 0.85 * p.amplitude_m_s2
     assert heights[straddles] == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
     assert straddles.mean() == pytest.approx(math.acos(0.75) / (math.pi / 2), abs=0.1)
+    # Feet of a large robot are five tiles apart, or off the row: of those on it, the farther one was not felt.
+    row = [1] * 12
+    far = MODEL.sensed(samples_at([1.3] * 2000, row, 12), quiet(feet_m=1.0, coupling=0.0).sensor.params)[:, 0]
+    one = MODEL.sensed(samples_at([1.3], row, 12), quiet(coupling=0.0).sensor.params)[0, 0]
+    assert (far[far > 0.0] ** 2).mean() == pytest.approx(one**2, rel=0.2)
 
 
 def test_noise_has_its_standard_deviation_and_no_memory() -> None:

@@ -263,8 +263,9 @@ def shake(
     other = tile_below(x_m - half_m * cosine, y_m - half_m * sine, place)
     gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
     slot = int(time_s / shaking.motor_hold_s)
-    for down in range(-STEPS - 1, STEPS + 2):  # one more than ``STEPS``, as feet may be on two tiles
-        for across in range(-STEPS - 1, STEPS + 2):
+    reach = STEPS + max(1, steps_between(one, other, place))  # to the motors that the other foot feels
+    for down in range(-reach, reach + 1):
+        for across in range(-reach, reach + 1):
             source = source_at(max(one, other), down, across, place)
             if source < 0 or tiles[source] == 0:
                 continue
@@ -292,6 +293,16 @@ def shake(
         # The address of a sample's noise is one number; readings follow from it by a cheaper generator.
         word = np.uint64(uniform(seed, run, robot, VIBRATION, sample, 3) * 2.0**52)
         add_noise(out, gain * shaking.noise_m_s2, word)  # type: ignore[arg-type]
+
+
+@inner
+def steps_between(one: int, other: int, place: Place) -> int:
+    """Return how many rows or columns two tiles are apart, the larger of both; 0 if one is -1 (none)."""
+    if one < 0 or other < 0:
+        return 0
+    down = one // place.columns - other // place.columns
+    across = one % place.columns - other % place.columns
+    return max(abs(down), abs(across))
 
 
 @inner
