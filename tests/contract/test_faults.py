@@ -263,6 +263,9 @@ def test_a_robot_that_stops_goes_on_hearing_and_one_with_an_empty_battery_does_n
         assert (received[0] > before + 20) == hears
         assert received[1] > 40
         assert result.ends["stop_start_s"].is_null()[0] == hears
+        if not hears:  # since its battery is empty, or since the stop that it then completed
+            last = samples.row(-1, named=True)
+            assert result.ends["stop_start_s"][0] == (last["stop_start_s"] if last["time_s"] > 20.0 else 20.0)
 
 
 def test_robots_that_are_steered_may_stop_too() -> None:

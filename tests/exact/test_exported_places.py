@@ -265,6 +265,7 @@ def test_a_robot_with_too_much_work_stands_and_does_all_of_it() -> None:
         turns = robot.walk.mode in (TURN, AVOID)
         assert not module.step(robot, robot.walk.error_deg if turns else 0.0, 20.0)
     walk, start_s, ends = robot.walk, robot.move_start_s, robot.jobs
+    assert ends <= len(robot.queue)
     for _ in range(5):
         assert not module.step(robot, 0.25, 20.0)
         assert (module.left_percent(robot), module.right_percent(robot)) == (0.0, 0.0)

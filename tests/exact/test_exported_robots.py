@@ -26,7 +26,10 @@ from helpers.exported_robots import (
     run_program,
 )
 from vibroswarm import preset, simulate
+from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import NEEDS_DOUBLE
+from vibroswarm.export.plain_program import plain_program
+from vibroswarm.robot.walk import AVOID, STOP, TURN
 from vibroswarm.strategies import names
 
 SEED, TICKS = 4, 25_000
@@ -84,6 +87,61 @@ def test_the_plain_program_does_what_the_simulation_did(inspection: Any, swarms:
         np.testing.assert_array_equal(found[:, 6], expected["message"])
         np.testing.assert_allclose(found[:, 4], expected["belief_below"], rtol=0, atol=1e-12)
         assert robot.decided_s == inspection.robots["decision_time_s"][i]
+
+
+def started(**values: float) -> tuple[Any, Any]:
+    """The plain program of a robot that decides by its first sample, and that robot."""
+    first = {"min_observations": 0, "gate": "own", "gate_counts_current": True, "credible_threshold": 0.6}
+    decides = {f"decision.{name}": value for name, value in first.items()}
+    module = plain_program(parts_of(BASE.with_values(decides | values)))
+    robot = module.Robot()
+    module.start(robot, SEED, 0, 0)
+    return module, robot
+
+
+def period(module: Any, robot: Any, ray_mm: float) -> bool:
+    """Do a control period of a robot that turns as far as it wants to; return whether it samples."""
+    gyro_deg = robot.walk.error_deg if robot.walk.mode in (TURN, AVOID) else 0.0
+    return bool(module.step(robot, gyro_deg, ray_mm))
+
+
+def test_a_robot_reads_when_it_has_settled_and_decides_at_the_time_of_its_sample() -> None:
+    module, robot = started()
+    while robot.walk.mode != STOP or robot.walk.sampled:
+        period(module, robot, 5000.0)
+    module.accelerate(robot, 9.0, 0.0, 9.81)
+    assert robot.sense.taken == 0  # it still swings
+    while robot.walk.stopped_ms < 500:
+        period(module, robot, 5000.0)
+    for _ in range(200):
+        module.accelerate(robot, 0.0, 0.0, 9.81)
+    assert robot.sense.taken == 175  # half a second, at 350 Hz
+    while not period(module, robot, 5000.0):
+        pass
+    sampled_s = module.time_s(robot)
+    module.sample(robot, 1)
+    period(module, robot, 5000.0)  # before there is time for work
+    module.work(robot)
+    assert (robot.decision, robot.decided_s) == (1, sampled_s)
+
+
+def test_messages_that_find_a_full_inbox_are_lost_and_those_in_it_are_not() -> None:
+    module, robot = started()
+    kept = [module.receive(robot, 1, number, module.Message()) for number in range(len(robot.inbox) + 1)]
+    assert kept == [True] * len(robot.inbox) + [False]
+    assert (robot.waiting, robot.dropped, robot.inbox_number[0]) == (len(robot.inbox), 1, 0)
+
+
+def test_after_an_avoidance_a_robot_heeds_no_ray_for_so_long() -> None:
+    endless = {"walk.leg_min_ms": 1e8, "walk.leg_max_ms": 1e8, "sample.sample_interval_ms": 1e6}
+    module, robot = started(**endless, **{"walk.blind_after_turn_ms": 310.0})
+    driven_ms = []
+    for _ in range(200):
+        before = robot.walk.avoidances
+        period(module, robot, 20.0)
+        if robot.walk.avoidances > before:
+            driven_ms.append(robot.walk.driven_ms)
+    assert set(np.diff(driven_ms)) == {320}  # periods of 20 ms
 
 
 @needs_gcc

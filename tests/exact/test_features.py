@@ -112,6 +112,7 @@ def test_moments_are_scipys() -> None:
     assert crossings_hz(state, RATE_HZ) == pytest.approx(crossings)
     sine = moments_of(np.sin(2 * np.pi * 35.0 * np.arange(1000) / RATE_HZ + 0.1))
     assert kurtosis(sine) == pytest.approx(1.5, rel=1e-6)
+    assert crossings_hz(moments_of(np.array([0.0, 1.0, 0.0, 1.0])), RATE_HZ) == 0.0  # 0 counts as positive
     assert abs(crossings_hz(sine, RATE_HZ) - 35.0) < 0.5 * RATE_HZ / 999  # at most one change of sign
 
 

@@ -71,6 +71,18 @@ def test_as_many_patches_as_are_called_at_most_are_a_lower_limit(found: Inspecti
     assert damage_answer(assessment)[0].startswith(f"DAMAGE: {len(assessment.scan.called_m)} patches")
 
 
+def test_a_surface_is_clear_by_the_risk_at_the_end(found: Inspection) -> None:
+    """Damage that was believed to be absent for some time may be suspected later."""
+    assert found.assessment is not None
+    told = found.assessment.stopping.told
+    verdicts = []
+    for last in (0.01, 0.5):
+        stopping = replace(found.assessment.stopping, told=np.append(np.full(told.size - 1, 0.01), last))
+        intact = replace(found.assessment.scan, p_value=0.5)
+        verdicts.append(replace(found.assessment, scan=intact, stopping=stopping).verdict)
+    assert verdicts == ["clear", "open"]
+
+
 def test_a_check_that_could_not_be_made_is_told_with_its_reason(found: Inspection) -> None:
     """It read "only 240 samples", where one robot took nearly all of them."""
     assert found.assessment is not None

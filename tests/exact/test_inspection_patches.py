@@ -131,6 +131,13 @@ def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
         assert found[j] == pytest.approx(np.log1p(q[:, None] * np.expm1(ratios)).sum(axis=0), abs=2e-4)
 
 
+def test_evidence_of_many_samples_on_a_patch_is_added_up() -> None:
+    """The product of their factors is beyond what numbers can hold."""
+    samples = drawn_samples(1, count=400, spread_m=0.0)
+    found = log_likelihoods(shares_of(samples, declared(samples.size_m, [0.6])), np.full((400, 1), 5.0))
+    assert found == pytest.approx(np.full(found.shape, 2000.0))
+
+
 def test_the_raster_is_the_sum_over_patches_that_may_cover_a_cell() -> None:
     """Each patch lies anywhere within three quarters of a step of its place, but within the surface."""
     samples = drawn_samples(2, count=60, spread_m=0.02)
@@ -151,6 +158,8 @@ def test_the_raster_is_the_sum_over_patches_that_may_cover_a_cell() -> None:
             covered *= ((places_m <= axis_m) & (axis_m < places_m + side_m)).mean(axis=0)
         assert cells[row, column] == pytest.approx(covered.sum(), abs=1e-4)
     assert told_risk(patches.weights @ np.exp(logs), 0.3) == pytest.approx(posterior.sum())
+    unseen = raster(patches, np.zeros_like(logs), 0.3, 12, samples.size_m)
+    assert unseen == pytest.approx(unseen[::-1, ::-1])  # all four walls are alike
 
 
 def test_shares_of_patches_are_their_areas() -> None:
@@ -298,6 +307,12 @@ def test_false_calls_of_repeated_looks_are_those_of_their_own_threshold() -> Non
     assert 0 < reached.argmax() < 7
     assert reached[-1]
     assert (found.looks, found.called_s) == (8, times_s[reached.argmax()])
+    # Of damage that is repaired, patches are called by the samples of the look at which it was most evident.
+    still = values_at(LAW, np.random.default_rng(6).random(240), False)
+    value = np.where(samples.column("time_s") < 120.0, value, still)
+    repaired = samples.with_columns(value=value, log_ratio=ratios_at(LAW, value))
+    at_looks, at_end = (scan(repaired, patches, shares, replicates=99, looks=looks) for looks in (8, 1))
+    assert (len(at_looks.called_m), len(at_end.called_m)) == (1, 0)
 
 
 def test_a_place_without_samples_is_not_called() -> None:
@@ -316,6 +331,7 @@ def test_a_place_without_samples_is_not_called() -> None:
         drawn = samples.with_columns(value=value, log_ratio=ratios_at(LAW, value))
         found = scan(drawn, patches, shares, replicates=199)
         assert len(found.called_m) == number
+        assert (found.raster.max() > 0.9) == bool(number)  # what is called stays on the raster
         over_time, _ = rasters(drawn, patches, shares, critical, 0.5, np.array([20.0, 900.0]))
         assert over_time[1] == pytest.approx(found.raster)
     early = log_likelihoods(shares, drawn_until(drawn, 20.0)[:, None])[:, 0]

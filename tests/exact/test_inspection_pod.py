@@ -128,6 +128,9 @@ def test_damage_that_is_found_from_one_size_on_has_a_limit_all_the_same() -> Non
     below, above = SIDES_M[SIDES_M < 0.12][-1], SIDES_M[SIDES_M > 0.12][0]
     assert below < fit.a50_m < fit.a90_m < fit.a90_95_m
     assert fit.a90_m < above
+    # All of all sizes: that of the smallest. There was no limit, as a curve that falls is as likely there.
+    every = fit_pod(np.repeat(SIDES_M, 60), np.ones(60 * SIDES_M.size), 0, 2000)
+    assert every.a90_m == every.a90_95_m == SIDES_M[0]
 
 
 def test_a_size_that_is_never_found_does_not_exist() -> None:

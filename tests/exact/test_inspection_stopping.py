@@ -23,7 +23,7 @@ from vibroswarm.inspection.laws import law_of_measured
 from vibroswarm.inspection.patches import declared, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import looks_of
-from vibroswarm.inspection.stopping import LOOKS, Question, _in_worst_block, rule_of, stopping
+from vibroswarm.inspection.stopping import LOOKS, Question, _heard, _in_worst_block, rule_of, stopping
 from vibroswarm.scenario.scenario import preset
 
 SIDES_M = (0.1, 0.2)
@@ -175,7 +175,10 @@ def test_a_robot_that_knows_too_little_lets_no_swarm_clear() -> None:
     samples = replace(drawn_samples(7, count=120, spread_m=0.0), law=LAW)
     robot = np.maximum(np.arange(120) % 3, np.arange(120) > 0).astype(np.int64)
     question = Question(least_m=0.4, contrasts=(0.5,), risk=0.2, loss=1.0)
-    found = stopping(samples.with_columns(robot=robot), declared(samples.size_m, [0.4]), question, drawn=200)
+    samples, patches = samples.with_columns(robot=robot), declared(samples.size_m, [0.4])
+    for one, heard in enumerate(_heard(rule_of(samples, patches, question), np.random.default_rng(1), 2)):
+        assert (heard == (robot == one)[:, None]).all()  # its own are never lost
+    found = stopping(samples, patches, question, drawn=200)
     assert found.robots_s is None
     assert found.missed_by_robots is not None
     assert found.missed_by_robots.estimate == 0.0 < found.missed.low

@@ -15,7 +15,7 @@ from vibroswarm.localisation.locate import program_of, speed_law
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.geometry import arc, wall_distance
 from vibroswarm.robot import localisation as robot
-from vibroswarm.robot.pose_correction import correct, gain, learn_beyond, meet, wall_rays, widen
+from vibroswarm.robot.pose_correction import correct, gain, inside, learn_beyond, meet, wall_rays, widen
 from vibroswarm.robot.pose_mixture import (
     BIAS,
     HEADING,
@@ -193,6 +193,20 @@ def test_a_bound_far_beyond_what_is_believed_still_moves_the_mean_past_it(cut: f
     assert f.means[0, X] - 0.5 == pytest.approx(truncnorm(cut, np.inf, scale=0.2).mean(), rel=4e-3)
 
 
+@pytest.mark.parametrize("axis", [X, Y])
+@pytest.mark.parametrize("is_far", [False, True])
+def test_a_robot_is_on_the_inner_side_of_each_wall(axis: int, is_far: bool) -> None:
+    """A place 1 cm from touching a wall, known to 5 cm, is cut off at the wall."""
+    of = program(start_spread_m=0.05)
+    at_m, spread_m = of.radius_m + 0.01, math.hypot(0.05, of.seen_noise_m)
+    place = {"xy"[axis]: 1.0 - at_m if is_far else at_m}
+    f = begun(of, **place)
+    assert inside(f, 0, of) == pytest.approx(0.5 * math.erfc(-0.01 / spread_m / 2**0.5))
+    moved_m = (0.05 / spread_m) ** 2 * (truncnorm(-0.01 / spread_m, np.inf, scale=spread_m).mean())
+    expected_m = at_m + moved_m
+    assert f.means[0, axis] == pytest.approx(1.0 - expected_m if is_far else expected_m)
+
+
 @pytest.mark.parametrize("redrawn", [False, True])
 def test_a_component_that_may_be_lost_is_widened_but_for_a_speed_that_is_redrawn(redrawn: bool) -> None:
     """By 10 cm, 10 degrees and 0.3 times the spreads at the start, as variances."""
@@ -238,7 +252,12 @@ def test_components_are_redrawn_by_weight() -> None:
     of, weights = program(), np.array([0.55, 0.26, 0.0, 0.1, 0.05, 0.04, 0.0, 0.0])
     f = begun(of, components=8)
     f.means[:, X], f.weights[:] = np.arange(8), 3.0 * weights
+    of_component = (f.covariances, f.past, f.past_variances, f.past_covariances)
+    for numbers in of_component:
+        numbers[:] = np.arange(8).reshape(-1, *[1] * (numbers.ndim - 1))
     resample(f)
+    for numbers in of_component:  # all of it is copied
+        assert (numbers.reshape(8, -1) == f.means[:, [X]]).all()
     copies = np.bincount(f.means[:, X].astype(int), minlength=8)
     assert copies.sum() == 8
     assert (abs(copies - 8 * weights) < 1.0).all()
@@ -271,11 +290,45 @@ def test_a_wall_places_a_robot_and_a_robot_does_not() -> None:
     for each in meet(f, 0, of, 0.05, of.robots_per_m, 0.0):
         assert each == pytest.approx(of.robots_per_m, rel=1e-3)
     assert f.means[0, :2].tolist() == [0.5, 0.5]
+    # A ray that begins in a wall, 1 cm before it by what is believed: the place is cut off. A robot has the weight 0.3.
+    f = begun(of, x=0.99 - of.ray_forward_m, y=0.5, heading=0.0)
+    total, of_robot = meet(f, 0, of, 0.0, of.robots_per_m, 0.0)
+    assert (total, of_robot) == pytest.approx((0.3 + 0.5 * math.erfc(0.01 / spread / 2**0.5), 0.3), abs=0.002)
+    within_m = truncnorm(-np.inf, -0.01 / spread, loc=0.01, scale=spread).mean()
+    assert f.means[0, X] == pytest.approx(1.0 - of.ray_forward_m - within_m, abs=0.002)
     assert program_of(Scenario().with_values({"swarm.robots": 1})).robots_per_m == 0.0
     # Two robots of 8 and 3 cm whose centres pass within 11 cm of each other meet, on 1 m2; a factor of 6 is assumed.
     ahead = {"swarm.robots": 2, "robot.body_radius_m": 0.08, "rays.disc_radius_m": 0.03}
     straight = Scenario().with_values(ahead | {"rays.angle_deg": [0.0], "rays.side_m": [0.0]})
     assert program_of(straight).robots_per_m == pytest.approx(6.0 * 2.0 * 0.11 * 4.0 / math.pi)
+
+
+def test_estimates_are_moments_of_the_mixture_and_speeds_change_at_samples() -> None:
+    """Stated spreads are 1.4 times as wide where 0.1 more than usual of each obstacle is unexpected."""
+    of, f, random = program(speed_wander=0.1), empty_mixture(3, LAG), np.random.default_rng(1)
+    begin(f, of, 12345, 0.5, 0.5, 0.3)
+    f.weights[:] = weights = np.array([0.5, 0.3, 0.2])
+    f.monitor[UNEXPECTED] = 0.6 * f.monitor[OBSTACLES]
+    f.numbers[SAMPLES] = LAG  # the first sample that has one ``LAG`` ago
+    for drawn in (f.means, f.past, f.past_variances, f.past_covariances):
+        drawn[:] = random.random(drawn.shape)
+    means, covariances = f.means.copy(), f.covariances.copy()
+    lagged_m, variances_m2 = f.past[:, 0].copy(), f.past_variances[:, 0].copy()
+    estimate = np.zeros(9)
+    robot.sampled(f, of, estimate)
+    place_m, lagged_place_m = weights @ means[:, :2], weights @ lagged_m
+    east, north = weights @ np.cos(means[:, HEADING]), weights @ np.sin(means[:, HEADING])
+    spread_m2 = weights @ (0.5 * ((means[:, :2] - place_m) ** 2).sum(axis=1)) + of.start_spread_m**2
+    lagged_spread_m2 = weights @ (variances_m2 + (lagged_m - lagged_place_m) ** 2)
+    assert estimate[:3] == pytest.approx([*place_m, math.atan2(north, east)])
+    assert estimate[3] == pytest.approx(1.4 * math.sqrt(spread_m2))
+    assert estimate[4:] == pytest.approx([0.0, *lagged_place_m, *(1.4 * np.sqrt(lagged_spread_m2))])
+    grown = f.covariances[:, SPEED, SPEED] - covariances[:, SPEED, SPEED]
+    assert grown == pytest.approx((0.1 * means[:, SPEED]) ** 2)
+    assert (f.past_covariances[..., SPEED] != 0.0).any()
+    robot.sampled(f, of._replace(speed_redrawn=True), estimate)
+    assert (f.past_covariances[..., SPEED] == 0.0).all()
+    assert (f.means[:, SPEED] == of.speed_factor).all()
 
 
 def test_the_monitor_counts_what_was_not_expected() -> None:

@@ -102,6 +102,7 @@ def test_arrays_are_reported_at_the_end_and_results_keep_reports(tmp_path: Path)
     assert result.reports is not None
     counts = result.reports.filter(pl.col("name") == "counts")
     assert counts.height == 2 * 5 * 2
+    assert counts["sample"].gather_every(2).to_list() == (result.robots["samples"] - 1).to_list()
     heard = result.robots["samples"] + result.robots["messages_received"] + 2  # and the prior
     totals = counts.group_by("run", "robot", maintain_order=True).agg(pl.col("value").sum())["value"]
     assert totals.cast(pl.Int64).to_list() == heard.to_list()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -46,6 +47,10 @@ NUMBERS: tuple[str, ...] = ("one", "two")
 class Pair(NamedTuple):
     first: float
     second: int
+
+
+class Lines(NamedTuple):
+    seen_hz: Any
 
 
 ROW = Struct("vs_Row", None, (("count", INT), ("mean", REAL), ("values", CArray("vs_stored", (3,)))), True)
@@ -249,6 +254,33 @@ def before_a_slash(x: float, /) -> float:
     return x
 
 
+def pair_of(x: float) -> Pair:
+    return Pair(x, 1)
+
+
+def first_of(pair: Pair) -> float:
+    return pair.first
+
+
+def a_row_after_and(x: float) -> float:
+    return 1.0 if x > 0.0 and first_of(pair_of(x)) > 1.0 else 0.0
+
+
+def a_row_in_a_choice(x: float) -> float:
+    return first_of(pair_of(x)) if x > 0.0 else 0.0
+
+
+def a_row_in_the_condition_of_a_loop(x: float) -> float:
+    while first_of(pair_of(x)) > 1.0:
+        x -= 1.0
+    return x
+
+
+def a_fraction_as_count(row: Any) -> float:
+    row.count = row.mean
+    return float(row.mean)
+
+
 A_LIST, AN_ARRAY = [1.0], np.zeros(3)
 
 
@@ -297,6 +329,15 @@ def from_an_array(k: int) -> float:
         (with_a_default, REAL, 0, "arguments with defaults or stars, in with_a_default"),
         (with_a_keyword, REAL, 0, "arguments with defaults or stars, in with_a_keyword"),
         (before_a_slash, REAL, 0, "arguments before a slash, in before_a_slash"),
+        (a_row_after_and, REAL, 1, "a row that a function returns, after 'and' or 'or'"),
+        (a_row_in_a_choice, REAL, 1, "a row that a function returns, in a choice"),
+        (
+            a_row_in_the_condition_of_a_loop,
+            REAL,
+            1,
+            "a row that a function returns, in the condition of a loop",
+        ),
+        (a_fraction_as_count, ROW, 1, "'row.count', a whole number, is given a fraction"),
         (from_a_list, INT, 1, "the name 'A_LIST'"),
         (from_an_array, INT, 1, "the name 'AN_ARRAY'"),
     ],
@@ -356,6 +397,18 @@ def powers(x: float, y: float) -> tuple[float, float, float, float]:
     return x**4, (x - y) ** 3, (1.0 + x * x) ** -7, x ** math.floor(y / 1e5)
 
 
+def angles(x: float, y: float) -> tuple[float, float]:
+    return math.degrees(x), math.radians(y)
+
+
+def large_and_once(a: int, b: int) -> tuple[float, float]:
+    left, rounds = b % 100, 0
+    for _ in range(left):  # computed before the loop changes it
+        left -= 1
+        rounds += 1
+    return min(a, 3_000_000_000) / 1, rounds / 1
+
+
 def generated_names(a: int, b: int) -> tuple[float, float]:
     held_1, k_1, vs_mod_i, int64_t = b, 0, a, 2
     for j in (1, 5):
@@ -374,7 +427,7 @@ def swapped_pairs(x: float, y: float) -> tuple[float, float]:
 FUNCTIONS = (
     (integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (swapped_pairs, REAL, 2), (choices, INT, 2),
     (products, INT, 4), (beyond_32_bits, INT, 5), (chosen_products, INT, 3), (signs_of_zero, REAL, 3),
-    (generated_names, INT, 2),
+    (generated_names, INT, 2), (angles, REAL, 2), (large_and_once, INT, 2),
 )  # fmt: skip
 
 
@@ -416,7 +469,7 @@ SMALL = st.integers(-1000, 1000)
 REALS = st.floats(-1e6, 1e6)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(SMALL, SMALL.filter(bool), REALS, REALS.filter(bool))
 def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, x: float, y: float) -> None:
     for function, kind, count in FUNCTIONS:
@@ -435,7 +488,7 @@ def test_products_do_not_overflow(compiled: Any) -> None:
 def test_whole_powers_are_those_of_the_simulation(compiled: Any) -> None:
     """Numba multiplies; pow of the C library, which Python calls, differs from it in the last bit."""
     of_numba, rng = njit(powers), np.random.default_rng(1)
-    for x, y in rng.uniform(-1e6, 1e6, (300, 2)):
+    for x, y in rng.uniform(-1e6, 1e6, (100, 2)):
         assert compiled(powers, REAL, 4, x, y) == list(of_numba(x, y))
     assert any(powers(x, 0.0) != of_numba(x, 0.0) for x in rng.random(100))
 
@@ -504,6 +557,26 @@ def counted(row: Any, at: Any, x: float) -> Any:
     if at.count < x:  # a whole number and another
         tally.count = (at.count + 1) * 2
     return at.count, (x + at.count) / 2.0
+
+
+def without(x: float) -> float:
+    return 1.0
+
+
+def given_a_change(row: Any) -> float:
+    return without(add_one(row))
+
+
+def test_an_argument_that_changes_a_row_is_computed_though_it_is_not_used() -> None:
+    text = program().function(given_a_change, [ROW]).text
+    assert re.search(r"\(void\)vs_test_export_translator_add_one\(row\);", text)
+
+
+def test_constants_keep_their_precision_where_memory_is_shorter() -> None:
+    """With ``VS_PRECISION`` 2 a robot's arrays are in float."""
+    for mutable, element in ((False, REAL), (True, "vs_stored")):
+        kind = struct_of_class("vs_Lines", Lines, mutable=mutable, like=Lines(np.zeros(2)))
+        assert kind.type_of("seen_hz") == CArray(element, (2,))
 
 
 def test_only_what_is_changed_takes_no_constant_and_conversions_are_written() -> None:

@@ -258,6 +258,8 @@ def fit_pod(
         curve = _CURVES[name]
         trials = _Trials(sizes, hits, number, p_f, curve, curve.g(sizes))
         fits += [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
+    # Where nearly all damage is found, a fitted curve may fall with size; larger damage is not found less often.
+    fits = [fit for fit in fits if fit.b1 > 0.0] or fits
     best = min(fits, key=lambda fit: fit.aic)
     # Beyond the sizes that were tried the curve says nothing.
     a50, a90 = (size if size <= sizes[-1] else float("nan") for size in map(best.size_at, (0.5, 0.9)))
