@@ -241,6 +241,8 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
             "share of each",
         ),
         ({"floor.source": "random:0.4,0.36,0.26"}, "floor.source", "sum to 1.02"),
+        ({"floor.source": "random:0,48"}, "floor.source", "or one fill ratio, random:0.48"),
+        ({"floor.source": "random:-0.5,1.5"}, "floor.source", "-0.5 is not a share"),
         ({"strategy.name": "soft"}, "strategy.name", "reads 0 or 1"),
         ({"task.name": "fill_ratio"}, "task.name", "decides among 3"),
         ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),

@@ -546,9 +546,10 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="UTF-8") as caught:
         Scenario.read(binary)
     assert caught.value.field == str(binary)
-    binary.write_text("[walk\n", encoding="utf-8")
-    with pytest.raises(InputError, match="is not TOML"):
-        Scenario.read(binary)
+    for text, said in (("[walk\n", "is not TOML"), ("preset = paper\n", "text is written in quotes$")):
+        binary.write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=said):
+            Scenario.read(binary)
 
 
 # Junk: whatever it is, it is an InputError or a scenario.
@@ -743,6 +744,24 @@ def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
         InputError, match=r"^swarm: is a section; name one of its fields, such as swarm\.robots$"
     ):
         Scenario()["swarm"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "end"),
+    [
+        ("decision.credible_threshold", "95%", "; write 0.95"),
+        ("decision.credible_threshold", "0,95", "; write 0.95"),
+        ("run.t_end_s", "20 min", "; write the number alone, in the unit of the field's name"),
+        ("swarm.robots", "five", "should be a valid integer"),
+        ("network.loss.p", "0.1", "there is no such field (known: share)"),
+    ],
+)
+def test_what_people_write_for_a_number_is_told_as_the_field_takes_it(
+    field: str, value: str, end: str
+) -> None:
+    with pytest.raises(InputError, match=rf"{re.escape(end)}$") as error:
+        Scenario().with_values({field: value})
+    assert error.value.field == field
 
 
 @pytest.mark.parametrize("strategy", ["none", "soft"])

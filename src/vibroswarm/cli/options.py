@@ -136,8 +136,8 @@ class ScenarioBase:
     settings: Annotated[
         Sequence[str],
         Option(
-            "set any field of the scenario, such as walk.walk_duration_scale_ms=9000 (FIELD= leaves it out); may be "
-            "repeated",
+            "set any field of the scenario, such as walk.walk_duration_scale_ms=9000 (FIELD= leaves it out); wins over "
+            "other options; may be repeated",
             "FIELD=VALUE",
             name="--set",
         ),

@@ -411,17 +411,18 @@ def random_shares(spec: str) -> tuple[float, ...]:
         ) from None
     if len(shares) == 1:
         return (1.0 - shares[0], shares[0])
-    for share in shares:
-        check_fill_ratio(share)
     if len(shares) > KIND_LIMIT:
         raise InputError(
             f"'{text}' are {len(shares)} shares; there are at most {KIND_LIMIT} kinds", field=_FIELD
         )
     if abs(sum(shares) - 1.0) > SUM_TO_1:
         raise InputError(
-            f"the shares of '{spec}' sum to {sum(shares):.6g}; give a share of each kind from 0 on, 1 in all",
+            f"the shares of '{spec}' sum to {sum(shares):.6g}; give a share of each kind from 0 on, 1 in all, or one "
+            f"fill ratio, {RANDOM}:0.48",
             field=_FIELD,
         )
+    for share in shares:
+        check_fill_ratio(share)
     return shares
 
 

@@ -57,8 +57,27 @@ def field_error(
             else ""
         )
         message = f"give a list{example}"
+    if first["type"] in ("float_type", "int_type") and isinstance(value, str):
+        hint = _number_in(value)
     # An error about the scenario as a whole names no field.
     return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")
+
+
+def _field_of(params: type[BaseModel], name: str) -> str:
+    """Return text that suggests the parameter with the most similar name, or lists all."""
+    fields = params.model_fields
+    return nearest(name, fields) or (f" (known: {', '.join(fields)})" if fields else "")
+
+
+def _number_in(text: str) -> str:
+    """Return what to write instead of a number such as 95%, 0,95 or 20min; "" of other text."""
+    written = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?) ?(%|[a-zA-Z]*)", text)
+    if written is None:
+        return ""
+    number, unit = float(written[1].replace(",", ".")), written[2]
+    if unit == "%":
+        return f"; write {number / 100:.9g}"
+    return "; write the number alone, in the unit of the field's name" if unit else f"; write {number:.9g}"
 
 
 @lru_cache(maxsize=256)
@@ -202,8 +221,7 @@ class Choice(FrozenModel):
         try:
             return params.model_validate(dict(table))
         except ValidationError as error:
-            suggest = partial(nearest, known=params.model_fields)
-            raise field_error(error, suggest, prefix=f"{section}.") from None
+            raise field_error(error, partial(_field_of, params), prefix=f"{section}.") from None
 
     @classmethod
     def _own_fields(cls) -> list[str]:
