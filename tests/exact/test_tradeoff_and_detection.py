@@ -255,6 +255,10 @@ def test_the_document_of_a_trade_off_draws_times_and_leaves_out_what_decides_ali
     document = tradeoff_document(Tradeoff(twice, SHORT, 5))
     assert "1 further setting with the same figures left out." in document.tables["front"].caption
     assert set(document.figures["front"].drawn.numbers["time"]) == set(curve["decision_time_s"])
+    alike = pl.concat([curve.filter("pareto").head(1)] * 2)
+    assert (
+        tradeoff_document(Tradeoff(alike, SHORT, 5)).answer[0].startswith("All 2 settings decide alike: p_c ")
+    )
 
 
 def test_wrong_wishes_of_detection() -> None:

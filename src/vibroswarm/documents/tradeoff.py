@@ -64,6 +64,8 @@ def _answer(front: pl.DataFrame, settings: int) -> tuple[str, ...]:
         return ("No decision is right in these runs, so no setting has a share of wrong decisions.",)
     fastest, surest = rows[0], rows[-1]  # on the front, slower settings are wrong less often
     ends: tuple[str, ...] = (f"Fastest: {_words(fastest)}.", f"Least often wrong: {_words(surest)}.")
+    if len(rows) == 1 and front.height == settings > 1:
+        return (f"All {settings} settings decide alike: {_words(fastest)}.",)
     if len(rows) == 1:
         ends = (f"Fastest and least often wrong: {_words(fastest)}.",)
     if front.height == 1:
