@@ -3,16 +3,21 @@
     python benchmarks/intervals_hold.py runs [--studies 2000]         # mean decision time of few runs
     python benchmarks/intervals_hold.py margin [--studies 600]        # "equivalent" where the difference is the margin
     python benchmarks/intervals_hold.py sessions [--studies 6000]     # energy distance among recorded sessions
-    python benchmarks/intervals_hold.py fit [--studies 33] [--sessions 1]  # estimates of `calibrate fit`
+    python benchmarks/intervals_hold.py fit [--studies 33] [--sessions 1]  # camera and laws of `calibrate fit`
+    python benchmarks/intervals_hold.py rays [--studies 60] [--sessions 3] # its rays and turns
+    python benchmarks/intervals_hold.py slow [--studies 60] [--sessions 1] # its slow share of veers
+    python benchmarks/intervals_hold.py match [--studies 300]         # its variation between sessions
 
-Laws of runs and differences are drawn in place of simulated swarms; ``fit`` simulates preset calibrated and fits it, in
-one to three seconds of CPU for each session.
+Laws of runs, differences and speeds are drawn in place of simulated swarms; ``fit``, ``rays`` and ``slow`` simulate
+presets and fit them, in .3 to three seconds of CPU for each session.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,8 +26,18 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, pseudo_values
 from vibroswarm.analysis.paired import difference, equivalent
 from vibroswarm.calibrate.camera import Camera, seen_through
 from vibroswarm.calibrate.dataset import dataset_of
-from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
+from vibroswarm.calibrate.few_groups import drawn_variances, evenly_drawn, limits_of, limits_of_bootstrap
 from vibroswarm.calibrate.fit_camera import fit_camera
+from vibroswarm.calibrate.fit_drive import (
+    BEND,
+    ERROR,
+    MEAN,
+    START,
+    _matched,
+    _speed_between_sessions,
+    fit_drive,
+)
+from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
@@ -39,13 +54,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parts: dict[str, tuple[Callable[..., None], int]] = {
         "runs": (of_runs, 2000), "margin": (at_margin, 600), "sessions": (among_sessions, 6000), "fit": (of_fit, 33),
+        "rays": (of_rays, 60), "slow": (of_slow_share, 60), "match": (of_matched, 300),
     }  # fmt: skip
     parser.add_argument("part", choices=parts)
     parser.add_argument("--studies", type=int, help="how many; more than 0")
-    parser.add_argument("--sessions", type=int, default=1, help="of each study of fit")
+    parser.add_argument("--sessions", type=int, help="of each study of fit, rays and slow")
     options = parser.parse_args()
     function, studies = parts[options.part]
-    more = {"sessions": options.sessions} if options.part == "fit" else {}
+    more = {"sessions": options.sessions} if options.sessions else {}
     function(options.studies or studies, np.random.default_rng(5), **more)
 
 
@@ -113,7 +129,7 @@ def among_sessions(studies: int, random: np.random.Generator) -> None:
             )
 
 
-def of_fit(studies: int, random: np.random.Generator, sessions: int) -> None:
+def of_fit(studies: int, random: np.random.Generator, sessions: int = 1) -> None:
     """Camera and laws of energy, fitted to simulated sessions of five robots each."""
     base = preset("calibrated")
     truth = {f"sensor.{name}": getattr(base.sensor, name) for name in (*FIELDS, *SPREADS)}
@@ -137,6 +153,100 @@ def of_fit(studies: int, random: np.random.Generator, sessions: int) -> None:
         print(
             f"{name}: {truth[name]:.4f}, fitted {mean:.4f}; plain draws hold {plain:.2f}, wider {wider:.2f}"
         )
+
+
+def of_rays(studies: int, random: np.random.Generator, sessions: int = 3) -> None:
+    """Angles and starts of rays, and largest turns, of five robots whose starts differ by 10 mm."""
+    base, between_m = preset("paper"), 0.01
+    rows: dict[str, list[tuple[bool, float]]] = {}
+    for _ in range(studies):
+        starts_m = np.clip(random.normal(0.035, between_m, base.swarm.robots), 0.0, None).round(4)
+        angle_deg, turn_deg = random.uniform((30.0, 100.0), (60.0, 170.0)).round(2).tolist()
+        robots = base.with_values(
+            {
+                "rays.forward_each_m": starts_m.tolist(),
+                "rays.angle_deg": [0.0, angle_deg, -angle_deg],
+                "walk.turn_max_deg": turn_deg,
+            }
+        )
+        result = simulate(robots, runs=sessions, seed=int(random.integers(2**31)), segments=True)
+        found = fit_rays(dataset_of([result]), base)
+        truth = {
+            "ray_deg": angle_deg,
+            "forward_m": float(starts_m.mean()),
+            "forward_between_m": between_m,
+            "turn_max_deg": turn_deg,
+        }
+        for name, true in truth.items():
+            low, high = limits_of(found.draws[name])
+            rows.setdefault(name, []).append((bool(low <= true <= high), found.values[name] - true))
+    for name, row in rows.items():
+        hold, error = np.mean(row, axis=0)
+        print(f"{name}: hold {hold:.2f}, mean error {error:.4f}")
+
+
+def of_slow_share(studies: int, random: np.random.Generator, sessions: int = 1) -> None:
+    """Slow shares of the variance of five robots' veers, at the spread of preset calibrated."""
+    spread = 0.01  # of turns, as a misalignment
+    for slow in (0.0, 0.3, 0.6):
+        robots = preset("calibrated").with_values(
+            {
+                "robot.speed_wander": None,  # distances that vary are turns that vary
+                "robot.misalignment_wander": spread * math.sqrt(2.0 * (1.0 - slow)),
+                "robot.misalignment_drift": spread * math.sqrt(slow) or None,
+            }
+        )
+        groups, rows = sessions * robots.swarm.robots, []
+        for _ in range(studies):
+            result = simulate(robots, runs=sessions, seed=int(random.integers(2**31)), segments=True)
+            found = fit_drive(dataset_of([result]), robots, draws=60)
+            draws = found.draws["slow_share"]
+            limits = limits_of(draws), limits_of_bootstrap(draws, groups)
+            rows.append((found.values["slow_share"], *(bool(low <= slow <= high) for low, high in limits)))
+        mean, plain, wider = np.mean(rows, axis=0)
+        print(f"slow share {slow}: fitted {mean:.3f}; plain draws hold {plain:.2f}, wider {wider:.2f}")
+
+
+def of_matched(studies: int, random: np.random.Generator) -> None:
+    """Variation of speeds between sessions: robots matched, robots known, and by the means of sessions alone."""
+    speed_m_s, error_m_s, bend_of_session_per_m = 0.06, 0.0009, 0.2
+    laws = ((5, 3, 8.7, 1.4), (5, 3, 4.0, 0.7), (5, 3, 2.0, 0.5), (5, 3, 1.0, 0.3), (5, 8, 1.0, 0.3),
+            (20, 3, 8.7, 1.4), (20, 3, 2.0, 0.5))  # fmt: skip
+    for (robots, sessions, apart_mm_s, bend_apart_per_m), truth in product(laws, (0.02, 0.0)):
+        rows = []
+        for _ in range(studies):
+            table = np.full((sessions, robots, ERROR + 1), np.nan)
+            body_m_s = random.normal(speed_m_s, apart_mm_s / 1000.0, robots)
+            starts = body_m_s * random.normal(1.0, truth, (sessions, robots))
+            table[:, :, START] = starts + random.normal(0.0, error_m_s, starts.shape)
+            bends = random.normal(0.0, bend_apart_per_m, robots)
+            table[:, :, BEND] = bends + random.normal(0.0, bend_of_session_per_m, starts.shape)
+            table[:, :, MEAN], table[:, :, ERROR] = table[:, :, START], error_m_s
+            matched = _matched(table.reshape(-1, ERROR + 1), np.repeat(np.arange(sessions), robots))
+            if matched is None:
+                continue
+            found = [_speed_between_sessions(own, 199) for own in (matched, table)]
+            total = robots * table[:, :, START].mean(axis=1).var(ddof=1) / speed_m_s**2
+            noise = (error_m_s / speed_m_s) ** 2
+            drawn = drawn_variances(total, sessions - 1, evenly_drawn(199, 1, "means")) - noise
+            found.append((math.sqrt(max(total - noise, 0.0)), np.sqrt(np.maximum(drawn, 0.0))))
+            limits = [limits_of(draws) for _, draws in found]
+            rows.append(
+                [
+                    (value, low <= truth <= high, high)
+                    for (value, _), (low, high) in zip(found, limits, strict=True)
+                ]
+            )
+        values, hold, high = np.moveaxis(np.array(rows, dtype=np.float64), 2, 0)
+        print(
+            f"{robots} robots, {sessions} sessions, {apart_mm_s} mm/s apart, {100 * truth:.0f} %; {len(rows)} studies"
+        )
+        for k, name in enumerate(("matched", "known", "means")):
+            mean, off = np.sqrt(np.mean(values[:, k] ** 2)), np.sqrt(np.mean((values[:, k] - truth) ** 2))
+            print(
+                f"    {name}: rms {100 * mean:.2f} %, off by {100 * off:.2f} points, "
+                f"limits hold {hold[:, k].mean():.2f}, upper {100 * np.median(high[:, k]):.1f} %"
+            )
 
 
 if __name__ == "__main__":

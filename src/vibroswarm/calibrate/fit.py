@@ -236,7 +236,7 @@ def _of_drive(work: _Work) -> _Part:
     fields.setdefault("robot.speed_factors", None)
     if "robot.misalignment_min" in fields:
         fields.setdefault("robot.misalignments", None)
-    return _Part(fields, _estimates("", found.values, found.draws))
+    return _Part(fields, _estimates("", found.values, found.draws, ("slow_share",), work.robots))
 
 
 def _of_sensor(work: _Work) -> _Part | None:
@@ -411,7 +411,7 @@ FITS: Final = (
     Source(
         "rays", ("rays.angle_deg", "rays.forward_m", "rays.forward_each_m", "walk.turn_max_deg"),
         "with a turn away from a wall, or at the end of a leg",
-        "bootstrap of the approaches of each robot, and of turns", _of_rays,
+        "bootstrap of the approaches of each robot, and of turns; of the spread of robots, chi-square", _of_rays,
     ),
     Source(
         "stop", ("sample.stop_ms",), "without avoidance or turn", "none: whole control periods", _of_stop

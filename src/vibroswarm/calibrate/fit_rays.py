@@ -12,13 +12,15 @@ the lateral offset (to the left positive) of ray k, and F how far ahead of the r
 found on a grid; the ratios between the rays' angles are those of the base scenario. Cones instead of rays explain the
 study's recordings no better (docs/figures/calibration.md).
 
-Turns at the end of a leg are uniform up to a largest angle A. Those beyond a_0 (``wall_approach.LEAST_TURN``) have the
-mean (a_0 + A) / 2, so A is estimated by 2 mean - a_0. Standard errors come from bootstraps: of the approaches of each
-robot for the rays, and of all turns for A.
+Turns at the end of a leg are uniform up to a largest angle A, of which robots leave out the tolerance T
+(``walk.turn_tolerance_deg``). Those beyond a_0 (``wall_approach.LEAST_TURN``) have the mean (a_0 + A - T) / 2, so A is
+estimated by 2 mean - a_0 + T. Standard errors come from bootstraps: of the approaches of each robot for the rays, and
+of all turns for A. Limits of how far robots differ hold for other robots too: chi-square of so many robots.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,6 +28,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.calibrate.few_groups import drawn_variances, evenly_drawn
 from vibroswarm.calibrate.wall_approach import LEAST_TURN
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.rng import Purpose, uniforms
@@ -40,7 +43,10 @@ ALONE_M: Final = 0.2
 MOST_M: Final = 0.2
 """A robot farther from the wall did not turn because of it."""
 GRID_DEG: Final = np.arange(5.0, 76.0, 1.0)
-"""Outermost angles that are tried."""
+"""Outermost angles that are tried first."""
+NEAR_DEG: Final = np.arange(-1.0, 1.05, 0.1)
+"""Differences of those that are tried next from the best one. Whole degrees alone are off by more than the limits are
+apart."""
 CLIP_M: Final = 0.03
 """Errors are clipped to this: a turn at a distance with a larger error had another cause than the wall."""
 DRAWS: Final = 60
@@ -57,7 +63,7 @@ class RaysFit:
     """Estimates by name: ray_deg (outermost angle), forward_m (mean F), forward_between_m (standard deviation of F
     between robots), turn_max_deg. Names that the paths do not determine are missing."""
     draws: dict[str, Floats]
-    """Bootstrap draws by the same names, (draws,) each."""
+    """Draws by the same names, (draws,) each."""
     forward_m: tuple[float, ...]
     """F of each robot, by its number; empty if undetermined."""
 
@@ -84,10 +90,10 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     Args:
         found: sessions, with positions corrected for the camera.
         base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
-        draws: number of bootstrap resamples.
+        draws: number of draws.
     """
     values: dict[str, float] = {}
-    bootstrap: dict[str, Floats] = {}
+    drawn: dict[str, Floats] = {}
     forward: tuple[float, ...] = ()
     approaches = found.approaches.filter(
         (pl.col("nearest_robot_m") > ALONE_M)
@@ -112,35 +118,39 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
         forward_draws_m = np.array([fit[1] for fit in fits]).reshape(draws, robots)
         forward = tuple(float(of_robot_m) for of_robot_m in forward_m)
         values |= {"ray_deg": ray_deg, "forward_m": float(forward_m.mean())}
-        bootstrap |= {
+        drawn |= {
             "ray_deg": np.array([fit[0] for fit in fits]),
             "forward_m": forward_draws_m.mean(axis=1),
         }
         if robots > 1:
-            values["forward_between_m"] = float(forward_m.std(ddof=1))
-            bootstrap["forward_between_m"] = forward_draws_m.std(axis=1, ddof=1)
+            variance = float(forward_m.var(ddof=1))
+            u = evenly_drawn(draws, _SEED, "forward_between_m")
+            values["forward_between_m"] = math.sqrt(variance)
+            drawn["forward_between_m"] = np.sqrt(drawn_variances(variance, robots - 1, u))
     turned = np.abs(found.turns["turned_rad"].to_numpy())
     if turned.size >= LEAST_TURNS:
-        values["turn_max_deg"] = _largest_turn_deg(turned)
+        tolerance_deg = base.walk.turn_tolerance_deg
+        values["turn_max_deg"] = _largest_turn_deg(turned, tolerance_deg)
         # Another robot number than in ``_resampled`` gives independent random numbers.
         # A uniform number times the number of turns, rounded down, is the index of a drawn turn.
         u = uniforms(_SEED, run=0, robot=1, purpose=Purpose.BOOTSTRAP, count=draws * turned.size)
-        bootstrap["turn_max_deg"] = np.array(
+        drawn["turn_max_deg"] = np.array(
             [
-                _largest_turn_deg(turned[(of_draw * turned.size).astype(int)])
+                _largest_turn_deg(turned[(of_draw * turned.size).astype(int)], tolerance_deg)
                 for of_draw in u.reshape(draws, turned.size)
             ]
         )
-    return RaysFit(values, bootstrap, forward)
+    return RaysFit(values, drawn, forward)
 
 
-def _largest_turn_deg(turned: Floats) -> float:
+def _largest_turn_deg(turned: Floats, tolerance_deg: float) -> float:
     """Return the largest turn at the end of a leg, deg, from the observed turns without sign, rad.
 
-    The estimate 2 mean - a_0 is clipped: to 180 degrees at most, and to twice ``LEAST_TURN`` (a_0) at least, because
-    with a smaller largest turn fewer than half of the turns would exceed a_0 and be observed.
+    The estimate 2 mean - a_0 + T is clipped: to 180 degrees at most, and to twice ``LEAST_TURN`` (a_0) at least,
+    because with a smaller largest turn fewer than half of the turns would exceed a_0 and be observed.
     """
-    return float(np.degrees(np.clip(2 * turned.mean() - LEAST_TURN, 2 * LEAST_TURN, np.pi)))
+    largest = 2 * turned.mean() - LEAST_TURN + np.radians(tolerance_deg)
+    return float(np.degrees(np.clip(largest, 2 * LEAST_TURN, np.pi)))
 
 
 def _resampled(robot: Ints, draw: int) -> Ints:
@@ -160,15 +170,22 @@ def _resampled(robot: Ints, draw: int) -> Ints:
 
 
 def _fit(distance: Floats, incidence: Floats, robot: Ints, base: Scenario) -> tuple[float, Floats]:
-    """Return the outermost angle of smallest error on the grid, deg, and F of each robot at this angle, m, (robots,).
+    """Return the outermost angle of smallest error, deg, and F of each robot at this angle, m, (robots,).
 
     Args:
         distance, incidence, robot: distance (m), incidence (rad) and robot's number of each approach, (approaches,).
             Each robot from 0 to the largest number has an approach, which ``fit_rays`` has checked.
         base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
     """
-    errors = [_fit_forward(distance, incidence, robot, base, ray_deg)[1] for ray_deg in GRID_DEG.tolist()]
-    best_deg = float(GRID_DEG[int(np.argmin(errors))])
+
+    def best_of(angles_deg: Floats) -> float:
+        errors = [
+            _fit_forward(distance, incidence, robot, base, angle_deg)[1] for angle_deg in angles_deg.tolist()
+        ]
+        return float(angles_deg[int(np.argmin(errors))])
+
+    near_deg = np.clip(best_of(GRID_DEG) + NEAR_DEG, GRID_DEG[0], GRID_DEG[-1])
+    best_deg = best_of(near_deg)
     return best_deg, _fit_forward(distance, incidence, robot, base, best_deg)[0]
 
 
