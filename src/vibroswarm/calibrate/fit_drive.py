@@ -22,7 +22,8 @@ therefore matched to the robots of the first session by speed and veer, minimisi
 units of ``APART``.
 
 Robots that are alike are matched to whichever looks most alike, so that their variation between sessions comes out too
-small (docs/figures/calibration.md): by 1 % for five robots 8.7 mm/s apart, by 15 % for five 2 mm/s apart.
+small (docs/figures/calibration.md): by 9 % for five robots 2 mm/s apart, by half for twenty. The means of sessions need
+no match, but an estimate from these few numbers is further off.
 
 Variation of speed within a robot is taken as independent between samples, but not for the error of v_0: real speeds also
 change slowly. It is the error of a line of which the deviations of ``drive.BLOCKS`` parts of a session are independent, not
@@ -30,7 +31,8 @@ those of its drives.
 
 Errors: of the mean and spread of robots, and of variation within them, Student's t and chi-square of so many robots
 (``few_groups``), which count once in each session if they cannot be matched; of the variation of v_0 between sessions,
-chi-square of robots in sessions; of the slow share, bootstrap over robots in sessions.
+chi-square of robots in sessions; of the slow share, bootstrap over robots in sessions, which is widened for few of them
+(``few_groups.limits_of_bootstrap``).
 """  # noqa: E501
 
 from __future__ import annotations
