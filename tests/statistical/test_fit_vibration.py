@@ -43,10 +43,13 @@ def test_known_parameters_are_found() -> None:
 def test_spreads_between_motors_and_robots_are_found() -> None:
     found = sessions(4, motor_spread=0.25, gain_spread=0.2)
     simulator, rows = _Simulator(found, BASE), np.arange(found.samples.height)
-    spreads = np.sqrt(simulator.missing(np.log([TRUE[name] for name in SEARCHED]), rows))
+    theta = np.log([TRUE[name] for name in SEARCHED])
+    spreads = simulator.spreads(theta, rows)
     # Standard deviations of 48 motors and 20 robots have errors of 10 and 17 % by themselves.
     assert spreads[0] == pytest.approx(0.25, rel=3 * 0.10)
     assert spreads[1] == pytest.approx(0.2, rel=3 * 0.17)
+    # Of the variance of motors two thirds are seen in energies: without that their spread was a fifth too small.
+    assert simulator.without_spreads(theta, rows)[1] == pytest.approx([0.67, 1.0], abs=0.1)
 
 
 def test_errors_are_those_of_other_motors_and_robots(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,11 @@ for which motors hold their amplitude and the distance between a robot's feet.
 |---|---|---|
 | features | F | quantiles of the energies on each kind of tile; means over distance to edges, and by neighbours that vibrate |
 | misfit | - | sqrt(mean of (F_simulated / F_recorded - 1)^2): a relative RMS over ``features`` |
-| spread of tiles | s_t | s_t^2 = V(recorded) - V(simulated without); V: variance between tiles of mean log energies |
+| spread of tiles | s_t | s_t^2 = (V(recorded) - V(simulated without)) / r; V: variance between tiles of mean log energies |
+| response | r | (V(simulated with s_t = ``TRIAL``) - V(simulated without)) / ``TRIAL``^2 |
 | spread of robots | s_r | as s_t, of robots |
+
+Motors show less in energies (r about .7) than they differ, because noise and neighbours add to all; robots all (r near 1).
 
 Features hardly tell scatter that lasts from scatter in time. So the spreads follow from the means of tiles and robots
 (``vibration_facts``), and a search finds the other four fields, ``SEARCHED``, with these spreads; this is done twice
@@ -70,6 +73,10 @@ REPEATS: Final = tuple(range(1, 21))
 """Seeds of the simulated samples by which a fit is judged."""
 DRAWS: Final = 40
 """Bootstrap resamples."""
+TRIAL: Final = 0.2
+"""Spreads of the simulations that show how far motors and robots that differ move the energies."""
+LEAST_RESPONSE: Final = 0.1
+"""Smaller responses count as this: energies then hardly depend on motors, and say nothing of how they differ."""
 _SEED: Final = 37
 _STEP: Final = 0.02
 """Relative step of the derivatives of features by parameters."""
@@ -221,8 +228,7 @@ class _Simulator:
         """Return the parameters (``_fields``) with the smallest misfit at ``rows``."""
         theta, spreads = start, np.zeros(len(SPREADS))
         for evaluations in EVALUATIONS:
-            # nan if there is one robot in a session, or one tile: no spread can be told.
-            spreads = np.sqrt(np.maximum(np.nan_to_num(self.missing(theta, rows)), 0.0))
+            spreads = self.spreads(theta, rows)
             theta = self.search(rows, theta, spreads, evaluations)
         return theta, spreads
 
@@ -251,11 +257,23 @@ class _Simulator:
         own = (self.samples, energy, rows)
         return np.array([tile_spread(*own) ** 2, robot_spread(*own) ** 2])
 
-    def missing(self, theta: Floats, rows: Ints) -> Floats:
-        """Return the recorded ``variances`` minus those simulated without spreads."""
-        without = _fields(theta, np.zeros(len(SPREADS)))
-        simulated = [self.variances(energy, rows) for energy in self.energies(without, rows, REPEATS)]
-        return np.asarray(self.variances(self.energy, rows) - np.mean(simulated, axis=0))
+    def spreads(self, theta: Floats, rows: Ints) -> Floats:
+        """Return the fields of ``SPREADS``; 0 with one robot in a session, or one tile, which cannot differ."""
+        without, response = self.without_spreads(theta, rows)
+        missing = self.variances(self.energy, rows) - without
+        return np.sqrt(np.maximum(np.nan_to_num(missing / response), 0.0))
+
+    def simulated_variances(self, theta: Floats, spread: float, rows: Ints) -> Floats:
+        """Return the mean ``variances`` at ``rows``, simulated with parameters and one spread of motors and robots."""
+        fields = _fields(theta, np.full(len(SPREADS), spread))
+        energies = self.energies(fields, rows, REPEATS)
+        return np.asarray(np.mean([self.variances(energy, rows) for energy in energies], axis=0))
+
+    def without_spreads(self, theta: Floats, rows: Ints) -> tuple[Floats, Floats]:
+        """Return the ``variances`` simulated without spreads, and the response r to spreads."""
+        without = self.simulated_variances(theta, 0.0, rows)
+        response = (self.simulated_variances(theta, TRIAL, rows) - without) / TRIAL**2
+        return without, np.maximum(response, LEAST_RESPONSE)
 
 
 LIMITS: Final = ((0.05, 500.0), (1e-3, 5.0), (1e-3, 50.0), (0.01, 1.5))
@@ -377,14 +395,15 @@ def _draws(simulator: _Simulator, best: Floats, spreads: Floats, draws: int) -> 
     )
     thetas = best + _shifts(slopes, (scattered - recorded) / recorded)
     found = dict(zip(SEARCHED, np.exp(thetas).T, strict=True))
-    total, missing = simulator.variances(simulator.energy, rows), simulator.missing(best, rows)
+    total = simulator.variances(simulator.energy, rows)
+    without, response = simulator.without_spreads(best, rows)
     motors = (tile[samples.far & on], ground)  # and the sets of groups within which they differ
     robots = (samples.robot[samples.far], samples.session)
     for k, (groups, sets) in enumerate((motors, robots)):
         u = evenly_drawn(draws, _SEED, SPREADS[k])
         freedom = max(np.unique(groups).size - np.unique(sets).size, 1)
-        between = drawn_variances(total[k], freedom, u) - (total[k] - missing[k])
-        found[SPREADS[k]] = np.sqrt(np.maximum(between, 0.0))
+        between = drawn_variances(total[k], freedom, u) - without[k]
+        found[SPREADS[k]] = np.sqrt(np.maximum(between / response[k], 0.0))
     return found
 
 

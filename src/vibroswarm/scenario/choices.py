@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.registry import unknown
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.networks import known as known_networks
@@ -76,8 +77,10 @@ def _number_in(text: str) -> str:
         return ""
     number, unit = float(written[1].replace(",", ".")), written[2]
     if unit == "%":
-        return f"; write {number / 100:.9g}"
-    return "; write the number alone, in the unit of the field's name" if unit else f"; write {number:.9g}"
+        return f"; write {stated(number / 100)}"
+    return (
+        "; write the number alone, in the unit of the field's name" if unit else f"; write {stated(number)}"
+    )
 
 
 @lru_cache(maxsize=256)
