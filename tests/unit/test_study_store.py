@@ -23,6 +23,7 @@ from vibroswarm import tasks
 from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
+from vibroswarm.documents.study_folder import study_state
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.source import MotionState, Source, forget, register, source
 from vibroswarm.simulation import versions
@@ -642,5 +643,7 @@ def test_a_damaged_batch_of_the_second_block_is_reported_and_recomputed(
     whole = second_block(result).runs()
     shard = next((copy / SECOND / SHARDS).glob("*.parquet"))
     shard.write_bytes(shard.read_bytes()[:-7])
+    (damaged,) = study_state(Store.open(copy))["damaged"]
+    assert shard.name in damaged
     assert second_block(result).runs().equals(whole)
     assert f"damaged, will be recomputed: {shard.stem}.json: " in caplog.text

@@ -28,7 +28,7 @@ def study_state(store: Store) -> dict[str, Any]:
     ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
     depends on a precision (``until``).
     """
-    study, plan = store.study, plan_of(store.study)
+    study, plan, repetition = store.study, plan_of(store.study), _repetition_of(store)
     # one row for each cell, with the numbers of its runs that are wanted and of those that are there
     cells = StudyResult(study, store, selected=tuple(cell.number for cell in study.cells)).cells
     size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
@@ -47,11 +47,17 @@ def study_state(store: Store) -> dict[str, Any]:
         "shards": len(store.shards),
         "bytes": size,
         "keeps": ["robots and runs", *study.keep],
-        "damaged": store.damaged,
+        "damaged": [*store.damaged, *(() if repetition is None else repetition.store.damaged)],
         "failed_batches": store.failures,
         "left_over_files": store.left_over,
         "made_by": store.made_by,
     }
+
+
+def _repetition_of(store: Store) -> StudyResult | None:
+    """Return the repetition of a study on other seeds, if its folder holds one."""
+    second = store.folder / SECOND
+    return StudyResult.open(second) if has_manifest(second) else None
 
 
 def state_document(about: dict[str, Any], needed: str = "") -> Document:
@@ -82,7 +88,7 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
             f"Varied: {', '.join(about['varied']) or 'nothing'}.",
         ),
         warnings=tuple(_warnings(about, needed)),
-        parts=(*map(Text, made_by), Text(resume if done < wanted else "", "code")),
+        parts=(*map(Text, made_by), Text(resume if done < wanted or about["damaged"] else "", "code")),
     )
 
 
@@ -116,11 +122,9 @@ def results_of(store: Store) -> Document | None:
     result = StudyResult(store.study, store, selected=every_cell)
     if not result.cells["there"].sum():
         return None
-    second = store.folder / SECOND
-    repetition = StudyResult.open(second) if has_manifest(second) else None
     # The table is there if strategies were compared at equal error when the study was run.
     equal_error = (store.folder / "equal_error.csv").is_file()
-    return study_document(outcome_of(result, repetition, equal_error=equal_error))
+    return study_document(outcome_of(result, _repetition_of(store), equal_error=equal_error))
 
 
 def results_or_need(store: Store) -> tuple[Document | None, str]:
