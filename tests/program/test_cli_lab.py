@@ -104,6 +104,9 @@ def test_a_log_of_messages_without_posteriors_is_read_again(tmp_path, capsys):
         more = ["--format", "csv", "--out", str(tmp_path / "tables")] if "export" in command else []
         assert main([*command, str(tmp_path / "mine"), *more]) == 0, command
     capsys.readouterr()
+    table = tmp_path / "mine" / "inference.parquet"
+    table.write_bytes(table.read_bytes()[:-9])
+    assert "inference.parquet: is cut off" in refusal_of(capsys, "show", tmp_path / "mine")
 
 
 def test_replay(kept, capsys):

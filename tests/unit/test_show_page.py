@@ -194,7 +194,9 @@ def test_columns_without_a_value_are_texts_or_numbers_as_before() -> None:
         ('"title"', '"titles"'),
         ('"time": [', '"times": ['),
         ('"right": [', '"right": 3, "x": ['),
+        ('"right": [0.5', f'"right": [{10**40}'),
         ('"names": 2', '"names": 9'),
+        ('"right": {', '"right": {"decimals": -1, '),
         ('"parts": [', '"parts": [[], '),
     ],
 )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.core.folders import check_written, kind_of
+from vibroswarm.core.folders import check_files, check_written, kind_of, read_manifest
 from vibroswarm.core.tables import MAX_BYTES, read_frame
 from vibroswarm.core.untrusted_files import check_plain, parsed_toml, read_bytes, read_text
 from vibroswarm.documents.saved import PRINTED, Shown, read_printed
@@ -204,6 +204,8 @@ def _of_kind(folder: Path, kind: str | None, printed: Shown | None) -> Shown:
             saved = Shown(() if results is None else (results,))
         about |= {"results_need": needed} if needed else {}
         return saved._replace(documents=(state_document(about, needed), *saved.documents), state=about)
+    if printed is not None and kind == "recording":
+        check_files(read_manifest(folder), folder)
     return printed or Shown((_result_document(folder, kind),))
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar
 
 import polars as pl
-from pydantic import PlainSerializer, PlainValidator
+from pydantic import Field, PlainSerializer, PlainValidator
 
 from vibroswarm.core.notebook_view import NotebookView
 
@@ -26,7 +26,7 @@ def _frame_of(values: Any) -> pl.DataFrame:
         raise ValueError("is not a table: the values of columns by name")
     try:
         return pl.DataFrame({name: _series_of(column) for name, column in values.items()})
-    except (pl.exceptions.PolarsError, TypeError) as error:
+    except (pl.exceptions.PolarsError, TypeError, OverflowError) as error:
         raise ValueError(f"is not a table: {error}") from None
 
 
@@ -77,7 +77,7 @@ class Column(NotebookView):
     """Whether a share from 0 to 1 is written in percent (with the unit "points": a difference of shares)."""
     p_value: bool = False
     """Whether numbers are p-values."""
-    decimals: int | None = None
+    decimals: Annotated[int, Field(ge=0, le=20)] | None = None
     """Decimals of all numbers; by default one of shares, otherwise as many as suit all numbers of the column. 0: none,
     unless all are small (``core.numbers.few_decimals_of``)."""
     mixed: bool = False
