@@ -39,6 +39,7 @@ from vibroswarm.calibrate.fit_drive import (
 )
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
+from vibroswarm.core.arrays import Floats
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -61,6 +62,8 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, help="of each study of fit, rays and slow")
     options = parser.parse_args()
     function, studies = parts[options.part]
+    if options.sessions and options.part not in ("fit", "rays", "slow"):
+        parser.error(f"--sessions is not for {options.part}")
     more = {"sessions": options.sessions} if options.sessions else {}
     function(options.studies or studies, np.random.default_rng(5), **more)
 
@@ -207,46 +210,65 @@ def of_slow_share(studies: int, random: np.random.Generator, sessions: int = 1) 
         print(f"slow share {slow}: fitted {mean:.3f}; plain draws hold {plain:.2f}, wider {wider:.2f}")
 
 
+SPEED_M_S, ERROR_M_S, BEND_OF_SESSION_PER_M = 0.06, 0.0009, 0.2
+"""Mean speed of robots, the error of a speed, and how far a bend varies between sessions."""
+OF_MATCHES = ((5, 3, 8.7, 1.4), (5, 3, 4.0, 0.7), (5, 3, 2.0, 0.5), (5, 3, 1.0, 0.3), (5, 8, 1.0, 0.3),
+              (20, 3, 8.7, 1.4), (20, 3, 2.0, 0.5))  # fmt: skip
+"""Robots, sessions, and how far robots differ in speed, mm/s, and in bend, rad/m."""
+
+
 def of_matched(studies: int, random: np.random.Generator) -> None:
     """Variation of speeds between sessions: robots matched, robots known, and by the means of sessions alone."""
-    speed_m_s, error_m_s, bend_of_session_per_m = 0.06, 0.0009, 0.2
-    laws = ((5, 3, 8.7, 1.4), (5, 3, 4.0, 0.7), (5, 3, 2.0, 0.5), (5, 3, 1.0, 0.3), (5, 8, 1.0, 0.3),
-            (20, 3, 8.7, 1.4), (20, 3, 2.0, 0.5))  # fmt: skip
-    for (robots, sessions, apart_mm_s, bend_apart_per_m), truth in product(laws, (0.02, 0.0)):
+    for (robots, sessions, apart_mm_s, bend_apart_per_m), truth in product(OF_MATCHES, (0.02, 0.0)):
         rows = []
         for _ in range(studies):
-            table = np.full((sessions, robots, ERROR + 1), np.nan)
-            body_m_s = random.normal(speed_m_s, apart_mm_s / 1000.0, robots)
-            starts = body_m_s * random.normal(1.0, truth, (sessions, robots))
-            table[:, :, START] = starts + random.normal(0.0, error_m_s, starts.shape)
-            bends = random.normal(0.0, bend_apart_per_m, robots)
-            table[:, :, BEND] = bends + random.normal(0.0, bend_of_session_per_m, starts.shape)
-            table[:, :, MEAN], table[:, :, ERROR] = table[:, :, START], error_m_s
-            matched = _matched(table.reshape(-1, ERROR + 1), np.repeat(np.arange(sessions), robots))
+            known = _lines_of(robots, sessions, apart_mm_s, bend_apart_per_m, truth, random)
+            matched = _matched(known.reshape(-1, ERROR + 1), np.repeat(np.arange(sessions), robots))
             if matched is None:
                 continue
-            found = [_speed_between_sessions(own, 199) for own in (matched, table)]
-            total = robots * table[:, :, START].mean(axis=1).var(ddof=1) / speed_m_s**2
-            noise = (error_m_s / speed_m_s) ** 2
-            drawn = drawn_variances(total, sessions - 1, evenly_drawn(199, 1, "means")) - noise
-            found.append((math.sqrt(max(total - noise, 0.0)), np.sqrt(np.maximum(drawn, 0.0))))
+            found = [_speed_between_sessions(own, 199) for own in (matched, known)]
+            found.append(_by_means_of_sessions(known))
             limits = [limits_of(draws) for _, draws in found]
-            rows.append(
-                [
-                    (value, low <= truth <= high, high)
-                    for (value, _), (low, high) in zip(found, limits, strict=True)
-                ]
-            )
-        values, hold, high = np.moveaxis(np.array(rows, dtype=np.float64), 2, 0)
+            rows.append([(value, *limit) for (value, _), limit in zip(found, limits, strict=True)])
+        values, low, high = np.moveaxis(np.array(rows), 2, 0)
+        rms, off = (100 * np.sqrt(np.mean(each**2, axis=0)) for each in (values, values - truth))
+        hold = ((low <= truth) & (truth <= high)).mean(axis=0)
         print(
             f"{robots} robots, {sessions} sessions, {apart_mm_s} mm/s apart, {100 * truth:.0f} %; {len(rows)} studies"
         )
         for k, name in enumerate(("matched", "known", "means")):
-            mean, off = np.sqrt(np.mean(values[:, k] ** 2)), np.sqrt(np.mean((values[:, k] - truth) ** 2))
             print(
-                f"    {name}: rms {100 * mean:.2f} %, off by {100 * off:.2f} points, "
-                f"limits hold {hold[:, k].mean():.2f}, upper {100 * np.median(high[:, k]):.1f} %"
+                f"    {name}: rms {rms[k]:.2f} %, off by {off[k]:.2f} points, "
+                f"limits hold {hold[k]:.2f}, upper {100 * np.median(high[:, k]):.1f} %"
             )
+
+
+def _lines_of(
+    robots: int,
+    sessions: int,
+    apart_mm_s: float,
+    bend_apart_per_m: float,
+    between: float,
+    random: np.random.Generator,
+) -> Floats:
+    """Draw what a fit reads of each robot in each session, (sessions, robots, ERROR + 1)."""
+    table = np.full((sessions, robots, ERROR + 1), np.nan)
+    body_m_s = random.normal(SPEED_M_S, apart_mm_s / 1000.0, robots)
+    starts = body_m_s * random.normal(1.0, between, (sessions, robots))
+    table[:, :, START] = starts + random.normal(0.0, ERROR_M_S, starts.shape)
+    bends = random.normal(0.0, bend_apart_per_m, robots)
+    table[:, :, BEND] = bends + random.normal(0.0, BEND_OF_SESSION_PER_M, starts.shape)
+    table[:, :, MEAN], table[:, :, ERROR] = table[:, :, START], ERROR_M_S
+    return table
+
+
+def _by_means_of_sessions(known: Floats) -> tuple[float, Floats]:
+    """Return the variation within robots that the means of sessions show, and draws of it."""
+    sessions, robots, _ = known.shape
+    total = robots * known[:, :, START].mean(axis=1).var(ddof=1) / SPEED_M_S**2
+    noise = (ERROR_M_S / SPEED_M_S) ** 2
+    drawn = drawn_variances(total, sessions - 1, evenly_drawn(199, 1, "means")) - noise
+    return math.sqrt(max(total - noise, 0.0)), np.sqrt(np.maximum(drawn, 0.0))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ exported robot is fed what one of them measured and heard; all decide, but for a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -105,19 +106,25 @@ def period(module: Any, robot: Any, ray_mm: float) -> bool:
     return bool(module.step(robot, gyro_deg, ray_mm))
 
 
+def until(module: Any, robot: Any, it_is_so: Callable[[], bool]) -> None:
+    """Do control periods in the open until something is so."""
+    for _ in range(TICKS):
+        if it_is_so():
+            return
+        period(module, robot, 5000.0)
+    raise AssertionError("it never is")
+
+
 def test_a_robot_reads_when_it_has_settled_and_decides_at_the_time_of_its_sample() -> None:
     module, robot = started()
-    while robot.walk.mode != STOP or robot.walk.sampled:
-        period(module, robot, 5000.0)
+    until(module, robot, lambda: robot.walk.mode == STOP and not robot.walk.sampled)
     module.accelerate(robot, 9.0, 0.0, 9.81)
     assert robot.sense.taken == 0  # it still swings
-    while robot.walk.stopped_ms < 500:
-        period(module, robot, 5000.0)
+    until(module, robot, lambda: robot.walk.stopped_ms >= 500)
     for _ in range(200):
         module.accelerate(robot, 0.0, 0.0, 9.81)
     assert robot.sense.taken == 175  # half a second, at 350 Hz
-    while not period(module, robot, 5000.0):
-        pass
+    until(module, robot, lambda: period(module, robot, 5000.0))
     sampled_s = module.time_s(robot)
     module.sample(robot, 1)
     period(module, robot, 5000.0)  # before there is time for work

@@ -167,6 +167,18 @@ def test_ctrl_c_ends_a_function_that_never_returns():
     assert (process.returncode, said) == (130, "vibroswarm: interrupted\n")
 
 
+def test_a_second_ctrl_c_does_not_interrupt_the_message():
+    code = (
+        "import os, signal, vibroswarm.cli as cli\n"
+        "from vibroswarm.cli import terminal\n"
+        "def press(*given): os.kill(os.getpid(), signal.SIGINT); return 'interrupted'\n"
+        "cli._code = terminal.plain = press\n"
+        "cli.main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "vibroswarm: interrupted\n")
+
+
 @pytest.mark.parametrize("executor", ["threads", "processes"])
 def test_a_stopped_search_does_not_wait_for_a_function_that_never_returns(executor):
     """A user's cost, say; the program that calls the search would not end before it."""

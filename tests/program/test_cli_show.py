@@ -272,6 +272,15 @@ def test_a_pipe_in_the_place_of_a_scenario_is_not_opened(tmp_path):
     assert _needs_kernels(tmp_path)
 
 
+def test_a_study_compared_at_equal_error_is_shown_by_compiled_kernels(tmp_path):
+    """It simulates runs again, which takes minutes as plain Python."""
+    (tmp_path / "vibroswarm.json").write_text(manifest_text("study"))
+    (tmp_path / "study.toml").write_text('[scenario]\nsensor = { model = "gamma" }\n')
+    assert not _needs_kernels(tmp_path)
+    (tmp_path / "equal_error.csv").touch()
+    assert _needs_kernels(tmp_path)
+
+
 def test_a_damaged_run_is_said_and_computed_again(tmp_path, caplog):
     line = [*COMMANDS["run"], "--out", str(tmp_path / "out")]
     assert main(line) == 0

@@ -546,7 +546,10 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="UTF-8") as caught:
         Scenario.read(binary)
     assert caught.value.field == str(binary)
-    for text, said in (("[walk\n", "is not TOML"), ("preset = paper\n", "text is written in quotes$")):
+    for text, said in (
+        ("[walk\n", "is not TOML"),
+        ("preset = paper\n", "if the value is text, write it in quotes$"),
+    ):
         binary.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=said):
             Scenario.read(binary)
@@ -752,6 +755,11 @@ def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
         ("decision.credible_threshold", "95%", "; write 0.95"),
         ("decision.credible_threshold", "0,95", "; write 0.95"),
         ("run.t_end_s", "20 min", "; write the number alone, in the unit of the field's name"),
+        ("run.t_end_s", "1,200", "should be a valid number"),  # 1200 or 1.2
+        ("run.t_end_s", "1199.99999", "; write 1199.99999"),
+        ("swarm.robots", "5", "; write 5"),
+        ("swarm.robots", "5,5", "should be a valid integer"),
+        ("swarm.robots", "5%", "should be a valid integer"),
         ("swarm.robots", "five", "should be a valid integer"),
         ("network.loss.p", "0.1", "there is no such field (known: share)"),
     ],

@@ -183,7 +183,10 @@ def test_scenarios_with_and_without_a_field_are_compared_in_any_order(values: di
 HEAD = "runs = 3\n"
 BAD = {
     "not TOML": ("runs = ", "is not TOML"),
-    "a scenario": ("[run]\nt_end_s = 60.0", "is a scenario: give it by --scenario"),
+    "a scenario": (
+        "[run]\nt_end_s = 60.0",
+        "run: belongs to a scenario: write \\[scenario.run\\], or give a scenario's file by --scenario",
+    ),
     "unknown key": ("rnus = 3", "did you mean 'runs'"),
     "runs 0": ("runs = 0", "runs: 0 is wrong"),
     "runs a text": ('runs = "3"', "'3' is wrong"),

@@ -45,8 +45,8 @@ MOST_M: Final = 0.2
 GRID_DEG: Final = np.arange(5.0, 76.0, 1.0)
 """Outermost angles that are tried first."""
 NEAR_DEG: Final = np.arange(-1.0, 1.05, 0.1)
-"""Differences of those that are tried next from the best one. Whole degrees alone are off by more than the limits are
-apart."""
+"""Differences of those that are tried next from the best one. In whole degrees alone, an angle is off by more than its
+limits allow."""
 CLIP_M: Final = 0.03
 """Errors are clipped to this: a turn at a distance with a larger error had another cause than the wall."""
 DRAWS: Final = 60

@@ -70,7 +70,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _end_interrupted() -> NoReturn:
     """End the process after Ctrl-C, with what is saved and how to resume."""
-    _failed(_resume_hint(), INTERRUPTED)
+    hint = _resume_hint()
+    # No further Ctrl-C may interrupt the message and the clean-up. ValueError: only the main thread may ignore it.
+    with suppress(KeyboardInterrupt, ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _failed(hint, INTERRUPTED)
     _leave_at_once(INTERRUPTED)
 
 
@@ -123,8 +127,6 @@ def _leave_at_once(code: int) -> NoReturn:
 
     A thread may be compiling for up to a minute; if the interpreter were shut down meanwhile, LLVM would crash.
     """
-    with suppress(ValueError):  # only the main thread may
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the clean-up
     with suppress(Exception):  # the process must end, even if a part of the clean-up fails
         import multiprocessing  # here, since --help needs none of it
 

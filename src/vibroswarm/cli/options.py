@@ -137,7 +137,7 @@ class ScenarioBase:
         Sequence[str],
         Option(
             "set any field of the scenario, such as walk.walk_duration_scale_ms=9000 (FIELD= leaves it out); wins over "
-            "other options; may be repeated",
+            "other options, except lists of values; may be repeated",
             "FIELD=VALUE",
             name="--set",
         ),

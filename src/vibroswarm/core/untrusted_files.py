@@ -124,7 +124,7 @@ def parsed_toml(text: str, name: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError("is not TOML: its lists or tables are nested too deeply", field=name) from None
     except ValueError as error:  # the text is not TOML, or holds a number of thousands of digits
-        hint = "; text is written in quotes" if str(error).startswith("Invalid value") else ""
+        hint = "; if the value is text, write it in quotes" if str(error).startswith("Invalid value") else ""
         raise InputError(f"is not TOML: {error}{hint}", field=name) from None
 
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping
+from decimal import Decimal
 from functools import lru_cache, partial
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.core.numbers import stated
 from vibroswarm.core.registry import unknown
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.networks import known as known_networks
@@ -59,7 +59,7 @@ def field_error(
         )
         message = f"give a list{example}"
     if first["type"] in ("float_type", "int_type") and isinstance(value, str):
-        hint = _number_in(value)
+        hint = _number_in(value, first["type"] == "int_type")
     # An error about the scenario as a whole names no field.
     return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")
 
@@ -70,17 +70,19 @@ def _field_of(params: type[BaseModel], name: str) -> str:
     return nearest(name, fields) or (f" (known: {', '.join(fields)})" if fields else "")
 
 
-def _number_in(text: str) -> str:
-    """Return what to write instead of a number such as 95%, 0,95 or 20min; "" of other text."""
-    written = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?) ?(%|[a-zA-Z]*)", text)
+def _number_in(text: str, is_whole: bool) -> str:
+    """Return what to write instead of a number such as 95%, 0,95 or 20min; "" of other text.
+
+    A comma before three digits may separate thousands, so nothing is suggested. ``is_whole``: only integers will do.
+    """
+    written = re.fullmatch(r"([-+]?\d+(?:\.\d+|,(?!\d{3}$)\d+)?) ?(%|[a-zA-Z]*)", text)
     if written is None:
         return ""
-    number, unit = float(written[1].replace(",", ".")), written[2]
-    if unit == "%":
-        return f"; write {stated(number / 100)}"
-    return (
-        "; write the number alone, in the unit of the field's name" if unit else f"; write {stated(number)}"
-    )
+    number, unit = Decimal(written[1].replace(",", ".")), written[2]
+    if unit not in ("", "%"):
+        return "; write the number alone, in the unit of the field's name"
+    number = number / 100 if unit else number
+    return "" if is_whole and number % 1 else f"; write {number}"
 
 
 @lru_cache(maxsize=256)

@@ -340,11 +340,12 @@ class Study(NotebookView):
         """Build a study from the values of its TOML, with the arguments of ``from_values``."""
         plugins.remember_code_names(values)  # so that parameters of code that is not loaded are accepted
         blocks = {key: plugins.resolve_codes(values[key]) for key in values if key in BLOCKS}
-        if any(isinstance(values[key], Mapping) for key in values.keys() & Scenario.model_fields.keys()):
-            raise InputError(
-                'is a scenario: give it by --scenario, or name it in a study\'s file: scenario = "FILE"',
-                field=name,
-            )
+        for key, value in values.items():
+            if key in Scenario.model_fields and isinstance(value, Mapping):
+                raise InputError(
+                    f"belongs to a scenario: write [scenario.{key}], or give a scenario's file by --scenario",
+                    field=key,
+                )
         check_names(values, KEYS, "key")
         check_format(values.get("format", FORMAT), FORMAT, name)
         base = values.get("scenario", {})
