@@ -756,8 +756,9 @@ def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
         ("decision.credible_threshold", "0,95", "; write 0.95"),
         ("run.t_end_s", "20 min", "; write the number alone, in the unit of the field's name"),
         ("run.t_end_s", "1,200", "should be a valid number"),  # 1200 or 1.2
+        ("run.t_end_s", "9" * 5000, "should be a valid number"),
         ("run.t_end_s", "1199.99999", "; write 1199.99999"),
-        ("swarm.robots", "5", "; write 5"),
+        ("swarm.robots", "5.0", "; write 5"),
         ("swarm.robots", "5,5", "should be a valid integer"),
         ("swarm.robots", "5%", "should be a valid integer"),
         ("swarm.robots", "five", "should be a valid integer"),

@@ -75,14 +75,16 @@ def _number_in(text: str, is_whole: bool) -> str:
 
     A comma before three digits may separate thousands, so nothing is suggested. ``is_whole``: only integers will do.
     """
-    written = re.fullmatch(r"([-+]?\d+(?:\.\d+|,(?!\d{3}$)\d+)?) ?(%|[a-zA-Z]*)", text)
+    written = re.fullmatch(r"([-+]?\d{1,15}(?:\.\d{1,15}|,(?!\d{3}\b)\d{1,15})?) ?(%|[a-zA-Z]*)", text)
     if written is None:
         return ""
     number, unit = Decimal(written[1].replace(",", ".")), written[2]
     if unit not in ("", "%"):
         return "; write the number alone, in the unit of the field's name"
     number = number / 100 if unit else number
-    return "" if is_whole and number % 1 else f"; write {number}"
+    if is_whole:
+        return "" if number % 1 else f"; write {int(number)}"
+    return f"; write {number}"
 
 
 @lru_cache(maxsize=256)
