@@ -219,7 +219,8 @@ map for each sender."""
 
 def arrays_fit(scenario: Scenario) -> int:
     """Return how many runs have room in ``ARRAY_BYTES_AT_A_TIME`` with the arrays of all their robots, at least 1."""
-    sizes, declared = sizes_of(scenario), arrays_of(strategy_used(scenario).arrays).values()
+    declared = arrays_of(strategy_used(scenario).arrays).values()
+    sizes = sizes_of(scenario) if declared else {}  # which take longer
     of_robot = sum(array.size(sizes) * np.dtype(array.kind).itemsize for array in declared)
     return max(ARRAY_BYTES_AT_A_TIME // max(scenario.swarm.robots * of_robot, 1), 1)
 
@@ -476,4 +477,5 @@ def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
             numbers = values.astype(object)
             numbers[missing] = None
             return pl.Series(name, numbers.tolist(), dtype=kind)
-    return pl.Series(name, values, dtype=kind, nan_to_null=values.dtype == np.float64)
+    series = pl.Series(name, values, nan_to_null=values.dtype == np.float64)
+    return series if series.dtype == kind else series.cast(kind)  # a cast to the same type copies

@@ -286,15 +286,17 @@ def inference_columns(scenario: Scenario, messages: NDArray[np.void], log: Log) 
         "decision": log.decision,
     }
     if "bit" in (messages.dtype.names or ()):
-        bits = messages["bit"].astype(np.float64)  # floats, so that nan can mark missing bits
-        bits[log.sends == 0] = np.nan
-        columns["message"] = bits
+        sent = log.sends != 0
+        # floats only if some are missing, which nan marks
+        columns["message"] = messages["bit"] if sent.all() else np.where(sent, messages["bit"], np.nan)
     for name in ("alpha", "beta"):
         if name in (log.states.dtype.names or ()):
             columns[name] = log.states[name]
     refuse_values(scenario, {name: column for name, column in columns.items() if name != "decision"})
     return [
-        as_column(name, columns.get(name, np.full(count, np.nan)), kind)
+        as_column(name, columns[name], kind)
+        if name in columns
+        else pl.Series(name, [None], kind).new_from_index(0, count)
         for name, kind in INFERENCE.items()
         if name not in ("run", "robot", "sample")
     ]

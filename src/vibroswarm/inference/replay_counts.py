@@ -175,11 +175,12 @@ def replay(
         if from_start:
             replayed[r] = 0
             begin_robots(swarm, first, world, seed, run)
+        until = high - low
+        while until > replayed[r] and rows.time_s[low + until - 1] > limit_s:
+            until -= 1
         # m: row of the sample, and number of its message, from the run's first; unsigned indices are faster.
-        for m in range(unsigned(replayed[r]), unsigned(high - low)):
+        for m in range(unsigned(replayed[r]), unsigned(until)):
             k = unsigned(low) + m
-            if rows.time_s[k] > limit_s:
-                break
             i = signed(rows.robot[k])
             e = unsigned(first + i)
             # Number of messages heard so far, and end of the deliveries before this sample, where these are used.
@@ -198,7 +199,7 @@ def replay(
             count_bit(swarm, e, m, k, bit_of(counts.messages[m]), counts, reach)
             if messages.size > 0:
                 messages[k] = counts.messages[m]
-            replayed[r] += 1
+        replayed[r] = until
         if to_end:
             start = read_to_end(
                 swarm, first, rows, low, counts, reach, deliveries, start, world, seed, run, loss

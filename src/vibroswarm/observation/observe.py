@@ -601,7 +601,7 @@ def observation_frame(
         columns = energies_read(scenario, read).reshape(samples.height, len(names)).T
         measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
     else:
-        measured = [pl.repeat(None, samples.height, dtype=MEASURED, eager=True).alias(name) for name in names]
+        measured = [pl.Series(name, [None], MEASURED).new_from_index(0, samples.height) for name in names]
     return pl.DataFrame(
         [
             *(samples[name] for name in ("run", "robot", "sample")),

@@ -336,7 +336,7 @@ def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDAr
     return np.asarray(run * robots + samples["robot"].to_numpy(), dtype=np.int64)
 
 
-ROWS_AT_A_TIME: Final = 200_000
+ROWS_AT_A_TIME: Final = 100_000
 """Approximate number of samples in memory at a time."""
 
 
