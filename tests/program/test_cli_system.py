@@ -15,6 +15,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.cli import commands, main
+from vibroswarm.core import tables
 from vibroswarm.core.atomic_io import whole_folder, write_file
 from vibroswarm.core.folders import matching
 from vibroswarm.errors import InputError, RunError
@@ -37,6 +38,7 @@ def started(line: str) -> tuple[int, str]:
     ("line", "code", "said"),
     [
         ("SCENARIO > /dev/full", 1, "the output could not be written: No space left on device"),
+        ("SCENARIO --help > /dev/full", 1, "the output could not be written: No space left on device"),
         ("SCENARIO >&-", 1, "stdout is closed"),
         ("SCENARIO | head -1 > /dev/null; exit ${PIPESTATUS[0]}", None, ""),
         ("SCENARIO --robots x 2>&-", 2, ""),
@@ -124,6 +126,18 @@ def test_a_folder_that_cannot_be_read_does_not_count_as_empty(locked: Path) -> N
         matching(locked, "*")
 
 
+def test_a_table_that_may_not_be_read_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(path: Path) -> None:
+        raise PermissionError(f"Permission denied (os error 13): {path}")
+
+    (tmp_path / "runs.parquet").touch()
+    monkeypatch.setattr(tables, "scan_frame", refused)
+    with pytest.raises(InputError, match=r"runs\.parquet: cannot be read: Permission denied$"):
+        tables.read_frame(tmp_path / "runs.parquet", "runs")
+
+
 def test_a_panic_of_polars_is_reported_in_a_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,15 +189,23 @@ def test_a_file_that_does_not_fit_is_named_by_the_folder_that_was_asked_for(
     assert str(found.value) == f"could not write '{tmp_path / 'mine' / 'run.html'}': No space left on device"
 
 
-def test_a_library_that_cannot_be_loaded_is_not_taken_for_the_output(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("could not load libllvmlite.so", "could not load libllvmlite.so"),
+        # of polars, if the folder of a study is removed while it runs
+        ("No such file (os error 2): gone/a.parquet", "gone/a.parquet: cannot be used: No such file"),
+    ],
+)
+def test_an_error_of_a_library_is_not_taken_for_the_output(
+    words: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fails(*_: object) -> int:
-        raise OSError("could not load libllvmlite.so")
+        raise OSError(words)
 
     monkeypatch.setattr(commands, "call", fails)
     assert main(["scenario"]) == 1
-    assert capsys.readouterr().err == "vibroswarm: error: could not load libllvmlite.so\n"
+    assert capsys.readouterr().err == f"vibroswarm: error: {said}\n"
 
 
 @pytest.mark.parametrize("command", ["show", "lab replay", "evaluate", "evaluate merge out"])

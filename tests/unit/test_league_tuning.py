@@ -126,6 +126,12 @@ def test_a_box_lies_within_the_bounds() -> None:
     assert (decades["from"], decades["to"]) == pytest.approx((10**1.5, 10**2.5)), "a quarter of four"
 
 
+def test_a_box_of_whole_numbers_has_whole_ends() -> None:
+    """Also if the bounds alone say so: 29.9 observations were refused in the second round, after all the work."""
+    near = _box({"decision.min_observations": 29}, {"decision.min_observations": {"from": 5, "to": 90}})
+    assert near == {"decision.min_observations": {"from": 18, "to": 40}}
+
+
 def test_spaces_are_of_strategies_and_fields_that_exist() -> None:
     fields = field_names()
     found = spaces()

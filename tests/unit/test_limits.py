@@ -99,6 +99,8 @@ def test_a_column_map_is_no_place_for_wrong_types() -> None:
         "[columns]\nrobot = 1",
         "missing = [1]\n[columns]",
         "[columns.robot]\nname = []",
+        "[columns.robot]\nname = 'id'\ntimes = 18446744073709551616",
+        "[columns.robot]\nname = 'id'\ntimes = " + "9" * 400,
     ):
         with pytest.raises(InputError):
             column_map(text, "map")

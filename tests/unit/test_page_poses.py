@@ -19,7 +19,7 @@ from vibroswarm.run_page.payload import (
     packed_track,
     varints,
 )
-from vibroswarm.run_page.trajectory_thinning import KINDS, along, tracks
+from vibroswarm.run_page.trajectory_thinning import KINDS, MOST_PIECES, _points, along, tracks
 
 MOST_OFF_M, MOST_OFF_RAD = 0.001, np.radians(3)
 
@@ -133,6 +133,12 @@ def test_a_jump_stays_a_jump() -> None:
     robots, _ = tracks(pl.DataFrame({**rows, **rest}), 2.0)
     drawn = shown(packed_track(robots[0]), np.array([0.99, 1.0]))
     np.testing.assert_allclose(drawn[:, 1], [0.1, 0.9], atol=1e-9)
+
+
+def test_a_log_in_millimetres_does_not_fill_the_memory() -> None:
+    """Of segments of kilometres there were millions of points, 2.6 GB for 181 samples."""
+    segments, end = chained([(100.0, 1000.0, 0.0, "drive")])
+    assert len(_points(segments, end, list(KINDS))[0]) <= MOST_PIECES + 1
 
 
 def test_no_segments_give_no_tracks(record: RunRecord) -> None:

@@ -485,6 +485,7 @@ def test_a_comparison_says_which_is_better_and_what_robots_knew() -> None:
     cases = ({"floor.source": "stripe:0.48"}, {"floor.source": "alternating:0.48"})
     found = compare_scenarios(first, second, aim, 6, names=("soft", "places"), cases=cases)
     document = checked_document(found)
+    assert document.made_by["seed"] == "1"
     assert document.answer[0] == found.says
     assert "places with true places: an upper bound" in document.knew[0]
     assert [row["score"] for row in rows_of(document, "scores")] == [

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from helpers.table_checks import too_wide
 from vibroswarm.show import cells
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.terminal import print_document
+from vibroswarm.show.terminal import Grid, print_document
 
 WIDTHS = (40, 60, 80, 140, 100_000)
 LIMITS = {"right": ("right_low", "right_high"), "time": ("time_low", "time_high")}
@@ -132,6 +132,16 @@ def test_layouts_from_wide_to_narrow() -> None:
     )
     one = printed(LONG, width=40).splitlines()
     assert one[2:4] == ["x" * 50, "  a: 1.0"], "a line for each value"
+
+
+def test_a_table_of_hundreds_of_columns_is_laid_out_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The part that fits was found by trying all sizes: half a minute for 636 columns, hours for 10,000."""
+    tried, real = [], Grid.part
+    monkeypatch.setattr(Grid, "part", lambda grid, columns: (tried.append(columns), real(grid, columns))[1])
+    text = printed(
+        Table(pl.DataFrame({"cell": list("vwxyz"), **{f"x{k}": [1] * 5 for k in range(300)}})), width=60
+    )
+    assert sum(line.startswith("cell") for line in text.splitlines()) == len(tried)
 
 
 def test_letters_of_two_columns_and_of_none() -> None:

@@ -187,6 +187,20 @@ def test_a_damaged_shard_is_found_and_said_and_made_again(harm: str, copy: Path,
     assert Store.open(copy).damaged == []
 
 
+def test_a_file_in_the_place_of_the_folder_of_shards_is_named(tmp_path: Path) -> None:
+    (tmp_path / SHARDS).touch()
+    with pytest.raises(InputError, match=f"{SHARDS}: is in the place of a folder: move it away"):
+        Store.open_or_create(tmp_path, STUDY)
+
+
+def test_of_a_damaged_part_it_is_said_how_to_make_it_again(copy: Path) -> None:
+    part = copy / "second-block"
+    shutil.copytree(copy, part)
+    (part / "vibroswarm.json").write_text("{")
+    with pytest.raises(InputError, match=r"is damaged: .* \(remove '.*second-block' to compute it again\)"):
+        Store.open(part)
+
+
 @pytest.mark.parametrize("what", ["folder", "pipe"])
 @pytest.mark.parametrize("kind", ["*.parquet", "*.json"])
 def test_something_else_in_the_place_of_a_shard_is_refused_and_stays(

@@ -129,6 +129,10 @@ class Parser(argparse.ArgumentParser):
         except InputError as error:
             raise argparse.ArgumentError(action, str(error)) from None
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print help; the argparse method ignores that it cannot be written."""
+        print(message, end="", file=file)
+
     def error(self, message: str) -> NoReturn:
         """Raise ``InputError``; argparse gives a finished sentence, of which the option is cut out."""
         what, _, text = message.partition(": ")

@@ -14,7 +14,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.option_values import refuse, share, toml_path
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, named
 
 Style = Literal["column", "page", "slide"]
 """Styles of pictures; the first is the default."""
@@ -262,6 +262,13 @@ class Where:
     executor: Annotated[
         str, Option("threads (default), processes, dask://HOST:PORT, or a Dask scheduler file", "WHERE")
     ] = "threads"
+
+    def __post_init__(self) -> None:
+        """Refuse an executor that there is not, before any work."""
+        from vibroswarm.study.executors import check_executor
+
+        with named("--executor", of="executor"):
+            check_executor(self.executor)
 
     @property
     def where(self) -> dict[str, Any]:

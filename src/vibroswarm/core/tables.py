@@ -135,6 +135,8 @@ def read_frame(path: Path, what: str) -> pl.DataFrame:
         return lazy.collect()
     except InputError:
         raise
+    except PermissionError:  # of polars, which has its own words
+        raise InputError("cannot be read: Permission denied", field=str(path)) from None
     except OSError as error:
         how = f"cannot be read: {error.strerror}" if error.strerror else DAMAGED
         raise InputError(how, field=str(path)) from None

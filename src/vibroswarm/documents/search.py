@@ -418,7 +418,7 @@ def checked_document(found: Checked) -> Document:
         knew=told(found.scenarios),
         warnings=(*_different_questions(found), *failed),
         parts=(_scores(found), *parts_of(scenarios, case_names, unit), _figures(figures, found)),
-        made_by={"objective": found.objective.words},
+        made_by={"objective": found.objective.words, "seed": str(found.seed)},
         data={"differences": _differences_by_seed(found), "figures": figures},
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.untrusted_files import read_text
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, in_file
 from vibroswarm.export.assembly import RobotParts, omitted_of_world
 from vibroswarm.scenario.scenario import Scenario
 
@@ -186,7 +186,8 @@ def read_header(path: Path) -> tuple[Scenario, dict[str, str]]:
         raise InputError(
             f"no line begins with '{FIELD}', so this is not a header of vibroswarm", field=str(path)
         )
-    scenario = Scenario.from_toml("\n".join(fields), name=str(path))
+    with in_file(path):
+        scenario = Scenario.from_toml("\n".join(fields), name=str(path))
     constants = {
         match[1]: match[2].strip()
         for match in map(DEFINE.fullmatch, text.splitlines())

@@ -46,7 +46,7 @@ from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, read_settings, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario, field_names
-from vibroswarm.study.factors import points_of
+from vibroswarm.study.factors import bounds_of, points_of
 
 AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20, 0.25)
 """Forced errors that settings are searched for."""
@@ -349,14 +349,14 @@ def _box(centre: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> 
     """Return the bounds of a box around a setting, within the given bounds and as wide as ``REACH`` says."""
     box = {}
     for field, given in ranges.items():
-        low, high = float(given["from"]), float(given["to"])
-        if given.get("scale") == "log":
+        low, high, scale, is_whole = bounds_of(given, field)
+        if scale == "log":
             step = (high / low) ** (REACH / 2)
             near = max(low, centre[field] / step), min(high, centre[field] * step)
         else:
             step = (high - low) * REACH / 2
             near = max(low, centre[field] - step), min(high, centre[field] + step)
-        if given.get("whole"):
+        if is_whole:
             near = math.floor(near[0]), math.ceil(near[1])
         box[field] = {**given, "from": near[0], "to": near[1]}
     return box

@@ -51,6 +51,8 @@ class Checked(NotebookView):
     """Comparisons of the ``FIGURES``, on the first block."""
     scenarios: tuple[Scenario, ...] = ()
     """The two scenarios, in the first case."""
+    seed: int = 1
+    """From which the seeds of both blocks are derived."""
 
     @property
     def confirmed(self) -> bool:
@@ -139,6 +141,7 @@ def compare_scenarios(
         replicate=paired_score(objective, again_first, again_second),
         figures=compare(figures_first, figures_second, FIGURES),
         scenarios=tuple(of_cases[0] for _, of_cases in named_cases),
+        seed=seed,
     )
 
 

@@ -33,13 +33,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, some, stated
-from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
-from vibroswarm.errors import InputError, check_known_keys, nearest
+from vibroswarm.core.untrusted_files import MAX_NUMBER, parsed_toml, read_bytes
+from vibroswarm.errors import InputError, check_known_keys, nearest, number_of
 from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
 
 LARGEST_BYTES: Final = 64 * 2**20
@@ -220,9 +219,7 @@ def plain_number(value: Any, what: str, name: str) -> float:
     Raises:
         InputError: it is not a finite number.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{value!r} is not a number", field=f"{name}, {what}")
-    return float(value)
+    return float(number_of(value, f"{name}, {what}", -MAX_NUMBER, MAX_NUMBER))
 
 
 USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")

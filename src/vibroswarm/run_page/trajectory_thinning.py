@@ -35,6 +35,8 @@ WIDEST_RAD = 0.9 * np.pi
 
 PIECE_S, PIECE_M, PIECE_RAD = 0.5, 0.025, np.radians(15)
 """Largest time, distance and turn between points of a segment that are compared."""
+MOST_PIECES = 1000
+"""Largest number of pieces of a segment. Longer ones than 25 m are mostly of a log in other units, such as mm for m."""
 
 KINDS = ("drive", "turn", "avoid", "stop")
 """Usual kinds of segments; a table may have others."""
@@ -107,7 +109,7 @@ def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
 def _points(
     table: pl.DataFrame, t_end_s: float, names: list[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Divide each segment into points at most ``PIECE_S``, ``PIECE_M`` and ``PIECE_RAD`` apart.
+    """Divide each segment into at most MOST_PIECES, at most ``PIECE_S``, ``PIECE_M`` and ``PIECE_RAD`` long.
 
     The points of a segment are its start and points inside. Its end is a point too if the robot has no further segment,
     or if the robot's next segment begins elsewhere.
@@ -132,7 +134,7 @@ def _points(
     pieces = np.max(
         [duration_s / PIECE_S, np.abs(speed) * duration_s / PIECE_M, np.abs(rate) * duration_s / PIECE_RAD], 0
     )
-    pieces = np.maximum(np.ceil(pieces), 1).astype(np.int64)
+    pieces = np.clip(np.ceil(pieces), 1, MOST_PIECES).astype(np.int64)
     count = pieces + needs_end  # points of each segment
     row = np.repeat(np.arange(len(robot)), count)  # the segment of each point
     nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # its index in the segment

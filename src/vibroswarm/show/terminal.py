@@ -8,7 +8,9 @@ even that fits, each value has a line. No name and no number is ever cut.
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import accumulate
 from textwrap import wrap
 from typing import TYPE_CHECKING, Final, NamedTuple, NoReturn, TextIO
 
@@ -206,6 +208,17 @@ class Grid(NamedTuple):
     numbers: list[bool]
     """Whether each column has numbers."""
 
+    def texts(self) -> list[list[str]]:
+        """Return the texts of each column, without its heading."""
+        return [[row[column][0] for row in self.rows] for column in range(len(self.heads))]
+
+    def least(self) -> list[int]:
+        """Return the width of the longest word of each column."""
+        return [
+            _longest(word for text in (head, *texts) for word in text.split(" "))
+            for head, texts in zip(self.heads, self.texts(), strict=True)
+        ]
+
     def widths(self, width: int) -> list[int] | None:
         """Return the widths of the columns in a table of at most ``width`` characters; None if it does not fit.
 
@@ -213,13 +226,11 @@ class Grid(NamedTuple):
         numbers, then to other texts, then to headings. Where it is not enough, it goes to the longest texts, so that
         all of them get about as many lines.
         """
-        cells = [[row[column][0] for row in self.rows] for column in range(len(self.heads))]
-        widths = [_longest(word for text in (head, *texts) for word in text.split(" "))
-                  for head, texts in zip(self.heads, cells, strict=True)]  # fmt: skip
+        widths = self.least()
         spare = width - sum(widths) - GAP * (len(widths) - 1)
         if spare < 0:
             return None
-        whole = [_longest(texts) for texts in cells]
+        whole = [_longest(texts) for texts in self.texts()]
         is_short_name = [column < self.names and size <= width // 2 for column, size in enumerate(whole)]
         of_names = [size if is_short else 0 for size, is_short in zip(whole, is_short_name, strict=True)]
         of_numbers = [size if is_number else 0 for size, is_number in zip(whole, self.numbers, strict=True)]
@@ -298,12 +309,12 @@ def layouts(grid: Grid, width: int) -> Iterator[Grid]:
     if grid.widths(width) is not None:
         yield grid
         return
+    least = [size + GAP for size in grid.least()]
+    room = width + GAP - sum(least[: grid.names])
     remaining = list(range(grid.names, len(grid.heads)))
     while remaining:
-        fitting = next(
-            (n for n in range(len(remaining), 1, -1) if grid.part(remaining[:n]).widths(width) is not None), 1
-        )
-        if grid.part(remaining[:fitting]).widths(width) is None:
+        fitting = bisect_right(list(accumulate(least[column] for column in remaining)), room)
+        if fitting == 0:
             yield grid.part(remaining)
             return
         yield grid.part(remaining[:fitting])

@@ -103,12 +103,7 @@ def workers_for(
     """
     if count is not None:
         count = whole_number_of(count, "workers", 1, MOST_WORKERS)
-    check_kind(
-        executor,
-        (str, Executor),
-        "executor",
-        "threads, processes, the address of a Dask scheduler, or an Executor",
-    )
+    check_executor(executor)
     own = count or processors()
     if isinstance(executor, Executor):
         yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)
@@ -126,9 +121,24 @@ def workers_for(
     elif executor == "processes":
         pools, name = SingleProcessPools(own), numbers.count(own, "process", "processes")
         yield from _stopped_at_end(Workers(pools, own, name, (_is_cancelled,)), pools.cancel.set)
-    elif executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json"):
-        yield from _dask(executor, mixed)
     else:
+        yield from _dask(executor, mixed)
+
+
+def check_executor(executor: str | Executor) -> None:
+    """Refuse what is neither an executor, nor the name of one, nor an address or file of a Dask scheduler.
+
+    Whether there is such a scheduler is found out when it is needed.
+    """
+    check_kind(
+        executor,
+        (str, Executor),
+        "executor",
+        "threads, processes, the address of a Dask scheduler, or an Executor",
+    )
+    if isinstance(executor, Executor) or executor in NAMES:
+        return
+    if not (executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json")):
         raise InputError(
             f"there is no executor '{executor}'{nearest(executor, NAMES)}; threads, processes, dask://HOST:PORT, or a "
             "Dask scheduler file (.json)",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Final, Unpack
 
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
@@ -27,6 +27,15 @@ from vibroswarm.study.spec import Study
 
 RUNS = 100
 """Runs of each cell if neither ``runs`` nor ``until`` is given."""
+
+
+FIELDS: Final = {
+    "strategy": "strategy.name",
+    "robots": "swarm.robots",
+    "network": "network.name",
+    "task": "task.name",
+}
+"""Words that name the value of a field."""
 
 
 def study_of(
@@ -64,12 +73,12 @@ def study_of(
         study = Study.read(file)
         return study if runs is None else study.with_runs(runs)
     varied = _varied(vary)
-    for word, field in (("strategy", "strategy.name"), ("robots", "swarm.robots")):
-        values = _several(scenario, word)
-        if values and field in varied:
-            raise InputError(f"is also varied by --{word}; use one of them", field=f"--vary {field}")
-        if values:
-            varied[field] = values
+    for word, field in FIELDS.items():
+        if field in varied and several(scenario.get(word)):
+            raise InputError(f"is also set by --{word}; use one of them", field=f"--vary {field}")
+    for word in ("strategy", "robots"):
+        if values := _several(scenario, word):
+            varied[FIELDS[word]] = values
     # If presets are varied, the base holds only the fields that words set; all others come from each preset.
     varies_presets = "preset" in varied
     base = (
