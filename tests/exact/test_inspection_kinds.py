@@ -16,6 +16,7 @@ from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import kind_map, tile_map
 from vibroswarm.observation.energy_model import rates
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Text
 from vibroswarm.show.terminal import print_document
 
 BASE: dict[str, Any] = {
@@ -105,3 +106,12 @@ def test_what_means_nothing_for_many_kinds_is_refused() -> None:
         v.inspect(result, question=Question())
     with pytest.raises(InputError, match="3 kinds of tile, and the law 2"):
         v.inspect(result, laws="paper")
+
+
+def test_robots_with_one_sample_each_have_no_correlation_of_places() -> None:
+    """numpy warned about the mean of nothing, and the sentence said that errors are correlated by nan."""
+    scenario = v.preset("optimised-places").with_values({"swarm.robots": 25, "run.t_end_s": 5.0})
+    found = v.inspect(scenario, seed=1)
+    assert found.samples.frame.height == 25
+    words = " ".join(part.words for part in inspection_document(found).parts if isinstance(part, Text))
+    assert "(68.3, 95.4 and 100 % expected)." in words

@@ -108,7 +108,7 @@ def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record
     page = open_page("#t=10")
     share = f"{100 * record.fill_ratio:.1f}".removesuffix(".0")
     assert page.inner_text("#task") == f"Does more than 50 % of the floor vibrate? Truth: no ({share} %)."
-    assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: not vibrating\n2 of 5 undecided"
+    assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: mostly still\n2 of 5 undecided"
     assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
     assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"
     page.evaluate("vibroswarm.seek(100)")
@@ -419,11 +419,23 @@ def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open)
     assert page.locator("#details div", has_text="Fill ratio").locator("dd").inner_text() == "0.48"
 
 
+def test_beside_another_boundary_no_robot_says_still(open_page: Open) -> None:
+    """Robots that said "less than 90 %" of a floor of 40 % were said to say "still"."""
+    values = {
+        **{"floor.source": "random:0.4", "decision.decision_boundary": 0.9, "decision.boundary_of": "tiles"},
+        **{"decision.min_observations": 20, "run.t_end_s": 100.0},
+    }
+    page = open_page(of=simulate(preset("paper").with_values(values), seed=1, segments=True))
+    said = set(page.locator("#roster [data-column=decision]").all_text_contents())
+    assert {words.split()[0] for words in said} <= {"less", "more", "undecided"}
+    assert said != {"undecided"}
+
+
 def test_tiles_that_are_no_squares_and_a_run_without_samples(open_page: Open) -> None:
     long = {"arena.width_m": 10.0, "arena.height_m": 0.3, "swarm.robots": 2, "run.t_end_s": 1.0}
     page = open_page(of=simulate(preset("paper").with_values(long), seed=1, segments=True))
     floor = page.locator("#details div", has_text="Floor").locator("dd").inner_text()
-    assert floor == "5 \u00d7 5 tiles of 200 cm \u00d7 6 cm, random:0.48"
+    assert floor == "5 rows \u00d7 5 columns, tiles of 200 cm \u00d7 6 cm, random:0.48"
     assert page.inner_text("[data-fact=samples] dd") == "0"
     assert page.inner_text("#verdict-line") == "No robot has decided."
 

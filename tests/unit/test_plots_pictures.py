@@ -658,6 +658,8 @@ def test_incidence_rises_and_falls_as_told():
     assert f"Without consensus at 1300 s: soft {100 * rest:.0f} %" in picture.caption  # split or incomplete
     assert "500 runs" in picture.caption
     assert "Undecided at" in draw_incidence(frame, unit="robot").caption
+    last = pl.DataFrame({"time_s": [9.0], "right": [0.7], "wrong": [0.3]})  # 1 - 0.7 - 0.3 is above 0
+    assert draw_incidence(last).caption.endswith("Without consensus at 9 s: 0 %.")
 
 
 @pytest.mark.usefixtures("without_layout")
@@ -734,6 +736,9 @@ def test_heat_puts_each_value_at_its_place_and_finds_the_best():
     assert (colours["886"], colours["911"]) == (ON_DARK, ON_LIGHT)  # the scale begins dark
     shares = pl.DataFrame({"x": [1, 2, 3], "y": 1, "value": [29.17, 25.0, 0.417]})
     assert {"29.2", "25.0", "0.4"} <= {words for words, _ in texts_of(draw_heat(shares).figure)}
+    in_percent = draw_heat(shares.with_columns(pl.col("value") / 100), percent=True).figure
+    assert {"29.2", "25.0", "0.4"} <= {words for words, _ in texts_of(in_percent)}
+    assert in_percent.axes[1].get_yticklabels()[1].get_text().endswith(" %")
 
 
 def test_heat_leaves_numbers_out_where_they_do_not_fit():

@@ -86,6 +86,18 @@ def test_a_map_of_many_robots_says_how_many_it_leaves_out() -> None:
     assert maps_figure(maps.head(6)).get_supxlabel() == ""
 
 
+def test_a_map_is_to_scale() -> None:
+    """2 x 40 tiles of 1 m x 1 m were a thin strip below crosses larger than its tiles."""
+    tiles = [
+        {"run": 0, "robot": None, "row": row, "column": column, "vibrating": 0.1, "vibrates": 1}
+        for row in range(2)
+        for column in range(40)
+    ]
+    axes = maps_figure(pl.DataFrame(tiles, schema_overrides={"robot": pl.Int64}), tile_m=(0.025, 0.5)).axes[0]
+    assert axes.get_aspect() == 20.0
+    assert axes.lines[0].get_markersize() < 72 * 2.0 / 40
+
+
 def test_a_dark_page_changes_all_colours_of_a_map_or_none() -> None:
     """Its ends alone became dark, so that 0 was black beside a white 0.05; and crosses stand out on both ends."""
     tiles = {
@@ -98,6 +110,7 @@ def test_a_dark_page_changes_all_colours_of_a_map_or_none() -> None:
     figure = maps_figure(pl.DataFrame({**tiles, "vibrates": pl.Series([1, 1, 0], dtype=pl.Int8)}))
     svg = themed_svg(figure)
     assert not re.search(r"var\(--fig-(tile-)?(still|vibrating)", svg)
+    assert not re.search(r' d="[^"]*\.\d{3}', svg)  # digits that nobody sees
     assert sum(to_rgb(figure.axes[0].lines[0].get_color())) < 0.3  # darker than both ends
 
 

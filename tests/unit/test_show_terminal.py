@@ -208,3 +208,6 @@ def test_limits_that_differ_are_not_written_alike() -> None:
     assert [row[0].text + " " + row[0].limits for row in laid.rows] == [
         "118 [90, 147]", "-0.10 [-0.30, 0.20]", "0 [0, 0]",
     ]  # fmt: skip
+    shares = pl.DataFrame({"a": [0.9681, 0.5], "a_low": [0.9679, 0.4], "a_high": [0.9684, 0.6]})
+    laid = cells.written(Table(shares, {"a": Column(share=True)}))
+    assert laid.rows[0][0].limits == "[96.790, 96.840]"  # it was 97 [97, 97]

@@ -286,6 +286,25 @@ def test_pictures_of_samples_are_of_the_cells_with_samples() -> None:
     assert belief.select(pl.col("q05", "q95").n_unique()).row(0) == (1, 1)
 
 
+def test_where_numbers_are_asked_for_nothing_is_drawn_of_right_and_wrong() -> None:
+    """Its page had empty pictures of robots right and wrong, and of time against error."""
+    varied = {"strategy__name": ["dirichlet", "none"]}
+    outcome = outcome_of(Study.of(SHORT.with_values({"task.name": "share"}), 3, **varied).run())
+    figures = [*study_figures.outcome_figures(outcome), *study_figures.front_figures(outcome)]
+    assert [figure.name for figure in figures] == ["decision_time_s", "estimate_error"]
+    assert "consensus-box" not in {figure.name for figure in study_figures.time_figures(outcome)}
+
+
+def test_an_axis_of_values_far_apart_is_logarithmic() -> None:
+    """1e-9 and 1 fell on one place beside 1e9."""
+    picture = (
+        Study.of(SHORT, 2, strategy__name=["soft"], strategy__soft__eta=[1e-9, 1.0, 1e9])
+        .run()
+        .plot("decision_time_s")
+    )
+    assert picture.figure.axes[0].get_xscale() == "log"
+
+
 def test_pictures_of_beliefs_have_only_what_holds_for_each_cell() -> None:
     """Strategies without beliefs were drawn with the prior's, and all panels had the threshold of the first cell."""
     varied = {"strategy__name": ["soft", "averaging"], "decision__credible_threshold": [0.8, 0.9]}

@@ -468,6 +468,7 @@ FIGURES: Final = (
         "error of the estimate",
         lambda s: s.mean(np.abs(_estimate_misses(s))),
         better=-1,
+        picture="Error of the estimates",
         least=0.0,
     ),
     RunFigure(

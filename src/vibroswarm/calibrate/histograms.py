@@ -159,7 +159,9 @@ def draw_panel(axes: Any, part: pl.DataFrame, feature: str, highest: float, colo
     # Shares as an image: one row per y, ascending, and one column per x, in the order of the frame.
     shares = part.pivot("x", index="y", values="share").sort("y").drop("y").to_numpy()
     extent = tuple(end for span in spans for end in span)  # left, right, bottom, top
+    aspect = "auto" if feature == "distances" else "equal"  # both axes of the others are lengths
     axes.imshow(
-        shares, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=highest,
+        shares, origin="lower", extent=extent, aspect=aspect, cmap="Greys", vmin=0.0, vmax=highest,
         interpolation="nearest",
     )  # fmt: skip
+    axes.locator_params(axis="x", nbins=6)

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN, RunFigure
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import ESTIMATED, Confirmation
 from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
@@ -385,14 +385,16 @@ def effect_document(*found: Effect) -> Document:
 def _change(effect: Effect) -> str:
     """Say how the first figure changes, the decision time or the error, and whether other seeds confirm it."""
     one = effect.differences[0]
+    title = BY_COLUMN[one.first.figure].title
+    return f"{effect.strategy}: {title} {_minus(effect)} {_difference(one)}; {_says(one)}."
+
+
+def _difference(one: Confirmation) -> str:
+    """Write a difference: times in whole seconds, shares in points, other figures as in a study."""
     figure = BY_COLUMN[one.first.figure]
-    change = with_limits(one.first.difference, figure.unit, _decimals(figure), sign=True)
-    return f"{effect.strategy}: {figure.title} {_minus(effect)} {change}; {_says(one)}."
-
-
-def _decimals(figure: RunFigure) -> int:
-    """Return the decimals of a difference: times are written in whole seconds, other figures as in a study."""
-    return 4 if figure.by_run in ESTIMATED else 0 if figure.unit else 3
+    unit = "points" if figure.is_share else figure.unit
+    decimals = 1 if figure.is_share else 4 if figure.by_run in ESTIMATED else 0 if figure.unit else 3
+    return with_limits(one.first.difference, unit, decimals, sign=True)
 
 
 def _minus(effect: Effect) -> str:
@@ -431,13 +433,17 @@ def _differences(found: Sequence[Effect]) -> Table:
     rows = []
     for effect in found:
         for one in effect.differences:
-            figure = BY_COLUMN[one.first.figure]
-            difference = with_limits(one.first.difference, decimals=_decimals(figure), sign=True)
-            words = f"{figure.title}, {figure.unit}" if figure.unit else figure.title
-            rows.append((effect.strategy, words, difference, _says(one)))
+            title = BY_COLUMN[one.first.figure].title
+            rows.append((effect.strategy, title, _difference(one), _says(one)))
     frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "verdict"], orient="row")
     columns = {"verdict": Column(prose=True)}
-    return Table(frame, columns, f"{_minus(found[0])}, paired by run (95 %).", "differences", names=2)
+    return Table(
+        frame,
+        columns,
+        f"{_minus(found[0])}, paired by run (95 %); points: percentage points.",
+        "differences",
+        names=2,
+    )
 
 
 def _consensus(found: Sequence[Effect]) -> pl.DataFrame:

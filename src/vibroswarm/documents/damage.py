@@ -146,7 +146,7 @@ UNTESTED: Final = (
     "tested. The law of damage cannot be tested where there is none: it is that of the reference. Surfaces are drawn "
     "without effects of time: gains that vary by 10 % within minutes make 8 to 16 % of false calls out of 5 %."
 )
-_RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told risk", share=True)}
+_RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("reported risk", share=True)}
 
 
 def scan_words(scan: Scan) -> Text:
@@ -235,10 +235,10 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     )
     return (
         Text(
-            f"Told risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, and "
-            f"Lambda {rule} and contrast ({contrasts}). A centre that has all samples tolerates it "
-            f"{_when(told.cleared_s)}; the last of the robots, each by its samples and {heard} the others', "
-            f"{_when(told.robots_s)}."
+            f"Reported risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, "
+            f"and Lambda {rule} and contrast ({contrasts}). By all samples it is {_tolerated(told.cleared_s)}; by "
+            f"those that each robot has (its own and {heard} the others'), that of the last robot is "
+            f"{_tolerated(told.robots_s)}."
         ),
         Text(
             f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
@@ -249,8 +249,8 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     )
 
 
-def _when(time_s: float | None) -> str:
-    return "at no look" if time_s is None else f"for the first time at {number(time_s, 0)} s"
+def _tolerated(time_s: float | None) -> str:
+    return "not tolerated at any look" if time_s is None else f"first tolerated at {number(time_s, 0)} s"
 
 
 def pod_table(found: Assessment) -> Table:
@@ -328,13 +328,14 @@ def _over_time(found: Inspection) -> Figure:
 def map_figure(found: Inspection, *, own: bool = True) -> Figure:
     """Return the figure of the map of tiles, of all samples; with ``own`` also of each robot's."""
     maps = found.last_maps if own else found.last_maps.filter(pl.col("robot").is_null())
-    words = f"Probability that each tile {vibrates(found)}"
+    words, floor = vibrates(found), found.samples.floor
+    assert floor is not None  # without a grid there is no map
+    caption = f"Probability that each tile {words}: all robots{', each by itself' if own else ''}."
 
     def draw(style: str) -> Picture:
         with settings():
-            return Picture(
-                maps_figure(maps), maps, f"{words}: all robots{', each by itself' if own else ''}."
-            )
+            label = f"probability that a tile {words}"
+            return Picture(maps_figure(maps, tile_m=floor.geometry[2:4], label=label), maps, caption)
 
     return Figure("map", draw, f"Map of all samples{', and of each robot' if own else ''}")
 

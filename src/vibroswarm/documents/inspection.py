@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -143,10 +144,14 @@ def _presumptions(samples: Samples) -> Iterator[str]:
     errors = samples.place_errors
     if errors is not None:
         shares = ", ".join(percent(share) for share in errors.within)
+        lag = (
+            ""
+            if math.isnan(errors.lag_one)
+            else f", correlated by {number(errors.lag_one, 2)} from sample to sample of a robot"
+        )
         yield (
             f"Places taken as independent: their errors within 1, 2 and 4 stated standard deviations are {shares} "
-            f"(68.3, 95.4 and 100 % expected), correlated by {number(errors.lag_one, 2)} from sample to sample of a "
-            "robot."
+            f"(68.3, 95.4 and 100 % expected){lag}."
         )
     elif samples.column("spread_x_m").any():
         yield "Places taken as independent; how wrong they are is not known."

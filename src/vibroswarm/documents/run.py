@@ -413,4 +413,5 @@ def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
             if reports_over_time(result).height:
                 save_figure(lambda: draw_run_reports(result, style="page").figure, part / "reports.png")
             if maps is not None:
-                save_figure(lambda: maps_figure(maps), part / "maps.png")
+                tile_m = result.floor(int(maps["run"][0])).geometry[2:4]
+                save_figure(lambda: maps_figure(maps, tile_m=tile_m), part / "maps.png")

@@ -36,6 +36,7 @@ from vibroswarm.documents.study_figures import (
 )
 from vibroswarm.documents.study_words import (
     SHORT,
+    asks_numbers,
     at_equal_error,
     cell_sentence,
     question,
@@ -204,18 +205,25 @@ _OUTCOME_WORDS: Final = (
     "Swarms right: all robots of the run are. Split: robots decided differently; incomplete: a robot did not decide. "
     "Forced error: robots wrong, or undecided and leaning to the wrong side at the end. Belief in the truth: the "
     "probability that a robot gives the right answer when it decides, or at its last sample; not a share of right "
-    "decisions. Under feedback it is an opinion: it counts what robots concluded as if it were readings. Intervals are "
-    "over runs, since the robots of a run influence each other. `summary.csv` has all figures."
+    "decisions. Under feedback it is an opinion: it counts what robots concluded as if it were readings."
+)
+_ESTIMATE_WORDS: Final = (
+    "Error: mean distance of the robots' estimates from the true number at the end. CRPS: the same for the estimate "
+    "and its spread (a normal distribution); lower if a robot is sure and right."
+)
+_INTERVAL_WORDS: Final = (
+    "Intervals are over runs, since the robots of a run influence each other. `summary.csv` has all figures."
 )
 
 
 def _outcome_section(outcome: Outcome) -> Section:
+    words = _ESTIMATE_WORDS if asks_numbers(outcome) else _OUTCOME_WORDS
     parts = (
         _outcome_table(outcome),
         *_tables_of_some_cells(outcome),
         *if_any(outcome.reported, _reported_parts),
         Text(_levels(outcome)),
-        Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True),
+        Section("What these figures are", (Text(f"{words} {_INTERVAL_WORDS}"),), wide=True),
         Section("Figures left out", (Text(not_drawn(outcome)),), wide=True),
         *outcome_figures(outcome),
     )
@@ -243,10 +251,10 @@ def _figures_of(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
     Where tasks ask for numbers, they are those of estimates; where some do, these come after the others.
     """
-    asking = [one.cell.scenario.task.asks_number for one in outcome.cells]
-    if all(asking):
+    if asks_numbers(outcome):
         return ("estimate", *ESTIMATES), ESTIMATES
-    return (*_OUTCOME, *ESTIMATES) if any(asking) else _OUTCOME, _SHOWN
+    some = any(one.cell.scenario.task.asks_number for one in outcome.cells)
+    return (*_OUTCOME, *ESTIMATES) if some else _OUTCOME, _SHOWN
 
 
 class _SomeCells(NamedTuple):

@@ -14,11 +14,12 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, FOLLOWED, RunFigure
+from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, RunFigure
 from vibroswarm.analysis.incidence import READ, robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, drawn_of, first_of, listed, stated
 from vibroswarm.documents.cell_figures import TIME_AND_ERROR
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
+from vibroswarm.documents.study_words import asks_numbers
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
 from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
@@ -41,6 +42,8 @@ MOST_PANELS: Final = 6
 """Most figures of a kind."""
 SIMULATED_RUNS: Final = 100
 """Most runs of a cell simulated again for a figure of samples."""
+DECADES: Final = 1000
+"""An axis is logarithmic if its largest value is so many times the smallest."""
 MOST_POINTS: Final = 400
 """Most points of the figure of detection."""
 TIMES: Final = 121
@@ -55,10 +58,10 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     table = _table(outcome, layout)
-    if len(cells) <= MOST_ROWS:
+    if len(cells) <= MOST_ROWS and not asks_numbers(outcome):
         yield _figure("outcomes", "Outcomes of the swarms", _outcomes, cells)
     for figure in FIGURES:
-        is_there = figure.by_run not in FOLLOWED or any(row.summary.figures[figure.name].n for row in cells)
+        is_there = any(row.summary.figures[figure.name].n for row in cells)
         if figure.picture and is_there and (layout.x is not None or len(cells) <= MOST_ROWS):
             yield _figure(figure.name, figure.picture, _bars, table, layout, figure)
     yield from _planes(cells, table)
@@ -70,11 +73,11 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
 def time_figures(outcome: Outcome) -> Iterator[Figure]:
     """Yield decisions, consensus and beliefs over time.
 
-    Boxes are left out if there are more than half of ``MOST_ROWS`` cells; beliefs if there are more than
-    ``MOST_SERIES`` cells, or no robot sampled, and those of cells whose robots sampled and hold no belief.
+    Boxes are left out if there are more than half of ``MOST_ROWS`` cells, or all ask for numbers; beliefs if there are
+    more than ``MOST_SERIES`` cells, or no robot sampled, and those of cells whose robots sampled and hold no belief.
     """
     yield from _incidences(outcome)
-    if len(outcome.cells) <= MOST_ROWS // 2:
+    if len(outcome.cells) <= MOST_ROWS // 2 and not asks_numbers(outcome):
         yield _figure("consensus-box", "Consensus time, run by run", _spread, outcome)
     if len(outcome.cells) <= MOST_SERIES:
         believes = {one.cell.number: _sampled(outcome, one, "belief_below") for one in outcome.cells}
@@ -152,10 +155,17 @@ def _bars(table: pl.DataFrame, layout: Layout, figure: RunFigure, style: str) ->
         x_label="" if too_many_lines else layout.label,
         label=f"{figure.title} ({figure.unit})" if figure.unit else figure.title,
         interval="95 % interval",
+        log=_spans_decades(layout),
         percent=figure.is_share,
         title=title,
         style=style,
     )
+
+
+def _spans_decades(layout: Layout) -> bool:
+    """Return whether x needs a logarithmic axis, on which small values do not fall on one place."""
+    x = [] if layout.x is None else layout.x.values()
+    return min(x, default=0.0) > 0.0 and max(x) >= DECADES * min(x)
 
 
 def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figure]:
@@ -179,8 +189,9 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
             ("swarm_right", "swarms right", "high"),
         ):
             name = f"heat-{figure.replace('_', '-')}" + (f"-{number + 1}" if len(panels) > 1 else "")
-            title = f"{label} over {' and '.join(label_of(field).text for field in plane)}" + (
-                f": {rest}" if rest else ""
+            title = (
+                f"{label[0].upper()}{label[1:]} over {' and '.join(label_of(field).text for field in plane)}"
+                + (f": {rest}" if rest else "")
             )
             yield _figure(name, f"{title}{some}", _heat, part, table, plane, figure, label, best)
 
@@ -206,7 +217,15 @@ def _heat(
         x=number.replace_strict(x), y=number.replace_strict(y), value=figure, runs="runs"
     )
     x_label, y_label = label_of(x_field).text, label_of(y_field).text
-    return draw_heat(frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style)
+    return draw_heat(
+        frame,
+        x_label=x_label,
+        y_label=y_label,
+        label=label,
+        best=best,
+        percent=figure == "swarm_right",
+        style=style,
+    )
 
 
 def _incidences(outcome: Outcome) -> Iterator[Figure]:
@@ -297,10 +316,12 @@ def front_figures(outcome: Outcome) -> Iterator[Figure]:
     """Yield a figure of decision time against error for each of the first ``MOST_PANELS`` floors with several cells.
 
     A front shows settings among which one may choose. The floor cannot be chosen, so cells on different floors are in
-    different figures. A floor with only one cell has no figure.
+    different figures. A floor with only one cell that has an error has no figure.
     """
     floors: dict[str, list[CellOutcome]] = {}
     for cell_outcome in outcome.cells:
+        if not cell_outcome.summary.figures["forced_error"].n:
+            continue
         floors.setdefault(str(cell_outcome.cell.point.get(SOURCE, "")), []).append(cell_outcome)
     fronts = [(number, *one) for number, one in enumerate(floors.items(), start=1) if len(one[1]) > 1]
     some = drawn_of(MOST_PANELS, len(fronts), "floor")

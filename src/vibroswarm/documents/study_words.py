@@ -100,6 +100,11 @@ def _cells_in_question(outcome: Outcome) -> str:
     return listed(names, "or") if one_by_one else title_of(outcome.result)
 
 
+def asks_numbers(outcome: Outcome) -> bool:
+    """Return whether all cells ask for a number, so that no answer is right or wrong."""
+    return all(one.cell.scenario.task.asks_number for one in outcome.cells)
+
+
 def question(outcome: Outcome) -> str:
     """Write what the study asks: which cells are compared, in which setting, and in how many runs.
 
@@ -117,7 +122,7 @@ def question(outcome: Outcome) -> str:
     asks = "Which decides sooner"
     if any(one.summary.swarm_right.n for one in outcome.cells):
         asks += ", and which is wrong more often"
-    if all(cell.scenario.task.asks_number for cell in cells):
+    if asks_numbers(outcome):
         asks = "Whose estimates are better"
     return f"{asks}: {which}? {setting[0].upper()}{setting[1:]} each, compared run by run."
 

@@ -91,7 +91,7 @@ class PlaceErrors(NamedTuple):
     """How wrong estimated places are, known in simulations only."""
 
     lag_one: float
-    """Correlation of the errors of a robot's consecutive samples."""
+    """Correlation of the errors of a robot's consecutive samples; nan: no robot has two."""
     within: tuple[float, float, float]
     """Shares of errors within 1, 2 and 4 stated standard deviations in x and y; .68, .95 and 1.00 expected."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -116,7 +117,8 @@ def _place_errors(frame: pl.DataFrame, motion: pl.DataFrame) -> PlaceErrors:
     scaled = errors / np.maximum(spreads, 1e-9)
     pairs = [part[:, same].ravel() for part in (scaled[:, :-1], scaled[:, 1:])]
     one, two, four = (float(np.mean(np.abs(scaled) <= k)) for k in (1.0, 2.0, 4.0))
-    return PlaceErrors(float(np.corrcoef(*pairs)[0, 1]), (one, two, four))
+    lag_one = float(np.corrcoef(*pairs)[0, 1]) if same.any() else math.nan
+    return PlaceErrors(lag_one, (one, two, four))
 
 
 def _values(result: Result, of_run: pl.Expr, bits: bool) -> pl.DataFrame:

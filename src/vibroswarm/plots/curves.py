@@ -119,9 +119,10 @@ def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
 
 def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
     """Write the share of runs or robots that are undecided at the end of each series: "soft 12 %; none 40 %"."""
-    undecided = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
+    # as exact as ``_checked``: rounding makes a rest of 0 a little more or less
+    undecided = [round(1 - part["right"][-1] - part["wrong"][-1], 9) for part in parts]
     return "; ".join(
-        (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)  # rounding may make the rest negative
+        (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)
         for name, rest in zip(series, undecided, strict=True)
     )
 

@@ -21,6 +21,7 @@ from vibroswarm.plots.layout import (
     new_figure,
     number,
     of_runs,
+    percent_axis,
     to_scale,
     width_pt,
 )
@@ -43,6 +44,7 @@ def draw_heat(
     best: str | None = None,
     best_within: float = 0.0,
     digits: int = 3,
+    percent: bool = False,
     title: str = "",
     style: str = "column",
 ) -> Picture:
@@ -56,6 +58,7 @@ def draw_heat(
             None: no cell is outlined.
         best_within: also outline all cells whose values are at most this far from the best.
         digits: significant digits of the numbers in the cells; the numbers are left out if they do not fit.
+        percent: whether values are shares, written in percent.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -79,7 +82,7 @@ def draw_heat(
     for x, y, value in frame.select("x", "y", "value").iter_rows():
         grid[row_of[y], column_of[x]] = np.nan if value is None else value
     chosen = best_cells(grid, best, best_within)
-    figure = _draw_heat(sizes, grid, chosen, xs, ys, (x_label, y_label, label), digits, title)
+    figure = _draw_heat(sizes, grid, chosen, xs, ys, (x_label, y_label, label), digits, percent, title)
     numbers = frame.select("x", "y", "value", "runs").with_columns(
         best=pl.Series([bool(chosen[row_of[y], column_of[x]]) for x, y in frame.select("x", "y").iter_rows()])
     )
@@ -129,6 +132,7 @@ def _draw_heat(
     ys: list[Any],
     labels: tuple[str, str, str],
     digits: int,
+    percent: bool,
     title: str,
 ) -> Any:
     """Draw the map of a grid of values.
@@ -136,7 +140,7 @@ def _draw_heat(
     Args:
         grid: (rows, columns), row 0 at the bottom; nan: no value. chosen: cells to outline, in the same shape.
         xs, ys: values of the columns and rows. labels: of x, y and the values.
-        digits: significant digits of the numbers in the cells.
+        digits: significant digits of the numbers in the cells. percent: whether values are written in percent.
     """
     from matplotlib.patches import Rectangle
 
@@ -172,10 +176,13 @@ def _draw_heat(
     # The names of y, and the bar, take from the width that those of x have, and these from the height of the labels.
     axes.set(xlabel=labels[0], ylabel=labels[1])
     if known.any():
-        colour_bar(figure, axes, style, mesh).ax.set_ylabel(labels[2])
+        bar = colour_bar(figure, axes, style, mesh).ax
+        bar.set_ylabel(labels[2])
+        if percent:
+            percent_axis(bar.yaxis)
     _name_ticks(axes.yaxis, style, ys, axes_size_pt(figure, axes)[1], upright=True)
     _name_ticks(axes.xaxis, style, xs, axes_size_pt(figure, axes)[0], upright=False)
-    _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits)
+    _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits, scale=100 if percent else 1)
     _outline(axes, _borders(chosen), (3.4 * style.line_pt, 1.8 * style.line_pt), zorder=5, clip_on=False)
     return figure
 
@@ -230,21 +237,28 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
 
 
 def _write_numbers(
-    figure: Any, axes: Any, style: Style, grid: NDArray[np.float64], limits: tuple[float, float], digits: int
+    figure: Any,
+    axes: Any,
+    style: Style,
+    grid: NDArray[np.float64],
+    limits: tuple[float, float],
+    digits: int,
+    scale: int,
 ) -> None:
     """Write the values into the cells, in smaller letters if necessary, or none if they would be too small to read.
 
     Args:
         grid: (rows, columns); nan: no value. limits: values at the ends of the scale of colours, which is dark at the
             lower end: letters are light in its lower half, and dark in the upper.
-        digits: significant digits of the largest number.
+        digits: significant digits of the largest number. scale: values are written so many times as large.
     """
     rows, columns = grid.shape
     width, height = axes_size_pt(figure, axes)
     wide, high = width / columns, height / rows  # size of a cell, points
-    decimals = decimals_of(grid.flat, digits)
+    decimals = decimals_of((scale * grid).flat, digits)
     texts = [
-        [number(value, digits, decimals) if np.isfinite(value) else "" for value in line] for line in grid
+        [number(scale * value, digits, decimals) if np.isfinite(value) else "" for value in line]
+        for line in grid
     ]
     widest = max(width_pt(text, style.small_pt) for line in texts for text in line)
     # Letters take at most 0.9 of the width of a cell and 0.85 of its height. ``widest`` is 0 if no cell has a value.

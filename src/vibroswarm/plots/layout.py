@@ -408,7 +408,7 @@ def log_x(axes: Axes, values: Sequence[float]) -> None:
         raise InputError("a logarithmic axis needs numbers above 0", field="x")
     ratio = max(values) / min(values)  # 300 is 2.5 decades
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if ratio < 300 else (1,)))
+    axes.xaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if ratio < 300 else (1,), numticks=6))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: stated(value)))
 

@@ -229,15 +229,22 @@ _HATCHED: Final = re.compile(r' fill="(#[0-9a-f]{6})"')
 """The attribute ``fill`` of a tag with a colour, as the background of a hatch has it."""
 _COLOUR: Final = re.compile(f"({'|'.join(NAMES.values())})(?![0-9a-f])")
 """A named colour, not as the beginning of a longer number."""
+_PATH: Final = re.compile(r'(?<= d=")[^"]*(?=")')
+"""The points of a path."""
+_UNSEEN: Final = re.compile(r"(?<=\.\d\d)\d+")
+"""Digits of a place that nobody sees: from the third decimal on, in points."""
 _NAME_OF: Final = {colour: name for name, colour in NAMES.items()}
 
 
 def _themed(tag: str) -> str:
     """Replace the named colours in the style of an SVG ``tag`` by CSS variables, which are allowed only in a style.
 
+    Places in it are cut to two decimals, which makes pages smaller by up to a fifth.
+
     The background of a hatch has its colour in the attribute ``fill``, which therefore becomes a style first.
     """
     tag = _HATCHED.sub(r' style="fill: \1"', tag)
+    tag = _PATH.sub(lambda path: _UNSEEN.sub("", path[0]), tag)
     return _STYLE.sub(lambda style: _COLOUR.sub(_css_variable, style[0]), tag)
 
 

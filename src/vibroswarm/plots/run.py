@@ -377,7 +377,13 @@ MOST_MAPS: Final = 11
 """Most robots whose maps are drawn; with the map of all robots together they fill three lines of ``ACROSS`` maps."""
 
 
-def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
+def maps_figure(
+    maps: pl.DataFrame,
+    run: int = 0,
+    *,
+    tile_m: tuple[float, float] = (1.0, 1.0),
+    label: str = "belief that a tile vibrates",
+) -> Figure:
     """Draw the map of all robots together, then the maps of the ``MOST_MAPS`` robots with the lowest numbers.
 
     The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not: the
@@ -387,6 +393,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     Args:
         maps: the table of ``analysis.map_figures.floor_maps``, in which the pooled map has null as its robot, and the
             tiles of each map are sorted by row, then column. run: number of a run that the table has.
+        tile_m: width and height of a tile; maps are to scale. label: of the colours.
     """
     from matplotlib.colors import LinearSegmentedColormap, to_rgb
     from matplotlib.figure import Figure
@@ -397,8 +404,15 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     maps_drawn = 1 + len(robots)
     across = min(maps_drawn, ACROSS)
     down = math.ceil(maps_drawn / across)
-    # about 2 in per map, and room for the scale of colours at the right and the words below
-    figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
+    rows, columns = (of_run[name].n_unique() for name in ("row", "column"))
+    tile = tile_m[1] / tile_m[0]  # its height, if it is 1 wide
+    # Maps are 2 in wide, or less if they would be higher than that; the words at the scale of colours need as much.
+    # There is room for the scale at the right and for the words below.
+    wide_in = 2.0 / max(1.0, rows * tile / columns)
+    high_in = wide_in * rows * tile / columns
+    size_in = (max(wide_in, 0.8) * across + 0.7, max((high_in + 0.25) * down, 2.25) + 0.5)
+    figure = Figure(figsize=size_in, layout="constrained")
+    cross_pt = min(6.0, 72 * 0.6 * min(wide_in / columns, high_in / rows))
     axes = panels_of(figure, maps_drawn, ACROSS)
     # Almost the named colours: those a dark page replaces, but not the ones between them, nor the scale's.
     ends = [tuple(0.99 * part for part in to_rgb(colour)) for colour in (STILL, VIBRATING)]
@@ -406,16 +420,18 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     mesh: Any = None
     for ax, robot in zip(axes, [None, *robots], strict=True):  # None: all robots
         own = of_run.filter(pl.col("robot").is_null() if robot is None else pl.col("robot") == robot)
-        shape = (own["row"].n_unique(), own["column"].n_unique())
-        belief = own["vibrating"].to_numpy().reshape(shape)
+        belief = own["vibrating"].to_numpy().reshape(rows, columns)
         mesh = ax.pcolormesh(belief, cmap=colours, vmin=0, vmax=1, edgecolors="#8a8578", linewidth=0.4)
         wrong = own.filter((pl.col("vibrating") > 0.5) != (pl.col("vibrates") == 1))
-        ax.plot(wrong["column"].to_numpy() + 0.5, wrong["row"].to_numpy() + 0.5, "x", color="black", mew=2)
-        ax.set(aspect="equal", xlim=(0, shape[1]), ylim=(shape[0], 0), xticks=[], yticks=[])
+        ax.plot(
+            wrong["column"].to_numpy() + 0.5, wrong["row"].to_numpy() + 0.5, "x", color="black",
+            ms=cross_pt, mew=cross_pt / 3,
+        )  # fmt: skip
+        ax.set(aspect=tile, xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
         ax.spines[:].set_visible(True)
         ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)
     bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
-    bar.set_label("belief that a tile vibrates", fontsize=9)
+    bar.set_label(label, fontsize=9)
     words = ["x: believed kind is wrong"] if of_run["vibrates"].is_not_null().any() else []
     words.append(first_of(len(robots), len(each), "robot"))
     if said := "; ".join(filter(None, words)):

@@ -83,8 +83,8 @@ function flagNear(x, y) {
 function flagNote({ robots: group }) {
   const times = group.map(({ final }) => final.decision_time_s), first = group[0];
   const names = group.map(({ name }) => name);
-  if (group.length === 1) return [`Robot ${first.name} decides: ${SAY_WORDS[first.final.decision]}`, [["at", bothTimes(times[0])]]];
-  return [`${group.length} robots decide: ${SAY_WORDS[first.final.decision]}`, [
+  if (group.length === 1) return [`Robot ${first.name} decides: ${DECISION_WORDS[first.final.decision]}`, [["at", bothTimes(times[0])]]];
+  return [`${group.length} robots decide: ${DECISION_WORDS[first.final.decision]}`, [
     ["from", bothTimes(times[0])], ["to", bothTimes(times[times.length - 1])],
     ["robots", names.length > 8 ? `${names.slice(0, 7).join(", ")} \u2026` : listed(names)],
   ]];

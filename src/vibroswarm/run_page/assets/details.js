@@ -5,7 +5,7 @@ function buildDetails() {
   const known = [
     ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
-    ["Floor", `${f.columns} \u00d7 ${f.rows} tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
+    ["Floor", `${f.rows} rows \u00d7 ${f.columns} columns, tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
     [KIND_COUNT > 2 ? "Share of kind 1" : "Fill ratio", ratio(run.truth.fill_ratio)],
     ["Strategy", run.strategy],
     ["Decides", ruleWords(run.rule)],

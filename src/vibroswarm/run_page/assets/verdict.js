@@ -67,7 +67,7 @@ function verdictFacts() {
   const misread = run.samples.time_s.reduce((n, _, row) => n + (isMisread(row) ? 1 : 0), 0);
   const mean = sure.reduce((sum, value) => sum + value, 0) / sure.length;
   const when = run.outcome.time_s, apart = when !== null && run.outcome.consensus === "split";
-  const votes = SIDES.map((decision) => [byDecision(decision).length, SAY_WORDS[decision]])
+  const votes = SIDES.map((decision) => [byDecision(decision).length, DECISION_WORDS[decision]])
     .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} ${count === 1 ? "says" : "say"}: ${word}`);
   const open = byDecision(-1).length, undecided = open ? `${open} of ${robots.length} undecided` : "";
   return [

@@ -26,12 +26,9 @@ const DECISION_WORDS = ANSWERS
     1: `more than ${percent(run.rule.boundary)} vibrating`,
   };
 // The same in one word, where the boundary goes without saying.
-const VOTE_WORDS = { "-1": "undecided", ...(ANSWERS ?? ["still", "vibrating"]) };
-const SIDES = (ANSWERS ?? ["still", "vibrating"]).map((_, side) => side);
-
-// What a robot says to the question.
-const SAY_WORDS = ANSWERS || run.rule.boundary !== 0.5 ? DECISION_WORDS
-  : { "-1": "undecided", 0: "not vibrating", 1: "vibrating" };
+const VOTES = ANSWERS ?? (run.rule.boundary === 0.5 ? ["still", "vibrating"] : ["less", "more"]);
+const VOTE_WORDS = { "-1": "undecided", ...VOTES };
+const SIDES = VOTES.map((_, side) => side);
 
 // Below which belief a robot decides 1; as exact as the threshold p_c is given.
 const lowerLimit = () => Number((1 - run.rule.credible_threshold).toPrecision(6));
