@@ -8,8 +8,6 @@ of a run are the same for long; ``twins`` says where. A longer check is ``benchm
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +15,7 @@ import pytest
 
 import twins
 import vibroswarm
+from helpers.commands import printed_by
 from helpers.drawn_scenarios import RAY_COUNTS
 from helpers.walk_checks import assert_engines_agree, assert_same_rows
 from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
@@ -219,17 +218,12 @@ for rays in (1, 2, 5, 9):
 def test_other_numbers_of_rays_are_identical_too():
     """As plain Python: to compile both engines for each number of rays takes half a minute."""
     paths = [str(Path(one.__file__).parents[up]) for one, up in ((vibroswarm, 1), (twins, 0))]
-    run = subprocess.run(
-        [sys.executable, "-c", PLAIN_RUN],
-        env=os.environ | {"VIBROSWARM_PLAIN": "1", "PYTHONPATH": os.pathsep.join(paths)},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    for line in run.stdout.splitlines():
+    lines = printed_by(PLAIN_RUN, VIBROSWARM_PLAIN="1", PYTHONPATH=os.pathsep.join(paths)).splitlines()
+    for line in lines:
         same, samples = line.split()
         assert same == "True"
         assert int(samples) > 10
-    assert run.stdout.count("\n") == 4
+    assert len(lines) == 4
 
 
 def test_the_comparison_of_moves_sees_one_that_lacks_or_lasts_longer():

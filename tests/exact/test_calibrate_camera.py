@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.commands import output_of, words_of
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.real_vs_simulated import camera_between, compare
 from vibroswarm.floors.floor import Floor
@@ -83,14 +84,11 @@ def test_a_camera_stands_between_a_recording_and_a_simulation_only(made: Result,
 def test_the_command_names_it(
     made: Result, seen: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from vibroswarm.cli import main
 
     seen.write(tmp_path / "real")
     replace(made, scenario=made.scenario.with_values(CAMERA.fields())).write(tmp_path / "made")
-    assert main(["calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made")]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    told = words_of(capsys, "calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made"))
     assert "magnification 1.05, shift +4.0 mm to the right, -6.0 mm up" in told
     assert "without camera" in told
     arguments = ["calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made"), "--no-camera"]
-    assert main(arguments) == 0
-    assert "camera" not in capsys.readouterr().out
+    assert "camera" not in output_of(capsys, *arguments)

@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage, stats
 
+from helpers.commands import output_of, refusal_of
 from vibroswarm import Scenario, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import answers_in
-from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
@@ -421,8 +421,7 @@ def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.Capt
     assert run["right_time_share"].item() == pytest.approx(replayed["right_time_share"][1], abs=0.005)
     sets = ["--set", "min_observations=40", "--set", "forget.memory=80", "--set", "decision.revise=true"]
     command = ["lab", "replay", str(tmp_path / "recording"), "--strategy", "forget", "--draws", "2", *sets]
-    assert main(command) == 0
-    assert "Answers over time" in capsys.readouterr().out
+    assert "Answers over time" in output_of(capsys, *command)
 
 
 def test_a_run_in_which_no_robot_sampled_gave_no_answer() -> None:
@@ -446,8 +445,9 @@ def test_a_recording_has_no_random_changes(tmp_path: Path, capsys: pytest.Captur
         "--out",
         str(tmp_path / "lab"),
     ]
-    assert main([*command, "--set", "change.rate_per_h=1"]) == 2
-    assert "change: is random, but a recording's floor changed as it did" in capsys.readouterr().err
+    assert "change: is random, but a recording's floor changed as it did" in refusal_of(
+        capsys, *command, "--set", "change.rate_per_h=1"
+    )
 
 
 @pytest.mark.parametrize("text", ["at_s=300,900", "shares=0.4,0.6"])
@@ -455,10 +455,12 @@ def test_numbers_in_one_text_are_refused_with_the_list_that_is_meant(
     text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     numbers = text.partition("=")[2].replace(",", ", ")
-    assert main(["run", "--set", f"change.{text}", "--set", "change.to=invert"]) == 2
-    assert f"write a list: [{numbers}]" in capsys.readouterr().err
+    assert f"write a list: [{numbers}]" in refusal_of(
+        capsys, "run", "--set", f"change.{text}", "--set", "change.to=invert"
+    )
 
 
 def test_detection_is_on_a_floor_that_stays(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["detect", "--runs", "1", "--set", "change.at_s=10", "--set", "change.to=invert"]) == 2
-    assert "change: must be left out" in capsys.readouterr().err
+    assert "change: must be left out" in refusal_of(
+        capsys, "detect", "--runs", "1", "--set", "change.at_s=10", "--set", "change.to=invert"
+    )

@@ -11,9 +11,9 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from helpers.commands import remarks_of
 from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
-from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.strategies.base import forget as forget_strategy
@@ -436,14 +436,15 @@ def test_questions_and_answers_must_fit(name: str, values: dict[str, Any], field
 def test_what_is_probably_not_meant_is_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
     short = ["run", "--tiles", "10x10", "--floor", "random:0.4", "--set", "run.t_end_s=20"]
     inverted = ["--set", "change.at_s=10", "--set", "change.to=invert"]
-    assert main([*short, *inverted]) == 0
-    assert "decisions are final; set decision.revise" in capsys.readouterr().err
-    assert main([*short, *inverted, "--strategy", "forget", "--set", "decision.revise=true"]) == 0
-    assert "Warning: the floor changes" not in capsys.readouterr().err
+    assert "decisions are final; set decision.revise" in remarks_of(capsys, *short, *inverted)
+    assert "Warning: the floor changes" not in remarks_of(
+        capsys, *short, *inverted, "--strategy", "forget", "--set", "decision.revise=true"
+    )
     tells = ["--strategy", "reset", "--task", "changed", "--set", "strategy.reset.tells_change=true"]
     for since, is_warned in (("start", True), ("answer", False)):
         asked = ["--set", "strategy.reset.tells_anew=true", "--set", f"task.changed.since={since}"]
-        assert main([*short, *inverted, *tells, *asked]) == 0
-        assert ("robots withdraw each answer but are asked only once" in capsys.readouterr().err) == is_warned
-    assert main([*short, "--set", "change.at_s=20", "--set", "change.to=invert"]) == 0
-    assert "the run ends at 20 s, and the floor changes at 20 s" in capsys.readouterr().err
+        said = remarks_of(capsys, *short, *inverted, *tells, *asked)
+        assert ("robots withdraw each answer but are asked only once" in said) == is_warned
+    assert "the run ends at 20 s, and the floor changes at 20 s" in remarks_of(
+        capsys, *short, "--set", "change.at_s=20", "--set", "change.to=invert"
+    )

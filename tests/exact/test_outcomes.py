@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import beta as beta_distribution
 
 from helpers.result_outcomes import from_result
 from vibroswarm.analysis import cell_summary, figures
@@ -19,7 +20,7 @@ from vibroswarm.analysis.paired import compare
 from vibroswarm.documents import cell_figures
 from vibroswarm.documents.league import league_document
 from vibroswarm.errors import InputError
-from vibroswarm.inference.agents import estimate_of
+from vibroswarm.inference.agents import estimate_of, spread_of
 from vibroswarm.inference.outcomes import (
     CONSENSUS,
     ROBOTS,
@@ -86,7 +87,7 @@ def truth_of(fill: float, boundary: float) -> int | None:
 def tables_of(finals: Arrays) -> tuple[Arrays, Arrays]:
     found = [[truth_of(fill, boundary) for fill in FILLS] for boundary in BOUNDARIES]
     truth = np.array([[math.nan if one is None else float(one) for one in row] for row in found])
-    ends = np.full(RUNS, T_END)
+    ends = np.tile([T_END, T_END - 5e-10, T_END - 0.02, 3.0], RUNS // 4)
     runs = run_columns(finals["decision"], finals["decision_time_s"], FILLS, truth, ends, T_END)
     return robot_columns(finals, truth), runs
 
@@ -211,6 +212,7 @@ def test_every_figure_is_that_by_hand() -> None:
     assert differing(finals, figures, runs) == set()
     seen = {CONSENSUS[k] for k in np.unique(runs["consensus"])}
     assert seen == set(CONSENSUS)  # the example has every outcome
+    assert runs["stopped_early"].tolist() == [False, False, True, True] * (RUNS // 4)
     for cell in range(CELLS):
         alone = run_figures(
             {n: v[cell] for n, v in robots.items()}, {n: v[cell] if v.ndim > 1 else v for n, v in runs.items()}, T_END
@@ -248,11 +250,21 @@ def test_truth_is_none_on_the_boundary_only() -> None:
         assert task("fill_ratio").truth(floor, Asked(1.0, 1.0, fill, boundary), None) == truth
 
 
+def test_each_run_has_fill_ratio_and_truth_of_its_own_floor() -> None:
+    values = {"floor.source": "patch:0.1..0.9", "decision.decision_boundary": 0.3, "run.t_end_s": 10.0}
+    result = simulate(preset("paper").with_values(values), 1, 6)
+    fills = [result.floor(run).fill_ratio_within(1.0, 1.0) for run in range(6)]
+    truths = [truth_of(fill, 0.3) for fill in fills]
+    assert set(truths) == {0, 1}
+    assert (result.runs["fill_ratio"].to_list(), result.runs["truth"].to_list()) == (fills, truths)
+
+
 def test_who_keeps_no_posterior_has_no_estimate() -> None:
     alpha, beta = np.array([1.0, np.nan, 0.0]), np.array([3.0, np.nan, 0.0])
     np.testing.assert_array_equal(estimate_of(alpha, beta), [0.25, np.nan, np.nan])
     whole = estimate_of(np.array([2**32 - 1], dtype=np.uint32), np.array([1], dtype=np.uint32))
     assert whole.tolist() == [(2**32 - 1) / 2**32]  # a sum of 32 bits would be 0
+    np.testing.assert_allclose(spread_of(alpha, beta)[:1], beta_distribution(1.0, 3.0).std(), rtol=1e-13)
 
 
 def test_no_posterior_comes_through_a_batch_as_null() -> None:

@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 from scipy.stats import norm
 
+from helpers.commands import refusal_of
 from vibroswarm import InputError, Scenario, preset, simulate
 from vibroswarm.analysis.map_figures import floor_maps
 from vibroswarm.cli import main
@@ -245,6 +246,4 @@ def test_a_result_with_a_sensor_whose_file_is_not_loaded_is_refused_in_one_sente
         )
     finally:
         forget_sensor("colour")
-    capsys.readouterr()
-    assert main(["show", out]) == 2
-    assert "add --trust to run the file" in capsys.readouterr().err
+    assert "add --trust to run the file" in refusal_of(capsys, "show", out)

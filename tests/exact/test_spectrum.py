@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.cli import main
+from helpers.commands import json_of, output_of, refusal_of
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.spectrum import _left_out, acceleration_frame, periodograms, spectra_of
 
@@ -174,11 +173,12 @@ def test_bad_files_are_refused_in_words(
 
 def test_the_command_prints_saves_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = file_of(recorded([(61.3, 1.0)], []), tmp_path)
-    assert main(["lab", "spectrum", str(path), "--axis", "z", "--out", str(tmp_path / "out")]) == 0
-    assert "The strongest line is at 61." in capsys.readouterr().out
+    assert "The strongest line is at 61." in output_of(
+        capsys, "lab", "spectrum", str(path), "--axis", "z", "--out", str(tmp_path / "out")
+    )
     assert (tmp_path / "out" / "spectra.csv").exists()
     assert "<svg" in (tmp_path / "out" / "report.html").read_text()
-    assert main(["lab", "spectrum", str(path), "--axis", "z", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)
-    assert main(["lab", "spectrum", str(path), "--by", "colour"]) == 2
-    assert "there is no 'colour' (choices: robot, " in capsys.readouterr().err
+    assert json_of(capsys, "lab", "spectrum", str(path), "--axis", "z", "--json")
+    assert "there is no 'colour' (choices: robot, " in refusal_of(
+        capsys, "lab", "spectrum", str(path), "--by", "colour"
+    )

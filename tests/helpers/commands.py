@@ -1,8 +1,14 @@
-"""Commands, called in this process: what one prints that must succeed, and the message of one that must be refused."""
+"""Commands, called in this process: what one prints that must succeed, and the message of one that must be refused.
+
+And programs in a process of their own.
+"""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -15,6 +21,13 @@ def output_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
     capsys.readouterr()  # what was printed before
     assert main([str(word) for word in line]) == 0
     return capsys.readouterr().out
+
+
+def remarks_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
+    """Return what a command that must succeed writes beside its output, without its line breaks."""
+    capsys.readouterr()
+    assert main([str(word) for word in line]) == 0
+    return " ".join(capsys.readouterr().err.split())
 
 
 def words_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
@@ -32,3 +45,11 @@ def refusal_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
     capsys.readouterr()
     assert main([str(word) for word in line]) == 2
     return " ".join(capsys.readouterr().err.split())
+
+
+def printed_by(program: str, **environment: str) -> str:
+    """Return what a Python program prints in a process of its own, which must succeed."""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

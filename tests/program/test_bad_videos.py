@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.commands import refusal_of
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv, video_file
@@ -155,8 +156,7 @@ def test_a_folder_and_a_missing_file_are_named(folder: Path, tmp_path: Path, cap
         capsys.readouterr().err.split()
     )
     track = ["lab", "track", str(folder / "short.mp4"), "--markers", str(tmp_path / "missing.toml")]
-    assert main([*track, "--out", str(tmp_path / "out")]) == 2
-    assert "missing.toml" in capsys.readouterr().err
+    assert "missing.toml" in refusal_of(capsys, *track, "--out", str(tmp_path / "out"))
 
 
 @pytest.mark.parametrize(

@@ -157,8 +157,7 @@ def test_robots_that_know_their_places_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     true = ["--set", "localisation.method=true"]
-    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "places", *true]) == 2
-    said = capsys.readouterr().err
+    said = refusal_of(capsys, "export", "c", str(tmp_path / "x"), "--strategy", "places", *true)
     assert "localisation.method: is 'true'" in said
     assert "localisation.method=mixture" in said
     assert not (tmp_path / "x").exists()
@@ -178,8 +177,7 @@ def test_options_of_places_are_refused_by_name(
     """With the file and line of what would have to be exported, and the value that can be."""
     set_to = ["--strategy", "places", "--set", "localisation.method=mixture"]
     set_to += ["--set", f"strategy.places.{option}={value}", "--set", "strategy.places.map_every=2"]
-    assert main(["export", "c", str(tmp_path / "x"), *set_to]) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = refusal_of(capsys, "export", "c", str(tmp_path / "x"), *set_to)
     assert f"strategy.places.{option}: {value}: " in said
     assert f"see vibroswarm/strategies/{functions}, line" in said
     assert f"leave it at {'0' if option == 'draws' else 'false'}" in said
@@ -238,8 +236,7 @@ def test_arrays_of_state_and_message_are_refused(
     text = text.replace(f"class {row}:\n", f'class {row}:\n    last = array("float64", "3")\n')
     (tmp_path / "strange.py").write_text(text)
     arguments = ["--strategy", f"{tmp_path / 'strange.py'}:strange"]
-    assert main(["export", "c", str(tmp_path / "robot"), *arguments]) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = refusal_of(capsys, "export", "c", str(tmp_path / "robot"), *arguments)
     assert (
         f"{row} of strategy 'strange': 'last' is an array, which an exported program cannot hold in {row}"
         in said

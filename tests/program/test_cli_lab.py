@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import importlib
-import json
 import re
 import runpy
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 import pytest
 
-from helpers.commands import json_of, output_of, refusal_of, words_of
+from helpers.commands import json_of, output_of, refusal_of, remarks_of, words_of
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.core.numbers import percent
@@ -31,10 +29,6 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     logs = [str(SHIPPED / f"session-{k}.csv") for k in (1, 2)]
     assert main(["lab", "import", *logs, *FLOOR, "--out", str(out)]) == 0
     return out
-
-
-def told(capsys: pytest.CaptureFixture[str]) -> Any:
-    return json.loads(capsys.readouterr().out)
 
 
 def test_the_shipped_recordings_are_those_that_the_script_makes(tmp_path):
@@ -103,7 +97,6 @@ def test_a_log_of_messages_without_posteriors_is_read_again(tmp_path, capsys):
     for command in (["show"], ["lab", "replay", "--draws", "2"], ["lab", "threshold"], ["lab", "export"]):
         more = ["--format", "csv", "--out", str(tmp_path / "tables")] if "export" in command else []
         assert main([*command, str(tmp_path / "mine"), *more]) == 0, command
-    capsys.readouterr()
     table = tmp_path / "mine" / "inference.parquet"
     table.write_bytes(table.read_bytes()[:-9])
     assert "inference.parquet: is cut off" in refusal_of(capsys, "show", tmp_path / "mine")
@@ -277,8 +270,8 @@ def test_compare_several(kept, tmp_path, capsys):
     assert main(["run", "--set", "run.t_end_s=250", *FLOOR, "--out", str(other)]) == 0
     both = json_of(capsys, "calibrate", "compare", kept, kept, other, "--json")["tables"]
     for folder in (kept, other):
-        assert main(["calibrate", "compare", str(kept), str(folder), "--json"]) == 0
-        for name, rows in told(capsys)["tables"].items():
+        alone = json_of(capsys, "calibrate", "compare", kept, folder, "--json")
+        for name, rows in alone["tables"].items():
             of_both = [one for one in both[name] if one["simulated"] == str(folder)]
             assert [{key: one[key] for key in row} for one, row in zip(of_both, rows, strict=True)] == rows
     out = output_of(capsys, "calibrate", "compare", kept, kept, other)
@@ -476,8 +469,9 @@ def test_a_log_that_is_given_twice_is_warned_of(tmp_path, capsys):
     copy = tmp_path / "copy.csv"
     copy.write_bytes(Path(log).read_bytes())
     for second in (log, str(copy)):
-        assert main(["lab", "import", log, second, *FLOOR, "--out", str(tmp_path / "lab"), "--force"]) == 0
-        assert f"Warning: '{second}' is '{log}' again" in " ".join(capsys.readouterr().err.split())
+        assert f"Warning: '{second}' is '{log}' again" in remarks_of(
+            capsys, "lab", "import", log, second, *FLOOR, "--out", str(tmp_path / "lab"), "--force"
+        )
 
 
 @pytest.mark.parametrize("stated", [[], ["--set", "robot.battery_life_s=20000"]])

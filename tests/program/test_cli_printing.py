@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from helpers.commands import output_of, refusal_of
+from helpers.commands import output_of, refusal_of, remarks_of
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS
 
@@ -40,8 +40,7 @@ def test_quiet_leaves_results_and_errors(capsys):
 
 
 def test_verbose_reports_versions_and_tracebacks(capsys):
-    assert main([*RUN, "-v"]) == 0
-    printed = capsys.readouterr().err
+    printed = remarks_of(capsys, *RUN, "-v")
     assert "vibroswarm 0." in printed
     assert "cache of compiled kernels" in printed
     assert "Traceback" not in printed

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from helpers.browser import Tabs
-from helpers.commands import json_of, output_of, refusal_of, words_of
+from helpers.commands import json_of, output_of, refusal_of, remarks_of, words_of
 from vibroswarm.cli import main
 from vibroswarm.documents.study_figures import time_figures
 from vibroswarm.study.evaluation import evaluate
@@ -241,10 +241,10 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
 
 def test_detect_says_that_a_floor_is_not_the_one_that_is_given(capsys: pytest.CaptureFixture[str]) -> None:
     line = ["detect", "--robots", "2", "--runs", "2", "--set", "run.t_end_s=20", "--fills", "0.4,0.6", "-q"]
-    assert main([*line, "--floor", "diagonal:0.46"]) == 0
-    assert "Warning: --floor: of it only the number of tiles is used" in capsys.readouterr().err
-    assert main(line) == 0
-    assert "--floor" not in capsys.readouterr().err
+    assert "Warning: --floor: of it only the number of tiles is used" in remarks_of(
+        capsys, *line, "--floor", "diagonal:0.46"
+    )
+    assert "--floor" not in remarks_of(capsys, *line)
 
 
 def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.CaptureFixture[str]) -> None:

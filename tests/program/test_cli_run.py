@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.commands import json_of, output_of, refusal_of, words_of
+from helpers.commands import json_of, output_of, printed_by, refusal_of, remarks_of, words_of
 from vibroswarm import sensors
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS
@@ -155,8 +155,7 @@ def test_robots_that_fail_are_named(capsys):
     said = capsys.readouterr()
     assert "none of 5 robots failed" in said.out, "a share that is less than half a robot"
     assert "0.05 of 5 robots is 0.25; none of them have the fault" in said.err
-    assert run(*SHORT, "--set", "faults.biased=0.2") == 0
-    assert "faults.biased has no effect" in capsys.readouterr().err
+    assert "faults.biased has no effect" in remarks_of(capsys, "run", *SHORT, "--set", "faults.biased=0.2")
     assert "more than the whole swarm" in refusal_of(capsys, "run", *SHORT, "--set", "faults.stuck_at_1=3")
 
 
@@ -287,17 +286,16 @@ def test_the_working_folder_is_never_replaced(
     place = tmp_path / "here"
     place.mkdir()
     monkeypatch.chdir(place)
-    assert run(*SHORT, "--out", out) == 2
-    assert "is the working folder or holds it" in capsys.readouterr().err
+    assert "is the working folder or holds it" in refusal_of(capsys, "run", *SHORT, "--out", out)
     Path(out, "vibroswarm.json").write_text("")
-    assert main(["evaluate", "--runs", "1", "--out", out, "--force"]) == 2
-    assert "is the working folder or holds it" in capsys.readouterr().err
+    assert "is the working folder or holds it" in refusal_of(
+        capsys, "evaluate", "--runs", "1", "--out", out, "--force"
+    )
     assert place.samefile(".")
 
 
 def test_an_empty_path_is_not_the_working_folder(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(*SHORT, "--out", "") == 2
-    assert "--out: is empty; give a path" in capsys.readouterr().err
+    assert "--out: is empty; give a path" in refusal_of(capsys, "run", *SHORT, "--out", "")
 
 
 @pytest.mark.parametrize("where", ["frame", "picture"])
@@ -421,8 +419,7 @@ for line in {lines!r}:
     loaded[" ".join(line)] = sorted({packages!r} & set(sys.modules))
 print(json.dumps(loaded))
 """
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    return {line: set(packages) for line, packages in json.loads(told.stdout).items()}
+    return {line: set(packages) for line, packages in json.loads(printed_by(program)).items()}
 
 
 def test_help_loads_nothing_heavy():

@@ -93,8 +93,7 @@ def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
     other = [*COMMANDS[name], "--out", out_of(name), "--seed", "7"]
     if name == "lab import":
         other = ["lab", "import", LOGS[0], *ON_FLOOR, "--out", out_of(name)]
-    assert main(other) == 2
-    err = capsys.readouterr().err
+    err = refusal_of(capsys, *other)
     assert out_of(name) in err
     assert "give another --out, or add --force to replace it" in err
     assert results(output_of(capsys, "show", out_of(name))) == shown, "nothing was changed"

@@ -19,7 +19,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import vibroswarm
-from helpers.commands import json_of, output_of, refusal_of, words_of
+from helpers.commands import json_of, output_of, refusal_of, remarks_of, words_of
 from helpers.dask_cluster import Cluster
 from vibroswarm.cli import main, studies
 from vibroswarm.core import folders
@@ -64,12 +64,10 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
     assert str(out) in told.out
     assert StudyResult.open(out).runs().height == 40
     assert pl.read_csv(out / "summary.csv").height == 2
-    before = sorted(p.name for p in out.rglob("*"))
-    assert sweep(study, "--out", out) == 0
-    assert "Nothing to do: all runs exist." in capsys.readouterr().err
+    before, again = sorted(p.name for p in out.rglob("*")), ("evaluate", study, "--out", out, *QUIET)
+    assert "Nothing to do: all runs exist." in remarks_of(capsys, *again)
     assert sorted(p.name for p in out.rglob("*")) == before
-    assert sweep(study, "--out", out, "--runs", "30") == 0
-    assert "To do: 10 runs of motion" in capsys.readouterr().err
+    assert "To do: 10 runs of motion" in remarks_of(capsys, *again, "--runs", "30")
     assert StudyResult.open(out).runs().height == 60
     assert sweep(out / "study.toml", "--out", out) == 0, "its own study file is the study"
     assert not list(tmp_path.rglob("*/.*"))
@@ -78,9 +76,8 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
 def test_evaluate_is_the_sweep_of_its_options(tmp_path, study, capsys):
     line = ["evaluate", "--robots", "2", "--set", "run.t_end_s=60", "--strategy", "none,soft", "--runs", "20"]
     assert main([*line, "--out", str(tmp_path / "e"), *QUIET]) == 0
-    capsys.readouterr()
-    assert sweep(study, "--out", tmp_path / "e") == 0, "another study would be refused"
-    assert "Nothing to do: all runs exist." in capsys.readouterr().err
+    again = remarks_of(capsys, "evaluate", study, "--out", tmp_path / "e", *QUIET)
+    assert "Nothing to do: all runs exist." in again, "another study would be refused"
 
 
 def test_evaluate_varies_presets(capsys):
@@ -164,8 +161,10 @@ def test_shares_are_merged_and_confirmed_as_a_sweep_is(study, tmp_path, capsys):
     assert main(line) == 0
     shares = [str(tmp_path / f"share {k}") for k in (1, 2, 3)]
     for k, folder in enumerate(shares, 1):
-        assert sweep(study, "--out", folder, "--runs", "400", "--shard", f"{k}/3") == 0
-        assert f"Shard {k} of 3 is done" in capsys.readouterr().out
+        share = ("--runs", "400", "--shard", f"{k}/3")
+        assert f"Shard {k} of 3 is done" in output_of(
+            capsys, "evaluate", study, "--out", folder, *share, *QUIET
+        )
     out = tmp_path / "joined"
     assert main(["evaluate", "merge", str(out), *shares[:2], "--no-pictures"]) == 1
     told = capsys.readouterr().err
@@ -232,8 +231,8 @@ def test_show_tells_what_is_there(study, tmp_path, capsys, caplog):
 
 
 def test_a_batch_alone(study, tmp_path, capsys):
-    assert sweep(study, "--out", tmp_path / "out", "--batch", "0:5-9") == 0
-    assert "Batch 0:5-9 is done" in capsys.readouterr().out
+    line = ("evaluate", study, "--out", tmp_path / "out", "--batch", "0:5-9", *QUIET)
+    assert "Batch 0:5-9 is done" in output_of(capsys, *line)
     assert StudyResult.open(tmp_path / "out").store.ranges(0) == [(5, 9)]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import runpy
 import shutil
@@ -12,6 +11,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from helpers.commands import json_of
 from vibroswarm import Result, Study
 from vibroswarm.cli import main
 from vibroswarm.optimize import Search
@@ -55,8 +55,7 @@ def test_experiments_of_others_run(run_example, folder, tmp_path, capsys):
     if "t_end_s" not in text:
         text = text.replace("[scenario]\n", "[scenario]\nrun.t_end_s = 20.0\n")
     study.write_text(re.sub(r"(?m)^runs = \d+", "runs = 1", text), encoding="utf-8")
-    assert main(["evaluate", str(study), "--trust", "--no-pictures", "--no-confirm", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = json_of(capsys, "evaluate", str(study), "--trust", "--no-pictures", "--no-confirm", "--json")
     assert len(told["tables"]["summary"]) == len(plan_of(Study.read(study)).study.cells)
 
 

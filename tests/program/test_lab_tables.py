@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.commands import output_of
 from vibroswarm import preset, simulate
 from vibroswarm.calibrate.camera import RIGHT
 from vibroswarm.calibrate.cross_validation import Fold, Reading, Score
@@ -53,8 +54,7 @@ def test_no_line_is_too_wide(
     """In a terminal of 60 columns; at others, too: ``unit/test_show_terminal.py``."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "60")
-    assert main(COMMANDS[name]) == 0
-    printed = capsys.readouterr().out
+    printed = output_of(capsys, *COMMANDS[name])
     assert printed
     assert too_wide(printed) == []
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from helpers.commands import refusal_of
 from vibroswarm.cli import main
 from vibroswarm.paper.archive import HEAD
 
@@ -55,6 +56,7 @@ def test_an_archive_that_cannot_be_written_is_refused_before_the_work(
 ) -> None:
     """It was refused after hours of work, without a report, in the name of --out."""
     for archive in (tmp_path, tmp_path / "nowhere" / "paper.zip"):
-        assert main(["reproduce", "--out", str(tmp_path / "out"), "--archive", str(archive)]) == 2
-        assert "error: --archive: " in capsys.readouterr().err
+        assert "error: --archive: " in refusal_of(
+            capsys, "reproduce", "--out", str(tmp_path / "out"), "--archive", str(archive)
+        )
         assert not (tmp_path / "out" / "tables").exists()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.commands import json_of, remarks_of
 from vibroswarm.cli import main
 from vibroswarm.documents import document_of
 from vibroswarm.documents.league import league_document
@@ -112,8 +113,7 @@ def test_a_command_is_one_call_with_the_same_words(
     monkeypatch.chdir(tmp_path)
     Path("grid.toml").write_text(GRID, encoding="utf-8")
     words, called = CASES[name]
-    assert main([*words, "--seed", "3", "--json", "-q"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = json_of(capsys, *words, "--seed", "3", "--json", "-q")
     of_run = {"answer", "robots_were_told"}  # `run --json` has the robots of its verdict
     wanted = of_run if name == "run" else {"answer", "robots_were_told", "warnings", "tables"}
     here, other = (json.loads(json.dumps(document_data(called(seed)))) for seed in (3, 4))
@@ -135,6 +135,4 @@ def test_a_study_in_a_folder_is_that_of_the_command(
         ours, theirs = (tmp_path / folder / table for folder in ("called", "command"))
         assert ours.read_bytes() == theirs.read_bytes()
     assert (tmp_path / "called" / "report.html").is_file()
-    capsys.readouterr()
-    assert main([*line, "--out", str(tmp_path / "called")]) == 0
-    assert "Nothing to do: all runs exist." in capsys.readouterr().err
+    assert "Nothing to do: all runs exist." in remarks_of(capsys, *line, "--out", str(tmp_path / "called"))

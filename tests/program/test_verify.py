@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.commands import output_of
 from vibroswarm import InputError, Result, Study, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.core.folders import read_described, write_described
@@ -44,8 +45,9 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_result_is_the_same(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate(SHORT, 3).write(tmp_path / "one")
     for folder, runs in ((result, "all 4 runs"), (tmp_path / "one", "the run")):
-        assert main(["verify", str(folder)]) == 0
-        assert f"Verified: {runs} came out the same again, bit by bit." in capsys.readouterr().out
+        assert f"Verified: {runs} came out the same again, bit by bit." in output_of(
+            capsys, "verify", str(folder)
+        )
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ import pytest
 from PIL import Image
 
 from helpers.browser import launched
+from helpers.commands import refusal_of
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
@@ -268,8 +269,9 @@ def test_numbers_that_are_no_ports(port: Any) -> None:
 def test_bad_input(
     arguments: list[str], words: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["view", *(str(folder) if word == "DIR" else word for word in arguments)]) == 2
-    assert words in capsys.readouterr().err
+    assert words in refusal_of(
+        capsys, "view", *(str(folder) if word == "DIR" else word for word in arguments)
+    )
 
 
 def test_the_file_is_whole_or_not_there(
@@ -281,8 +283,7 @@ def test_the_file_is_whole_or_not_there(
     assert "Saved:" in said.out
     assert "preparing its scene" in said.err
     assert [path.name for path in tmp_path.iterdir()] == ["run.html"]
-    assert main(["view", str(folder), "--html", str(page)]) == 2
-    assert "add --force to replace it" in capsys.readouterr().err
+    assert "add --force to replace it" in refusal_of(capsys, "view", str(folder), "--html", str(page))
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from helpers.commands import refusal_of
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
@@ -100,8 +101,7 @@ def test_where_nothing_can_draw_a_sentence_says_so(
     """Only a way of drawing that MuJoCo does not know is asked for."""
     pytest.importorskip("mujoco")
     monkeypatch.setenv("MUJOCO_GL", "nowhere")
-    assert main(["view", str(folder), "--picture", str(tmp_path / "run.png")]) == 2
-    words = " ".join(capsys.readouterr().err.split())
+    words = refusal_of(capsys, "view", str(folder), "--picture", str(tmp_path / "run.png"))
     assert "--picture: cannot be drawn here without a display (nowhere: " in words
     assert "install EGL or OSMesa (Debian: libegl1 or libosmesa6), or use --html" in words
     assert "Traceback" not in words
@@ -133,8 +133,7 @@ def test_missing_mujoco_is_named_with_its_extra(
 ) -> None:
     monkeypatch.setattr(picture, "find_spec", lambda name: None)
     monkeypatch.setitem(sys.modules, "viser", None)  # which pictures do not need
-    assert main(["view", str(folder), "--picture", str(tmp_path / "run.png")]) == 2
-    words = " ".join(capsys.readouterr().err.split())
+    words = refusal_of(capsys, "view", str(folder), "--picture", str(tmp_path / "run.png"))
     assert "--picture: needs MuJoCo, which is not installed: pip install 'vibroswarm[physics]'" in words
 
 
@@ -157,8 +156,7 @@ def test_bad_input(
 ) -> None:  # fmt: skip
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
-    assert main(["view", str(folder), *arguments]) == 2
-    assert words in " ".join(capsys.readouterr().err.split())
+    assert words in refusal_of(capsys, "view", str(folder), *arguments)
     assert not list(tmp_path.iterdir())
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
+from helpers.commands import json_of, refusal_of
 from vibroswarm.calibrate.effect import effects
-from vibroswarm.cli import main
 from vibroswarm.documents.calibration import effect_document
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
@@ -96,9 +94,7 @@ def test_scenarios_that_end_at_different_times_are_refused() -> None:
 
 def test_the_command_tells_it(capsys) -> None:
     settings = ["--set", "run.t_end_s=200.0", "--runs", "2", "--json"]
-    assert main(["calibrate", "effect", "paper", "calibrated", *settings]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = json_of(capsys, "calibrate", "effect", "paper", "calibrated", *settings)
     strategies = [one["strategy"] for one in told["tables"]["figures"][::2]]
     assert strategies == ["none", "positive", "soft"]
-    assert main(["calibrate", "effect", "--runs", "1"]) == 2
-    assert "is not from 2 to" in capsys.readouterr().err
+    assert "is not from 2 to" in refusal_of(capsys, "calibrate", "effect", "--runs", "1")

@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.commands import words_of
 from vibroswarm.analysis.answers_over_time import Agreement, agreements_of, agreements_over_time
 from vibroswarm.analysis.intervals import wilson
 from vibroswarm.analysis.verdict import agreement_words, headline, verdict
@@ -155,8 +156,7 @@ def test_evaluate_says_on_what_swarms_agreed(capsys: pytest.CaptureFixture[str],
         "--no-confirm",
         "--no-pictures",
     ]
-    assert main([*command, "--floor", "random:0.5", "--out", str(tmp_path / "even")]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
+    printed = words_of(capsys, *command, "--floor", "random:0.5", "--out", str(tmp_path / "even"))
     assert "Swarms agreed on 'less than 50 % vibrates' in " in printed
     assert "agreed on answer 0, %" in printed
     assert main([*command, "--floor", "random:0.44", "--out", str(tmp_path / "less")]) == 0

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
+import runpy
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -16,22 +17,13 @@ from docutils.utils.math.latex2mathml import tex2mathml
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def loaded(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
-def symbols() -> ModuleType:
-    return loaded("symbols")
+def typeset() -> Callable[[str], list[Any]]:
+    return runpy.run_path(str(DOCS / "symbols.py"))["typeset"]
 
 
 def test_the_search_has_formulas_as_words() -> None:
-    as_words = loaded("search_texts").as_words
+    as_words = runpy.run_path(str(DOCS / "search_texts.py"))["as_words"]
     assert as_words(r"1 - t / (7 \, T_\mathrm{end})") == "1 - t / (7 T_end)"
     assert as_words(r"\hat{E} > \theta_E") == "E > theta_E"
     assert as_words(r"\alpha / (\alpha + \beta)") == "alpha / (alpha + beta)"
@@ -49,8 +41,8 @@ def test_the_search_has_formulas_as_words() -> None:
         ("alphabet, betas, tau-leaping, delta.py", []),
     ],
 )
-def test_symbols_are_found(symbols: ModuleType, text: str, formulas: list[str]) -> None:
-    parts = symbols.typeset(text)
+def test_symbols_are_found(typeset: Callable[[str], list[Any]], text: str, formulas: list[str]) -> None:
+    parts = typeset(text)
     assert [part.astext() for part in parts if isinstance(part, nodes.math)] == formulas
     for latex in formulas:
         assert tex2mathml(latex, as_block=False).startswith("<math")
@@ -58,10 +50,10 @@ def test_symbols_are_found(symbols: ModuleType, text: str, formulas: list[str]) 
     assert kept == text or formulas
 
 
-def test_columns_of_results_are_not_typeset(symbols: ModuleType) -> None:
+def test_columns_of_results_are_not_typeset(typeset: Callable[[str], list[Any]]) -> None:
     text = (DOCS / "results.md").read_text(encoding="utf-8")
     table = text[text.index("| table | one row |") : text.index("**consensus**")]
-    parts = symbols.typeset(re.sub(r"`[^`\n]*`|\$[^$\n]*\$", "", table))
+    parts = typeset(re.sub(r"`[^`\n]*`|\$[^$\n]*\$", "", table))
     assert [part.astext() for part in parts if isinstance(part, nodes.math)] == []
 
 

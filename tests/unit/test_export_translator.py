@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import runpy
 import shutil
 import subprocess
 from dataclasses import replace
@@ -630,17 +631,11 @@ def with_keywords(x: float) -> float:
 
 
 def test_files_of_users_are_named(tmp_path: Path) -> None:
-    import importlib.util
-
     path = tmp_path / "mine.py"
     path.write_text("def on_sample(x):\n    y = x\n    return {1: y}\n")
-    spec = importlib.util.spec_from_file_location("mine", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    on_sample = runpy.run_path(str(path), run_name="mine")["on_sample"]
     with pytest.raises(InputError, match=r"mine\.py, line 3: Dict '\{1: y\}', in on_sample"):
-        program().function(module.on_sample, [REAL])
+        program().function(on_sample, [REAL])
 
 
 def test_a_variant_that_several_options_select_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

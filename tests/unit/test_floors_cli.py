@@ -1,70 +1,57 @@
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from vibroswarm.cli.commands import call, parsed
-from vibroswarm.errors import InputError
+from helpers.commands import json_of, output_of, refusal_of
+from vibroswarm.cli import main
 from vibroswarm.floors.difficulty import measure
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.floors.source import NAMES
 
 
-def run(*words):
-    return call(*parsed(["floors", *map(str, words)]))
-
-
-def tables(capsys):
-    """The tables of what was printed as JSON."""
-    return json.loads(capsys.readouterr().out)["tables"]
+def tables(capsys, *words):
+    """The tables that a command prints as JSON."""
+    return json_of(capsys, "floors", *words, "--json")["tables"]
 
 
 def test_list_names_every_pattern(capsys):
-    assert run("list") == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = output_of(capsys, "floors", "list").splitlines()
     assert [line.split()[0] for line in lines[3 : 3 + len(NAMES)]] == list(NAMES)
     assert lines[3].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
 
 
 def test_list_as_json(capsys):
-    assert run("list", "--json") == 0
-    found = {entry["floor"]: entry for entry in tables(capsys)["floors"]}
+    found = {entry["floor"]: entry for entry in tables(capsys, "list")["floors"]}
     assert found["alternating:0.46"]["ones"] == 46
     assert found["alternating:paper-0.46"]["moran_index"] == pytest.approx(-0.9145, abs=1e-4)
 
 
 def test_list_with_the_papers_table(capsys):
-    assert run("list", "--paper") == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = output_of(capsys, "floors", "list", "--paper").splitlines()
     assert [line.split()[0] for line in lines if line.endswith("differs")] == [
         "diagonal:0.46",
         "stripe:0.46",
         "alternating:0.46",
         "random-fixed:0.46",
     ]
-    assert run("list", "--paper", "--json") == 0
-    assert sum(entry["wrong"] for entry in tables(capsys)["difficulty"]) == 4
+    assert sum(entry["wrong"] for entry in tables(capsys, "list", "--paper")["difficulty"]) == 4
 
 
 def test_show_draws_here_and_to_a_file(capsys, tmp_path):
     path = tmp_path / "f.svg"
-    assert run("show", "stripe:0.46", "--out", path) == 0
-    out = capsys.readouterr().out
+    command = ("floors", "show", "stripe:0.46", "--out", path)
+    out = output_of(capsys, *command)
     assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster" in " ".join(out.split())
     assert out.splitlines()[-1] == f"Saved: {path}"
     assert path.read_text().startswith("<?xml")
-    with pytest.raises(InputError, match="--force"):
-        run("show", "stripe:0.46", "--out", path)
-    assert run("show", "stripe:0.46", "--out", path, "--force") == 0
+    assert "--force" in refusal_of(capsys, *command)
+    output_of(capsys, *command, "--force")
 
 
 def test_show_tells_seeds_apart(capsys):
-    outs = []
-    for seed in (1, 1, 2):
-        assert run("show", "random:0.48", "--tiles", "10x10", "--seed", seed) == 0
-        outs.append(capsys.readouterr().out)
+    command = ("floors", "show", "random:0.48", "--tiles", "10x10", "--seed")
+    outs = [output_of(capsys, *command, seed) for seed in (1, 1, 2)]
     assert outs[0] == outs[1] != outs[2]
 
 
@@ -72,20 +59,19 @@ def test_show_tells_seeds_apart(capsys):
     "words", [("show", "diagonal:0.48"), ("measure", "diagonal:0.48", "hill:0.3,0.6,0.2")]
 )
 def test_a_seed_where_no_floor_is_random_is_refused(words, capsys):
-    with pytest.raises(InputError, match=r"--seed: applies to random floors, not to 'diagonal:0\.48'"):
-        run(*words, "--seed", 0)
-    assert run("measure", "random:0.48", "diagonal:0.48", "--seed", 3) == 0
+    assert "--seed: applies to random floors, not to 'diagonal:0.48'" in refusal_of(
+        capsys, "floors", *words, "--seed", 0
+    )
+    output_of(capsys, "floors", "measure", "random:0.48", "diagonal:0.48", "--seed", 3)
 
 
 def test_measure_as_text_and_json(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")  # paths may be long
     (tmp_path / "still.txt").write_text("000\n000\n")
-    assert run("measure", tmp_path / "still.txt", "diagonal:0.48") == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = output_of(capsys, "floors", "measure", tmp_path / "still.txt", "diagonal:0.48").splitlines()
     assert lines[3].split()[1:] == ["2x3", "0", "0.0000", "-", "-", "0"]
     assert lines[4].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
-    assert run("measure", tmp_path / "still.txt", "--json") == 0
-    (entry,) = tables(capsys)["floors"]
+    (entry,) = tables(capsys, "measure", tmp_path / "still.txt")["floors"]
     assert entry["moran_index"] is None
     assert entry["fill_ratio"] == 0
 
@@ -94,8 +80,7 @@ def test_measure_as_text_and_json(capsys, tmp_path, monkeypatch):
 def test_make_writes_what_it_made(capsys, tmp_path, suffix):
     path = tmp_path / f"made.{suffix}"
     words = ("make", "--tiles", "10x12", "--fill-ratio", 0.45, "--moran", 0.4, "--entropy", 0.8, "--seed", 2)
-    assert run(*words, "--out", path, "--json") == 0
-    printed = tables(capsys)
+    printed = tables(capsys, *words, "--out", path)
     found = measure(read_tiles(path))
     (made,) = printed["floors"]
     assert made["reached"] is True
@@ -104,29 +89,31 @@ def test_make_writes_what_it_made(capsys, tmp_path, suffix):
     assert made["entropy"] == found.entropy == pytest.approx(0.8, abs=0.02)
     rows = [[int(tile) for tile in row["row"]] for row in printed["tiles"]]
     assert np.array_equal(rows, read_tiles(path))
-    with pytest.raises(InputError, match="exists already"):
-        run(*words, "--out", path)
-    assert run(*words, "--out", path, "--force") == 0
-    assert "made: 10 x 12 tiles of which 54 vibrate" in capsys.readouterr().out
+    assert "exists already" in refusal_of(capsys, "floors", *words, "--out", path)
+    assert "made: 10 x 12 tiles of which 54 vibrate" in output_of(
+        capsys, "floors", *words, "--out", path, "--force"
+    )
 
 
 def test_make_says_and_gives_the_nearest_with_exit_code_1(capsys, tmp_path):
     path = tmp_path / "near.txt"
-    assert run("make", "--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0.95", "--out", path) == 1
+    asked = ("--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0.95")
+    assert main(["floors", "make", *asked, "--out", str(path)]) == 1
     assert "The nearest found has fill ratio 0.48, Moran index 0.699" in capsys.readouterr().out
     assert measure(read_tiles(path)).moran_index == pytest.approx(0.699, abs=1e-3)
 
 
-def test_make_refuses_before_it_works(tmp_path):
-    with pytest.raises(InputError, match="--tiles: '5' is not a size"):
-        run("make", "--tiles", "5", "--fill-ratio", "0.48", "--moran", "0")
-    with pytest.raises(InputError, match="end the name with"):
-        run("make", "--tiles", "5x5", "--fill-ratio", "0.48", "--moran", "0", "--out", tmp_path / "a.gif")
+def test_make_refuses_before_it_works(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("vibroswarm.floors.design.make_floor", None)
+    make, old = ("floors", "make", "--fill-ratio", "0.48", "--moran", "0"), tmp_path / "old.txt"
+    old.touch()
+    assert "--tiles: '5' is not a size" in refusal_of(capsys, *make, "--tiles", "5")
+    for out, words in ((tmp_path / "a.gif", "end the name with"), (old, "exists already")):
+        assert words in refusal_of(capsys, *make, "--tiles", "5x5", "--out", out)
 
 
 def test_patches_are_shown_where_they_are(capsys):
-    assert run("show", "patch:0.3@0.5", "--seed", 3) == 0
-    answer, *drawing = capsys.readouterr().out.splitlines()
+    answer, *drawing = output_of(capsys, "floors", "show", "patch:0.3@0.5", "--seed", 3).splitlines()
     assert answer == "1 patch on a still floor: fill ratio 0.045."
     cells = [line for line in drawing if len(line) == 80 and not set(line) - set("#.·█")]
     marked = np.array([[mark in "#█" for mark in line[::2]] for line in cells])
@@ -139,5 +126,4 @@ def test_patches_are_shown_where_they_are(capsys):
         1 - (marked.any(axis=1).nonzero()[0].mean() + 0.5) / 40,
     )
     assert np.abs(np.subtract(middle, (x_m, y_m))).max() < 0.02
-    assert run("measure", "patch:0.3@0.5", "--json") == 0
-    assert tables(capsys)["floors"][0]["fill_ratio"] == pytest.approx(0.045)
+    assert tables(capsys, "measure", "patch:0.3@0.5")["floors"][0]["fill_ratio"] == pytest.approx(0.045)

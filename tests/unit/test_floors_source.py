@@ -1,14 +1,12 @@
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vibroswarm.floors
+from helpers.commands import printed_by
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import NAMES, is_random, named_tiles, pattern, random_tiles, resolve
 
@@ -114,5 +112,4 @@ def test_importing_the_room_loads_nothing_heavy():
         "import sys, vibroswarm.floors, vibroswarm.cli.floors; "
         "print(sorted({'numpy', 'numba', 'scipy', 'PIL', 'matplotlib'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert printed_by(code) == "[]\n"

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from helpers.commands import refusal_of
 from vibroswarm.cli import main
 
 SEARCH = Path(__file__).parents[1] / "helpers" / "small_search.toml"
@@ -109,5 +110,4 @@ def test_a_step_that_describes_the_table_of_another_is_repeated(
 
 def test_a_description_is_no_manifest_of_a_folder(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copy(next((out / "steps").glob("*.json")), out / "vibroswarm.json")
-    assert main(["verify", str(out)]) == 2
-    assert "vibroswarm.json: is damaged: 'kind' is 'step'" in capsys.readouterr().err
+    assert "vibroswarm.json: is damaged: 'kind' is 'step'" in refusal_of(capsys, "verify", str(out))

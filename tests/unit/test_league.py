@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.commands import json_of, output_of, refusal_of
 from helpers.forked import FORKED
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.forced_error import front_of, on_line
@@ -143,8 +143,7 @@ def test_a_strategy_that_is_not_varied_is_refused_with_each_choice_once() -> Non
 
 
 def test_tuning_without_points_is_refused_by_the_option(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["league", "tune", "--strategy", "none", "--points", "0"]) == 2
-    assert "--points: 0 is" in capsys.readouterr().err
+    assert "--points: 0 is" in refusal_of(capsys, "league", "tune", "--strategy", "none", "--points", "0")
 
 
 def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
@@ -279,8 +278,7 @@ QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--u
 def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "a league"
     line = ["league", *FEW, *SMALL, *QUICK, "--out", str(folder)]
-    assert main(line) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, *line)
     assert said.startswith("Smallest forced error: ")
     kept = {file.name: file.read_bytes() for file in folder.glob("*.csv")}
     tables = (
@@ -295,8 +293,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         "summary",
     )
     assert set(kept) == {f"{name}.csv" for name in tables}
-    assert main([*line, "--json", "--workers", "1"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json_of(capsys, *line, "--json", "--workers", "1")
     assert {row["name"] for row in document["tables"]["standings"]} == {"none", "soft"}
     assert {file.name: file.read_bytes() for file in folder.glob("*.csv")} == kept
 
@@ -308,8 +305,7 @@ def test_few_runs_and_robots_leave_gaps_and_no_error(
 ) -> None:
     """One motion measures no worst floor; of one robot, none can be faulty."""
     line = ["league", *FEW, *SMALL, *QUICK, *few.split(), "--out", str(tmp_path / "few")]
-    assert main(line) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, *line)
     assert ("Faulty robots" in said) == (few != "--robots 1")
     assert (tmp_path / "few" / "report.html").exists()
 
@@ -320,8 +316,7 @@ def test_a_league_of_one_entry_is_compared_with_nothing(
 ) -> None:
     out = tmp_path / "one"
     line = ["league", *FEW, *SMALL, *QUICK, "--strategy", "totals", "--out", str(out)]
-    assert main(line) == 0
-    assert "Difference from" not in capsys.readouterr().out
+    assert "Difference from" not in output_of(capsys, *line)
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "All figures, floor by floor" in page
     assert "the reference" not in page
@@ -375,11 +370,9 @@ def test_floors_on_which_no_decision_is_right_are_refused(capsys: pytest.Capture
         "--set",
         "decision.decision_boundary=0.46",
     ]
-    assert main(line) == 2
-    assert "must be 0.5 to compare beliefs and faults" in capsys.readouterr().err
+    assert "must be 0.5 to compare beliefs and faults" in refusal_of(capsys, *line)
     without = [*line, "--belief-runs", "0", "--fault-runs", "0"]
-    assert main(without) == 2
-    assert "has the fill ratio of the decision boundary, 0.46" in capsys.readouterr().err
+    assert "has the fill ratio of the decision boundary, 0.46" in refusal_of(capsys, *without)
     short = ["--fills", "0.4", "--patterns", "random", "--robots", "2", "--set", "run.t_end_s=20"]
     assert main([*without, *short]) == 0
     settings = {"none": {"decision.decision_boundary": 0.48}}
@@ -405,8 +398,8 @@ def test_options_that_change_messages_change_the_bytes_sent() -> None:
 def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "settings.toml"
     file.write_text('[none]\n"decision.min_observations" = 1000\n', encoding="utf-8")
-    assert main(["league", *NONE, *SMALL, *QUICK[:-1], "--settings", str(file), "--json"]) == 0
-    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["tables"]["standings"]}
+    document = json_of(capsys, "league", *NONE, *SMALL, *QUICK[:-1], "--settings", str(file), "--json")
+    rows = {row["name"]: row for row in document["tables"]["standings"]}
     assert rows["none"]["undecided"] == 1.0
     assert rows["soft"]["undecided"] < 1.0
 
@@ -420,18 +413,15 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     code.write_text(GUESSES, encoding="utf-8")
     line = [*SMALL[:-1], f"none,{code}:guess"]
     vary = ["--vary", "guess:strategy.guess.answer=0,1"]
-    assert (
-        main(["league", *FEW, *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "1"])
-        == 0
-    )
-    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["tables"]["standings"]}
+    more = ("--json", "--executor", "processes", "--workers", "1")
+    document = json_of(capsys, "league", *FEW, *line, *QUICK, *vary, *more)
+    rows = {row["name"]: row for row in document["tables"]["standings"]}
     assert set(rows) == {"none", "guess (answer 0)", "guess (answer 1)"}
     # Of a guess that is the same on floors of both sides the error is known.
     assert {rows[f"guess (answer {k})"]["forced_error"] for k in (0, 1)} == {0.5}
     spaces, found = tmp_path / "spaces.toml", tmp_path / "found.toml"
     own = [*SMALL[:-1], f"{code}:guess", *QUICK[:-1], "--points", "4"]
-    assert main(["league", "tune", *own, "--out", str(found)]) == 2
-    assert "no space to search for 'guess'" in capsys.readouterr().err
+    assert "no space to search for 'guess'" in refusal_of(capsys, "league", "tune", *own, "--out", str(found))
     assert not found.exists()
     spaces.write_text('[guess]\n"strategy.guess.answer" = { from = 0.0, to = 1.0 }\n', encoding="utf-8")
     assert main(["league", "tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0
@@ -450,13 +440,11 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
     }
     assert len(motions) > 1
     assert all(entry.tuned for entry in entries_of(list(settings), settings))
-    assert main(["league", *NONE, *SMALL, *QUICK[:-1], "--json"]) == 0
-    names = [row["name"] for row in json.loads(capsys.readouterr().out)["tables"]["standings"]]
+    document = json_of(capsys, "league", *NONE, *SMALL, *QUICK[:-1], "--json")
+    names = [row["name"] for row in document["tables"]["standings"]]
     assert set(names) == {entry.label for entry in entries_of(["none", "soft"], settings)}
     assert main(["league", *NONE, *SMALL, *QUICK[:-1], "--own-motion", "--json"]) == 0
-    capsys.readouterr()
-    assert main(["league", *NONE, *SMALL, *QUICK]) == 0
-    assert "Not tuned for a league" in capsys.readouterr().out
+    assert "Not tuned for a league" in output_of(capsys, "league", *NONE, *SMALL, *QUICK)
 
 
 def test_what_fits_the_robots_of_a_league_or_a_detection_alone_is_taken() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.commands import json_of, output_of, refusal_of
 from vibroswarm.cli import league as league_commands
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
@@ -165,27 +165,22 @@ def test_the_command_writes_settings_that_a_league_reads(
 ) -> None:
     file = tmp_path / "my settings.toml"
     line = ["league", "tune", *SMALL, *QUICK, "--points", "8", "--seed", "1", "--out", str(file)]
-    assert main(line) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, *line)
     assert said.startswith("none: ")
     assert "decision.min_observations" in said
     assert set(read_settings(file)) == {"none"}
     text = file.read_text(encoding="utf-8")
     assert text.startswith("# 8 settings for each tuned field")
-    assert main(line) == 2
-    assert "--force" in capsys.readouterr().err
+    assert "--force" in refusal_of(capsys, *line)
     assert main([*line, "--force"]) == 0
     assert file.read_text(encoding="utf-8") == text, "the same seed finds the same settings"
     assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 0
     assert list(tmp_path.iterdir()) == [file]
-    capsys.readouterr()
-    assert main(["show", str(file)]) == 0
-    shown = capsys.readouterr().out
+    shown = output_of(capsys, "show", str(file))
     assert shown.startswith("Settings of 1 strategy: none.")
     for words in ("8 settings for each tuned", "decision.min_observations", "forced error, %"):
         assert words in shown
-    assert main(["show", str(file), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["tables"]["none"]
+    rows = json_of(capsys, "show", str(file), "--json")["tables"]["none"]
     assert {AIM, "decision.min_observations", "decision.credible_threshold"} == set(rows[0])
 
 
@@ -208,8 +203,7 @@ def test_a_mistake_in_a_file_names_it(
     file = tmp_path / f"{option}.toml"
     file.write_text(text, encoding="utf-8")
     command = ["league"] if option == "settings" else ["league", "tune"]
-    assert main([*command, *SMALL, *QUICK, f"--{option}", str(file)]) == 2
-    err = capsys.readouterr().err
+    err = refusal_of(capsys, *command, *SMALL, *QUICK, f"--{option}", str(file))
     assert said in err
     assert str(file) in err
 

@@ -127,19 +127,17 @@ def test_the_public_classes_are_found() -> None:
     assert len(CLASSES) > 80
 
 
-@pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: f"{kind.__module__}.{kind.__name__}")
-def test_every_public_class_has_a_view_and_no_text_with_all_its_values(kind: type) -> None:
-    assert hasattr(kind, "_repr_html_")
-    written_by_us = kind.__repr__.__module__.startswith("vibroswarm")
-    assert written_by_us or issubclass(kind, tuple), "its text is that of a dataclass, with all its tables"
-    assert hasattr(kind.__repr__, "__wrapped__") is False  # dataclasses wrap the one that they write
+def test_every_public_class_has_a_view_and_no_text_with_all_its_values() -> None:
+    for kind in CLASSES:
+        assert hasattr(kind, "_repr_html_"), kind
+        written_by_us = kind.__repr__.__module__.startswith("vibroswarm")
+        assert written_by_us or issubclass(kind, tuple), (
+            f"{kind} is shown as a dataclass, with all its tables"
+        )
+        assert not hasattr(kind.__repr__, "__wrapped__"), kind  # dataclasses wrap the one that they write
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [kind for kind in CLASSES if dataclasses.is_dataclass(kind)],
-    ids=lambda kind: f"{kind.__module__}.{kind.__name__}",
-)
+@pytest.mark.parametrize("kind", [ItemResult, Recording], ids=lambda kind: kind.__name__)
 def test_large_values_give_a_short_text_and_a_view_in_which_nothing_runs(kind: Any) -> None:
     """Made of large and hostile values, of which only the general view and text may be given."""
     from vibroswarm.core.notebook_view import NotebookView

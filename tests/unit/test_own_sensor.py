@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from helpers.commands import output_of, refusal_of, words_of
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.sensors.base import forget, register
@@ -90,11 +91,9 @@ def test_one_that_is_not_loaded_says_how_to_load_it(capsys: pytest.CaptureFixtur
     """It once said: name its file with --sensor, an option that there is not."""
     assert run(GOOD) == 0
     forget("mine")  # as in another process
-    capsys.readouterr()
     again = ["run", "--scenario", "run/scenario.toml"]
-    assert main(again) == 2
-    assert (
-        "sensor.model: 'mine.py:mine' is not loaded; add --trust to run the file" in capsys.readouterr().err
+    assert "sensor.model: 'mine.py:mine' is not loaded; add --trust to run the file" in refusal_of(
+        capsys, *again
     )
     assert main([*again, "--trust"]) == 0
 
@@ -104,11 +103,9 @@ def test_the_results_of_a_study_say_what_they_need(capsys: pytest.CaptureFixture
     short = ["--set", "sensor.model=mine.py:mine", "--set", "run.t_end_s=20", "--runs", "2"]
     assert main(["evaluate", "--trust", *short, "--no-pictures", "--no-confirm", "--out", "study"]) == 0
     forget("mine")
-    assert main(["show", "study"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = words_of(capsys, "show", "study")
     assert "need code that is not loaded (sensor.model: 'mine.py:mine' is not loaded; add --trust" in shown
-    assert main(["show", "study", "--trust"]) == 0
-    assert "Outcome" in capsys.readouterr().out
+    assert "Outcome" in output_of(capsys, "show", "study", "--trust")
 
 
 @pytest.mark.parametrize("what", list(BAD))

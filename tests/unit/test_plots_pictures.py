@@ -511,6 +511,10 @@ def test_outcome_bars_are_the_shares_and_fill_the_row():
     words = [text.get_text() for text in picture.figure.axes[0].texts]
     assert words == [f"{round(100 * right)} %" for right in picture.numbers["right"]]
     assert picture.numbers["runs"].to_list() == [200] * 3
+    for unit, beside in (("run", ""), ("robot", " (robots)")):
+        (legend,) = draw_outcomes(frame, unit=unit).figure.legends
+        kinds = ("right", "wrong", "split", "incomplete", "truth undefined")
+        assert [text.get_text() for text in legend.get_texts()] == [f"{kind}{beside}" for kind in kinds]
 
 
 @pytest.mark.parametrize(

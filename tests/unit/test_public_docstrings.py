@@ -5,10 +5,8 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
-
-import pytest
 
 ROOMS = ("vibroswarm", "vibroswarm.floors", "vibroswarm.optimize", "vibroswarm.plots")
 OF_FIELDS = ("Scenario",)
@@ -58,9 +56,10 @@ def told(name: str, text: str, source: str) -> bool:
     )
 
 
-@pytest.mark.parametrize(("name", "found"), [pytest.param(*pair, id=pair[0]) for pair in public()])
-def test_a_docstring_tells_all(name: str, found: Callable[..., Any]) -> None:
-    assert missing(found) == []
+def test_a_docstring_tells_all() -> None:
+    lacking = {name: missing(found) for name, found in public()}
+    assert len(lacking) > 100
+    assert {name: what for name, what in lacking.items() if what} == {}
 
 
 def test_what_is_missing_is_seen() -> None:

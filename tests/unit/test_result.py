@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +12,7 @@ from typing import Any
 import polars as pl
 import pytest
 
+from helpers.commands import printed_by
 from vibroswarm import strategies
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.errors import InputError, RunError
@@ -184,13 +182,10 @@ def test_versions_name_what_made_the_result() -> None:
 )
 def test_versions_tell_processors_apart_that_round_otherwise() -> None:
     """NumPy's exp and log have other last bits with other vector instructions."""
-    environment = {**os.environ, "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4"}
     program = "from vibroswarm.simulation import versions; print(versions()['architecture'])"
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() != versions()["architecture"]
-    assert done.stdout.startswith(versions()["architecture"].split()[0])
+    without = printed_by(program, NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4")
+    assert without.strip() != versions()["architecture"]
+    assert without.startswith(versions()["architecture"].split()[0])
 
 
 def test_the_floor_of_each_run_comes_back(result: Result, written: Path) -> None:

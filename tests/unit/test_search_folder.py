@@ -13,6 +13,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from helpers.commands import output_of, refusal_of
 from helpers.forked import FORKED
 from helpers.search_functions import steps_of
 from vibroswarm.cli import main
@@ -67,8 +68,7 @@ def test_a_second_search_is_refused_in_words_and_may_begin_when_the_first_was_ki
     other.start()
     try:
         assert ready.wait(30)
-        assert main(command) == 2
-        said = capsys.readouterr().err
+        said = refusal_of(capsys, *command)
         assert f"{folder}: is in use by process {other.pid} on " in said
     finally:
         other.kill()
@@ -177,8 +177,7 @@ def test_a_damaged_step_is_said_and_its_runs_repeated(
     with caplog.at_level(logging.WARNING):
         assert held(folder)["steps"] == len(before) - 1
     assert str(path) in caplog.text
-    assert main(["show", str(folder)]) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, "show", str(folder))
     assert "to resume" in said
     if path.is_dir():
         with pytest.raises(InputError, match=r"is in the place of a file"):

@@ -414,13 +414,14 @@ def test_a_foreign_shard_is_said_and_made_again(harm: str, copy: Path, filled: P
 @pytest.mark.parametrize(
     "key", ["format", "study", "group", "first", "last", "seed", "rows", "files", "versions"]
 )
-@pytest.mark.parametrize("value", [None, -1, 10**30, "x", [], {"x": 1}, 1.5], ids=repr)
-def test_a_description_of_wrong_types_is_said(key: str, value: Any, copy: Path) -> None:
+def test_a_description_of_wrong_types_is_said(key: str, copy: Path) -> None:
     about = one_of(copy, "*.json")
-    about.write_text(json.dumps(json.loads(about.read_text()) | {key: value}))
-    store = Store.open(copy)
-    assert len(store.damaged) == 1
-    assert store.missing(plan_of(STUDY).groups[0], 30)
+    whole = json.loads(about.read_text())
+    for value in (None, -1, 10**30, "x", [], {"x": 1}, 1.5):
+        about.write_text(json.dumps(whole | {key: value}))
+        store = Store.open(copy)
+        assert len(store.damaged) == 1, value
+        assert store.missing(plan_of(STUDY).groups[0], 30), value
 
 
 def test_a_batch_without_a_version_that_is_shown_is_repeated(copy: Path) -> None:
@@ -436,12 +437,13 @@ def test_a_batch_without_a_version_that_is_shown_is_repeated(copy: Path) -> None
 
 
 @pytest.mark.parametrize("key", ["format", "hash", "versions"])
-@pytest.mark.parametrize("value", [None, "x", [], {"x": 1}, 1.5, float("inf")], ids=repr)
-def test_a_head_of_wrong_types_is_refused(key: str, value: Any, copy: Path) -> None:
+def test_a_head_of_wrong_types_is_refused(key: str, copy: Path) -> None:
     head = copy / "vibroswarm.json"
-    head.write_text(json.dumps(json.loads(head.read_text()) | {key: value}))
-    with pytest.raises(InputError):
-        Store.open(copy)
+    whole = json.loads(head.read_text())
+    for value in (None, "x", [], {"x": 1}, 1.5, float("inf")):
+        head.write_text(json.dumps(whole | {key: value}))
+        with pytest.raises(InputError):
+            Store.open(copy)
 
 
 def test_a_store_of_an_older_format_is_refused_in_one_sentence() -> None:
@@ -601,13 +603,6 @@ def test_shares_of_different_studies_or_versions_are_not_merged(copy: Path, tmp_
     with pytest.raises(InputError, match="is not a study"):
         merge(tmp_path / "out", [tmp_path])
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_of_another_strategy_is_refused_in_words(tmp_path: Path) -> None:
-    base = {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}
-    Store.open_or_create(tmp_path / "s", Study(base, runs=3))
-    with pytest.raises(InputError, match=r"strategy\.name of cell 0 is 'none' there and 'soft' here"):
-        Store.existing(tmp_path / "s", Study(base | {"strategy": {"name": "soft"}}, runs=3))
 
 
 def test_a_merge_into_more_runs_keeps_their_number(tmp_path: Path) -> None:

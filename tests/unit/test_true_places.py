@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from helpers.commands import json_of, output_of
 from vibroswarm import Study, preset, simulate, strategies
 from vibroswarm.analysis.robot_knowledge import true_places_notes
 from vibroswarm.analysis.verdict import confidence, presumed, verdict
@@ -98,22 +98,17 @@ COMMANDS = {
 def test_the_first_lines_say_it(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     robots = ["--strategy", "none,places"] if command in ("evaluate", "league") else ["--strategy", "places"]
     line = [*COMMANDS[command], *SHORT, *robots, "--quiet"]
-    assert main([*line, *TRUE]) == 0
-    assert NOTE in capsys.readouterr().out.partition("\n\n")[0]
-    assert main(line) == 0
-    assert "upper bound" not in capsys.readouterr().out.partition("\n\n")[0]
+    assert NOTE in output_of(capsys, *line, *TRUE).partition("\n\n")[0]
+    assert "upper bound" not in output_of(capsys, *line).partition("\n\n")[0]
 
 
 def test_folders_and_pages_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     places = [*SHORT, "--strategy", "places", *TRUE, "--quiet"]
     for name, command in (("one", ["run"]), ("many", ["evaluate", "--runs", "2", "--no-pictures"])):
         assert main([*command, *places, "--out", str(tmp_path / name)]) == 0
-        capsys.readouterr()
-        assert main(["show", str(tmp_path / name)]) == 0
-        assert NOTE in capsys.readouterr().out
+        assert NOTE in output_of(capsys, "show", str(tmp_path / name))
     assert NOTE in (tmp_path / "one" / "run.html").read_text(encoding="utf-8")
-    assert main(["show", str(tmp_path / "one"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["robots_were_told"][0].startswith(NOTE)
+    assert json_of(capsys, "show", str(tmp_path / "one"), "--json")["robots_were_told"][0].startswith(NOTE)
 
 
 def test_notebooks_and_reports_say_it() -> None:
