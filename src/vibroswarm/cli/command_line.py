@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import difflib
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,7 +38,7 @@ from types import NoneType
 from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
 from vibroswarm.cli.option_values import placeholder, reader
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError
 
 MISSING: Final = inspect.Parameter.empty
 """Default of a parameter that must be given."""
@@ -139,11 +140,20 @@ class Parser(argparse.ArgumentParser):
         if what == "unrecognized arguments":
             word = text.split()[0].split("=")[0]
             kind = "option" if word.startswith("-") else "argument"
-            similar = nearest(word, [one for action in self._actions for one in action.option_strings])
-            raise InputError(f"unknown {kind}{similar}; '{self.prog} --help' lists what there is", field=word)
+            raise InputError(
+                f"unknown {kind}{self._similar(word)}; '{self.prog} --help' lists what there is", field=word
+            )
         if text and what.startswith("argument "):
             raise InputError(text, field=what.removeprefix("argument ").split("/")[-1])
         raise InputError(f"{message}; see '{self.prog} --help'", field=self.prog)
+
+    def _similar(self, word: str) -> str:
+        """Return ``", did you mean '--x'?"`` for the option most similar to ``word``, whose dashes do not count."""
+        name = word.lstrip("-")
+        options = {one[2:]: one for action in self._actions for one in action.option_strings if one[2:]}
+        begun = [option for option in options if name.startswith(option)]
+        match = begun or difflib.get_close_matches(name[:100], options, n=1, cutoff=0.7)
+        return f", did you mean '{options[match[0]]}'?" if match else ""
 
 
 def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type]) -> Parser:

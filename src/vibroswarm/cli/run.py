@@ -31,7 +31,7 @@ def run(
       vibroswarm run                                        the paper's setting, no feedback
       vibroswarm run --strategy soft --seed 2 --out first   save tables and page in 'first'
       vibroswarm run --floor diagonal:0.46 --robots 8
-      vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
+      vibroswarm run --floor random:0.08 --set decision.decision_boundary=0.03 --set decision.boundary_of=tiles
     """
     from vibroswarm.documents.run import write_run_folder
     from vibroswarm.documents.saved import refuse_other_run

@@ -43,17 +43,17 @@ def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputE
 
 
 def written_names(folder: str, suffix: str = ".py") -> list[str]:
-    """Return the names that the files of a folder of this package register, without importing them.
+    """Return the names that the files of a folder of this package register, sorted, without importing them.
 
     Importing strategies takes half a second, which a command's help cannot wait for; a test compares the names.
 
     Args:
         folder: from the package's root, such as "strategies". suffix: ".toml" if each file is named after its object.
     """
-    files = sorted((Path(__file__).parents[1] / folder).glob(f"*{suffix}"))
+    files = (Path(__file__).parents[1] / folder).glob(f"*{suffix}")
     if suffix != ".py":
-        return [file.stem for file in files]
-    return [name for file in files for name in REGISTERED.findall(file.read_text(encoding="utf-8"))]
+        return sorted(file.stem for file in files)
+    return sorted(name for file in files for name in REGISTERED.findall(file.read_text(encoding="utf-8")))
 
 
 def other_name(registered: Named) -> str:

@@ -146,7 +146,7 @@ UNTESTED: Final = (
     "tested. The law of damage cannot be tested where there is none: it is that of the reference. Surfaces are drawn "
     "without effects of time: gains that vary by 10 % within minutes make 8 to 16 % of false calls out of 5 %."
 )
-_RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("reported risk", share=True)}
+_RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column(share=True)}
 
 
 def scan_words(scan: Scan) -> Text:
@@ -235,9 +235,9 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     )
     return (
         Text(
-            f"Reported risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, "
-            f"and Lambda {rule} and contrast ({contrasts}). By all samples it is {_tolerated(told.cleared_s)}; by "
-            f"those that each robot has (its own and {heard} the others'), that of the last robot is "
+            f"Risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, and "
+            f"Lambda {rule} and contrast ({contrasts}). By all samples it is {_tolerated(told.cleared_s)}; by those "
+            f"that each robot has (its own and {heard} the others'), that of the last robot is "
             f"{_tolerated(told.robots_s)}."
         ),
         Text(

@@ -198,8 +198,8 @@ def load_code(code: str, folder: str | Path | None = None) -> str:
         code: ``counter.py:counter``, the file and the object in it. folder: folder that a relative path starts from;
             None: the working directory.
     Returns:
-        The reference for scenarios (``strategy.name``, ``network.name``, ``task.name``) or for ``motion``: ``code``
-        with a hash of the file.
+        The reference for scenarios (``strategy.name``, ``network.name``, ``sensor.model``, ``task.name``), for
+        ``motion`` or for the ``method`` of a search: ``code`` with a hash of the file.
     Raises:
         InputError: there is no such file or object, or the file cannot be run.
     """
