@@ -16,7 +16,6 @@ TESTS = {
 """Tests of paired differences, by module."""
 COMPARE = {
     "analysis/paired.py": "the comparison",
-    "analysis/intervals.py": "the t-test of SciPy",
 }
 NAME_A_TEST = {
     "league/standings.py": "says by which test the comparison is made, over floors and floor by floor",
