@@ -84,7 +84,7 @@ def test_each_field_changes_hash_and_plan(section: str) -> None:
 
 def check_hash_and_plan(name: str) -> None:
     one, other = pair(name)
-    assert one.hash != other.hash
+    assert one.hash != other.hash, name
     assert one.to_toml() != other.to_toml(), "what a worker is given, and what is kept by its text"
     pieces = {
         Piece(cases=(each.to_toml(),), values=(), seed=1, motion="event", first=0, last=1)

@@ -259,6 +259,24 @@ def test_each_run_has_fill_ratio_and_truth_of_its_own_floor() -> None:
     assert (result.runs["fill_ratio"].to_list(), result.runs["truth"].to_list()) == (fills, truths)
 
 
+def test_beliefs_of_robots_are_those_of_their_last_decisions_or_else_the_last() -> None:
+    values = {"strategy.name": "soft", "decision.min_observations": 0, "run.t_end_s": 60.0}
+    result = simulate(preset("paper").with_values(values), seed=2, runs=10)
+    decided = 0
+    for robot in result.robots.iter_rows(named=True):
+        own = result.inference.filter(run=robot["run"], robot=robot["robot"])
+        assert robot["samples"] == own.height
+        before = own["decision"].shift(1, fill_value=-1)
+        turns = (own["decision"] != before).arg_true()
+        at = -1 if robot["decision"] == -1 else turns[-1]
+        decided += at != -1
+        assert robot["belief_below"] == own["belief_below"][at]
+        assert robot["belief_at_decision"] == (None if at == -1 else own["belief_below"][at])
+        counted = robot["alpha"] + robot["beta"] - 2  # Beta(1, 1) at first
+        assert counted == robot["samples"] + robot["messages_received"]
+    assert 10 < decided < 50
+
+
 def test_who_keeps_no_posterior_has_no_estimate() -> None:
     alpha, beta = np.array([1.0, np.nan, 0.0]), np.array([3.0, np.nan, 0.0])
     np.testing.assert_array_equal(estimate_of(alpha, beta), [0.25, np.nan, np.nan])

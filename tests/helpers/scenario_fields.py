@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Literal, get_args, get_origin
 
 from vibroswarm.scenario.plugins import field_of
 from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
 
 DEFAULT = Scenario()
+
+
+@contextmanager
+def named(name: str, value: Any) -> Iterator[None]:
+    """Name field and value in whatever fails."""
+    try:
+        yield
+    except BaseException as error:
+        error.add_note(f"with {name} = {value!r}")
+        raise
 
 
 def default(name: str) -> Any:

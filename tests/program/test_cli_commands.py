@@ -112,6 +112,7 @@ def test_a_function_becomes_a_command_line():
         ("out a --style pagee", "--style: there is no 'pagee', did you mean 'page'?"),
         ("out a --sizes 3,x", "--sizes: 'x' is not a whole number"),
         ("out a --run 3", "--run: unknown option, did you mean '--runs'?"),
+        ("out a --runs-each 3", "--runs-each: unknown option, did you mean '--runs'?"),
         ("out a --shrub 3", "--shrub: unknown option; "),  # its dashes alone made it similar to --share
         ("out", "inspect: the following arguments are required: LOG"),
     ],

@@ -190,21 +190,21 @@ def test_a_file_that_does_not_fit_is_named_by_the_folder_that_was_asked_for(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "code", "said"),
     [
-        ("could not load libllvmlite.so", "could not load libllvmlite.so"),
+        ("could not load libllvmlite.so", 1, "could not load libllvmlite.so"),
         # of polars, if the folder of a study is removed while it runs
-        ("No such file (os error 2): gone/a.parquet", "gone/a.parquet: cannot be used: No such file"),
+        ("No such file (os error 2): gone/a.parquet", 2, "gone/a.parquet: cannot be used: No such file"),
     ],
 )
 def test_an_error_of_a_library_is_not_taken_for_the_output(
-    words: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: str, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fails(*_: object) -> int:
         raise OSError(words)
 
     monkeypatch.setattr(commands, "call", fails)
-    assert main(["scenario"]) == 1
+    assert main(["scenario"]) == code
     assert capsys.readouterr().err == f"vibroswarm: error: {said}\n"
 
 

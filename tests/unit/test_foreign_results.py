@@ -15,6 +15,7 @@ import polars as pl
 import pytest
 
 from helpers.manifests import resealed
+from helpers.scenario_fields import named
 from vibroswarm import inspect, replay, verdict
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.core.tables import ALLOWED, check_table
@@ -258,7 +259,8 @@ def test_the_head_of_a_recording_is_checked(there: Path, key: str) -> None:
     gone = {name: value for name, value in about.items() if name != key}
     for changed in (gone, *(about | {key: value} for value in ODD)):
         path.write_text(json.dumps(changed))
-        refused(Recording.read, there / "recording", path, "damaged")
+        with named(key, changed.get(key, "gone")):
+            refused(Recording.read, there / "recording", path, "damaged")
 
 
 @pytest.mark.parametrize("key", ["format", "kind", "seed", "source", "tables", "versions", "scenario_hash"])
@@ -267,7 +269,7 @@ def test_the_head_of_a_result_is_checked(there: Path, key: str) -> None:
     about = json.loads(path.read_text())
     for value in ODD:
         path.write_text(json.dumps(about | {key: value}))
-        with pytest.raises(InputError) as caught:
+        with named(key, value), pytest.raises(InputError) as caught:
             Result.read(there / "result")
         assert str(caught.value.field).startswith(str(there / "result"))
 

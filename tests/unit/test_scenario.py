@@ -9,7 +9,6 @@ import pickle
 import re
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -19,7 +18,7 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
-from helpers.scenario_fields import FLAGS, FLOATS, INTS, OTHERS, WORDS, annotation, changed
+from helpers.scenario_fields import FLAGS, FLOATS, INTS, OTHERS, WORDS, annotation, changed, named
 from vibroswarm import tasks
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
@@ -66,16 +65,6 @@ def refused(values: dict[str, Any]) -> InputError:
     with pytest.raises(InputError) as caught:
         Scenario().with_values(values)
     return caught.value
-
-
-@contextmanager
-def named(name: str, value: Any) -> Iterator[None]:
-    """Name field and value in whatever fails."""
-    try:
-        yield
-    except BaseException as error:
-        error.add_note(f"with {name} = {value!r}")
-        raise
 
 
 # Fields

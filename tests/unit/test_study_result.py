@@ -293,6 +293,8 @@ def test_where_numbers_are_asked_for_nothing_is_drawn_of_right_and_wrong() -> No
     figures = [*study_figures.outcome_figures(outcome), *study_figures.front_figures(outcome)]
     assert [figure.name for figure in figures] == ["decision_time_s", "estimate_error"]
     assert "consensus-box" not in {figure.name for figure in study_figures.time_figures(outcome)}
+    decided = outcome_of(Study.of(SHORT, 3).run())
+    assert "estimate_error" not in {figure.name for figure in study_figures.outcome_figures(decided)}
 
 
 def test_an_axis_of_values_far_apart_is_logarithmic() -> None:

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from helpers.manifests import resealed
+from helpers.scenario_fields import named
 from vibroswarm import tasks
 from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
@@ -189,16 +190,8 @@ def test_a_damaged_shard_is_found_and_said_and_made_again(harm: str, copy: Path,
 
 def test_a_file_in_the_place_of_the_folder_of_shards_is_named(tmp_path: Path) -> None:
     (tmp_path / SHARDS).touch()
-    with pytest.raises(InputError, match=f"{SHARDS}: is in the place of a folder: move it away"):
+    with pytest.raises(InputError, match=f"{SHARDS}: is not a folder; move it away"):
         Store.open_or_create(tmp_path, STUDY)
-
-
-def test_of_a_damaged_part_it_is_said_how_to_make_it_again(copy: Path) -> None:
-    part = copy / "second-block"
-    shutil.copytree(copy, part)
-    (part / "vibroswarm.json").write_text("{")
-    with pytest.raises(InputError, match=r"is damaged: .* \(remove '.*second-block' to compute it again\)"):
-        Store.open(part)
 
 
 @pytest.mark.parametrize("what", ["folder", "pipe"])
@@ -442,7 +435,7 @@ def test_a_head_of_wrong_types_is_refused(key: str, copy: Path) -> None:
     whole = json.loads(head.read_text())
     for value in (None, "x", [], {"x": 1}, 1.5, float("inf")):
         head.write_text(json.dumps(whole | {key: value}))
-        with pytest.raises(InputError):
+        with named(key, value), pytest.raises(InputError):
             Store.open(copy)
 
 

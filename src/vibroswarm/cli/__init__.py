@@ -156,19 +156,20 @@ USER_ERRORS: Final = (
     errno.ENOENT, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EEXIST,
 )  # fmt: skip
 """Errors that a wrong file name causes, such as a missing file; others, such as a full disk, are not the user's."""
-OF_POLARS: Final = re.compile(r"(.+) \(os error \d+\): (.+)")
-"""What polars says of a file: cause, number and name."""
+OF_POLARS: Final = re.compile(r"(.+) \(os error (\d+)\): (.+)")
+"""An error of polars about a file: cause, error number and name."""
 
 
 def _failed_with(error: OSError) -> int:
     """Print the message of an ``OSError`` and return the exit code: 2 for a wrong file name, 1 for any other error."""
-    cause = error.strerror or str(error)
-    if error.filename is not None:
-        code = 2 if error.errno in USER_ERRORS else 1
-        return _failed(f"{shown_name(error.filename)}: cannot be used: {cause}", code)
+    cause, number, name = error.strerror or str(error), error.errno, error.filename
+    if of_polars := OF_POLARS.fullmatch(cause):  # as of a table in a folder that was removed meanwhile
+        cause, number, name = of_polars[1], int(of_polars[2]), of_polars[3]
+    if name is not None:
+        code = 2 if number in USER_ERRORS else 1
+        return _failed(f"{shown_name(name)}: cannot be used: {cause}", code)
     if error.errno is None:  # raised by a library, such as one that cannot be loaded
-        of_polars = OF_POLARS.fullmatch(cause)  # as of a table in a folder that was removed meanwhile
-        return _failed(of_polars.expand(r"\2: cannot be used: \1") if of_polars else cause, 1)
+        return _failed(cause, 1)
     # `atomic_io` names the files it writes, so an error of the system without a name is about this process's output.
     _silence(sys.stdout)
     return _failed(f"the output could not be written: {cause}", 1)

@@ -151,8 +151,8 @@ class Parser(argparse.ArgumentParser):
         """Return ``", did you mean '--x'?"`` for the option most similar to ``word``, whose dashes do not count."""
         name = word.lstrip("-")
         options = {one[2:]: one for action in self._actions for one in action.option_strings if one[2:]}
-        begun = [option for option in options if name.startswith(option)]
-        match = begun or difflib.get_close_matches(name[:100], options, n=1, cutoff=0.7)
+        begun = sorted(filter(name.startswith, options), key=len)[-1:]  # such as that of ``--outdir``
+        match = difflib.get_close_matches(name[:100], options, n=1, cutoff=0.7) or begun
         return f", did you mean '{options[match[0]]}'?" if match else ""
 
 

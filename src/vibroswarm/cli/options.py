@@ -264,7 +264,7 @@ class Where:
     ] = "threads"
 
     def __post_init__(self) -> None:
-        """Refuse an executor that there is not, before any work."""
+        """Refuse an unknown executor before any work."""
         from vibroswarm.study.executors import check_executor
 
         with named("--executor", of="executor"):

@@ -230,7 +230,7 @@ def matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def check_places(folder: Path) -> None:
-    """Refuse what is no folder of described tables, or has a folder, pipe or device with the name of a file of them.
+    """Refuse a file in the place of a folder of tables, and a folder, pipe or device in the place of one of its files.
 
     Damaged files are written again, but nothing that somebody put in the place of one is removed for that.
 
@@ -238,7 +238,7 @@ def check_places(folder: Path) -> None:
         InputError: there is one; the message names it.
     """
     if os.path.lexists(folder) and not folder.is_dir():
-        raise InputError("is in the place of a folder: move it away", field=str(folder))
+        raise InputError("is not a folder; move it away", field=str(folder))
     for path in matching(folder, "[!.]*"):
         if path.suffix in (".json", ".parquet") and path.exists() and not path.is_file():
             raise InputError("is in the place of a file: move it away", field=str(path))

@@ -236,9 +236,8 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     return (
         Text(
             f"Risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, and "
-            f"Lambda {rule} and contrast ({contrasts}). By all samples it is {_tolerated(told.cleared_s)}; by those "
-            f"that each robot has (its own and {heard} the others'), that of the last robot is "
-            f"{_tolerated(told.robots_s)}."
+            f"Lambda {rule} and contrast ({contrasts}). With all samples it is {_tolerated(told.cleared_s)}; for the "
+            f"last robot, with its own samples and {heard} the others', {_tolerated(told.robots_s)}."
         ),
         Text(
             f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "

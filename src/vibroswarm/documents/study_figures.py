@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, RunFigure
+from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
 from vibroswarm.analysis.incidence import READ, robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, drawn_of, first_of, listed, stated
 from vibroswarm.documents.cell_figures import TIME_AND_ERROR
@@ -61,6 +61,8 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     if len(cells) <= MOST_ROWS and not asks_numbers(outcome):
         yield _figure("outcomes", "Outcomes of the swarms", _outcomes, cells)
     for figure in FIGURES:
+        if figure.name in ESTIMATES and not asks_numbers(outcome):
+            continue  # under feedback a posterior is no estimate
         is_there = any(row.summary.figures[figure.name].n for row in cells)
         if figure.picture and is_there and (layout.x is not None or len(cells) <= MOST_ROWS):
             yield _figure(figure.name, figure.picture, _bars, table, layout, figure)

@@ -477,5 +477,4 @@ def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
             numbers = values.astype(object)
             numbers[missing] = None
             return pl.Series(name, numbers.tolist(), dtype=kind)
-    series = pl.Series(name, values, nan_to_null=values.dtype == np.float64)
-    return series if series.dtype == kind else series.cast(kind)  # a cast to the same type copies
+    return pl.Series(name, values, dtype=kind, nan_to_null=values.dtype == np.float64)

@@ -601,6 +601,7 @@ def observation_frame(
         columns = energies_read(scenario, read).reshape(samples.height, len(names)).T
         measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
     else:
+        # not by ``pl.repeat``, which hangs in a forked process
         measured = [pl.Series(name, [None], MEASURED).new_from_index(0, samples.height) for name in names]
     return pl.DataFrame(
         [

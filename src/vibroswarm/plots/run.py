@@ -406,8 +406,8 @@ def maps_figure(
     down = math.ceil(maps_drawn / across)
     rows, columns = (of_run[name].n_unique() for name in ("row", "column"))
     tile = tile_m[1] / tile_m[0]  # its height, if it is 1 wide
-    # Maps are 2 in wide, or less if they would be higher than that; the words at the scale of colours need as much.
-    # There is room for the scale at the right and for the words below.
+    # Maps are 2 in wide, or less if they would be higher than that; the label of the colour bar needs this height.
+    # There is room for the bar at the right and for the note below.
     wide_in = 2.0 / max(1.0, rows * tile / columns)
     high_in = wide_in * rows * tile / columns
     size_in = (max(wide_in, 0.8) * across + 0.7, max((high_in + 0.25) * down, 2.25) + 0.5)

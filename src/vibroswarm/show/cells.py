@@ -96,9 +96,8 @@ def _number_cell(row: Mapping[str, Any], head: Heading, decimals: int | None) ->
     if not ends or any(end is None or not math.isfinite(end) for end in ends):
         return Cell(text_of(value), value=value)
     low, high = ends
-    if low < high and text_of(low) == text_of(
-        high
-    ):  # beside wider or far larger numbers it would seem to be exact
+    # beside wider or far larger numbers it would seem to be exact
+    if low < high and text_of(low) == text_of(high):
         decimals = max(decimals or 0, few_decimals_of([scale * (high - low)]))
     return Cell(text_of(value), f"[{text_of(low)}, {text_of(high)}]", value, (low, high))
 

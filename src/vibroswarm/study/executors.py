@@ -128,7 +128,7 @@ def workers_for(
 def check_executor(executor: str | Executor) -> None:
     """Refuse what is neither an executor, nor the name of one, nor an address or file of a Dask scheduler.
 
-    Whether there is such a scheduler is found out when it is needed.
+    It does not connect to the scheduler.
     """
     check_kind(
         executor,

@@ -181,21 +181,6 @@ class Store:
             InputError: the folder holds no study, a study of another format, or a damaged one.
         """
         folder = Path(folder)
-        try:
-            store = cls._opened(folder)
-        except InputError as error:
-            if not has_manifest(folder.parent):
-                raise
-            # a part of another folder, such as a study's second block
-            advice = f"{error.reason} (remove '{folder}' to compute it again)"
-            raise InputError(advice, field=error.field) from None
-        if shards:
-            store.refresh()
-        return store
-
-    @classmethod
-    def _opened(cls, folder: Path) -> Store:
-        """Open the store in a folder, without its shards."""
         manifest = read_definition(folder, "study")
         saved_hash = manifest["hash"]
         text = read_text(folder / MARKER, "a study")
@@ -207,7 +192,10 @@ class Store:
             )
         same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
         check_definition(folder / MARKER, study.hash, saved_hash, manifest["versions"], same_text=same_text)
-        return cls(folder, study, hash=saved_hash)
+        store = cls(folder, study, hash=saved_hash)
+        if shards:
+            store.refresh()
+        return store
 
     def refresh(self) -> None:
         """Read the descriptions of all shards again, and set ``shards``, ``broken`` and ``left_over``.

@@ -32,6 +32,7 @@ RUNS = 100
 FIELDS: Final = {
     "strategy": "strategy.name",
     "robots": "swarm.robots",
+    "floor": "floor.source",
     "network": "network.name",
     "task": "task.name",
 }
