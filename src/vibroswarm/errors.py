@@ -72,11 +72,15 @@ class CodeError(RunError):
     """A user's strategy, network, task or motion source failed while it ran, and would fail again."""
 
 
-def nearest(word: object, known: Iterable[str]) -> str:
-    """Return ``", did you mean 'x'?"`` for the known word most similar to ``word``, or "" if none is similar."""
+def nearest(word: object, known: Iterable[str], *, prefix: str = "", cutoff: float = 0.6) -> str:
+    """Return ``", did you mean 'x'?"`` for the known word most similar to ``word``, or "" if none is similar.
+
+    Args:
+        prefix: written before the known word. cutoff: least similarity, from 0 to 1.
+    """
     # Cut, because comparing a very long text would take long.
-    match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=0.6)
-    return f", did you mean '{match[0]}'?" if match else ""
+    match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=cutoff)
+    return f", did you mean '{prefix}{match[0]}'?" if match else ""
 
 
 def check_format(version: object, newest: int, field: str | None = None) -> None:

@@ -85,25 +85,25 @@ def test_each_field_changes_hash_and_plan(section: str) -> None:
 def check_hash_and_plan(name: str) -> None:
     one, other = pair(name)
     assert one.hash != other.hash, name
-    assert one.to_toml() != other.to_toml(), "what a worker is given, and what is kept by its text"
+    assert one.to_toml() != other.to_toml(), f"{name}: what a worker is given, and what is kept by its text"
     pieces = {
         Piece(cases=(each.to_toml(),), values=(), seed=1, motion="event", first=0, last=1)
         for each in (one, other)
     }
-    assert len(pieces) == 2
+    assert len(pieces) == 2, name
     if value_of(one, name) is None:  # it cannot be said in a grid
         return
     motions, replays = groups_of(one, other, name)
-    assert replays == 2, "cells that differ were merged"
+    assert replays == 2, f"{name}: cells that differ were merged"
     section, _, field = name.partition(".")
     moves = section in OF_MOTION and name not in ONE_MOTION
     moves |= section == "rays" and field != "noise_m"
     moves |= section == "faults" and field in MotionFaults.model_fields
     moves |= name.startswith("strategy.explore.")  # which steers
-    assert motions == (2 if moves else 1)
+    assert motions == (2 if moves else 1), name
     if not moves and section in ("odometry", "localisation", "rays"):
         assert estimates_key(one, 1) != estimates_key(other, 1), (
-            "estimates of places are shared on one motion"
+            f"{name}: estimates of places are shared on one motion"
         )
 
 

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import difflib
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -38,7 +37,7 @@ from types import NoneType
 from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
 from vibroswarm.cli.option_values import placeholder, reader
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, nearest
 
 MISSING: Final = inspect.Parameter.empty
 """Default of a parameter that must be given."""
@@ -150,10 +149,9 @@ class Parser(argparse.ArgumentParser):
     def _similar(self, word: str) -> str:
         """Return ``", did you mean '--x'?"`` for the option most similar to ``word``, whose dashes do not count."""
         name = word.lstrip("-")
-        options = {one[2:]: one for action in self._actions for one in action.option_strings if one[2:]}
-        begun = sorted(filter(name.startswith, options), key=len)[-1:]  # such as that of ``--outdir``
-        match = difflib.get_close_matches(name[:100], options, n=1, cutoff=0.7) or begun
-        return f", did you mean '{options[match[0]]}'?" if match else ""
+        options = [one[2:] for action in self._actions for one in action.option_strings if one[2:]]
+        begun = max(filter(name.startswith, options), key=len, default="")  # such as that of ``--outdir``
+        return nearest(name, options, prefix="--", cutoff=0.7) or nearest(begun, options, prefix="--")
 
 
 def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type]) -> Parser:

@@ -182,7 +182,8 @@ def _draw_heat(
             percent_axis(bar.yaxis)
     _name_ticks(axes.yaxis, style, ys, axes_size_pt(figure, axes)[1], upright=True)
     _name_ticks(axes.xaxis, style, xs, axes_size_pt(figure, axes)[0], upright=False)
-    _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits, scale=100 if percent else 1)
+    scale = 100 if percent else 1
+    _write_numbers(figure, axes, style, scale * grid, limits=(scale * low, scale * high), digits=digits)
     _outline(axes, _borders(chosen), (3.4 * style.line_pt, 1.8 * style.line_pt), zorder=5, clip_on=False)
     return figure
 
@@ -237,28 +238,21 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
 
 
 def _write_numbers(
-    figure: Any,
-    axes: Any,
-    style: Style,
-    grid: NDArray[np.float64],
-    limits: tuple[float, float],
-    digits: int,
-    scale: int,
+    figure: Any, axes: Any, style: Style, grid: NDArray[np.float64], limits: tuple[float, float], digits: int
 ) -> None:
     """Write the values into the cells, in smaller letters if necessary, or none if they would be too small to read.
 
     Args:
         grid: (rows, columns); nan: no value. limits: values at the ends of the scale of colours, which is dark at the
             lower end: letters are light in its lower half, and dark in the upper.
-        digits: significant digits of the largest number. scale: values are written so many times as large.
+        digits: significant digits of the largest number.
     """
     rows, columns = grid.shape
     width, height = axes_size_pt(figure, axes)
     wide, high = width / columns, height / rows  # size of a cell, points
-    decimals = decimals_of((scale * grid).flat, digits)
+    decimals = decimals_of(grid.flat, digits)
     texts = [
-        [number(scale * value, digits, decimals) if np.isfinite(value) else "" for value in line]
-        for line in grid
+        [number(value, digits, decimals) if np.isfinite(value) else "" for value in line] for line in grid
     ]
     widest = max(width_pt(text, style.small_pt) for line in texts for text in line)
     # Letters take at most 0.9 of the width of a cell and 0.85 of its height. ``widest`` is 0 if no cell has a value.

@@ -253,15 +253,10 @@ class Choice(FrozenModel):
         """Parameters of the selected entry."""
         return self.table(self.selected)
 
-    @property
-    def tables(self) -> dict[str, Any]:
-        """The tables that may differ from the defaults, by the names of entries."""
-        # Pydantic keeps them in its "extra" dictionary, because they are not declared as fields.
-        return self.__pydantic_extra__ or {}
-
     def table(self, name: str) -> Any:
         """Return the parameters of an entry: those given, or its defaults; {} if neither is known."""
-        own_table = self.tables.get(name)
+        # Pydantic keeps the tables in its "extra" dictionary, because they are not declared as fields.
+        own_table = (self.__pydantic_extra__ or {}).get(name)
         if own_table is not None:
             return own_table
         entries = type(self).known()
@@ -284,8 +279,9 @@ class Choice(FrozenModel):
     @model_serializer(mode="plain")
     def _as_tables(self) -> dict[str, Any]:
         """Return the section's own fields that are set, and the tables in alphabetical order, to write out."""
+        # Pydantic keeps the tables in its "extra" dictionary, because they are not declared as fields.
         tables: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
-        for name, table in sorted(self.tables.items()):
+        for name, table in sorted((self.__pydantic_extra__ or {}).items()):
             tables[name] = (
                 table.model_dump(exclude_none=True) if isinstance(table, BaseModel) else dict(table)
             )
@@ -299,17 +295,10 @@ class Choice(FrozenModel):
         return {key: value for key, value in tables.items() if key in own}
 
     @classmethod
-    def field_names(cls, entries: Collection[str] | None = None) -> list[str]:
-        """Return the dotted names, without the section, of its own fields and all parameters, such as "soft.eta".
-
-        Args:
-            entries: whose parameters; None: of all.
-        """
+    def field_names(cls) -> list[str]:
+        """Return the dotted names, without the section, of its own fields and all parameters, such as "soft.eta"."""
         tables = [
-            f"{name}.{field}"
-            for name, entry in cls.known().items()
-            if entries is None or name in entries
-            for field in entry.params.model_fields
+            f"{name}.{field}" for name, entry in cls.known().items() for field in entry.params.model_fields
         ]
         return [*cls._own_fields(), *tables]
 

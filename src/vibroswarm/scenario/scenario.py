@@ -219,7 +219,7 @@ class Scenario(Sections, NotebookView):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
                 is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
-                if last not in parent and name not in _names_in(section) and not is_of_code:
+                if last not in parent and name not in field_names() and not is_of_code:
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
                 parent.pop(last, None)
             elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
@@ -405,12 +405,16 @@ def changes(scenario: Scenario, base: Scenario) -> dict[str, Any]:
         one, other = getattr(scenario, section), getattr(base, section)
         if one == other:
             continue
-        if isinstance(one, Choice):  # most strategies, networks and tasks have the same parameters in both
-            given = {*one.tables, *other.tables}
-            own = one.field_names({table for table in given if one.table(table) != other.table(table)})
-        else:
-            own = list(type(one).model_fields)
-        for name in (f"{section}.{field}" for field in own):
+        # Most strategies, networks and tasks have the same parameters in both.
+        equal = (
+            {table for table in type(one).known() if one.table(table) == other.table(table)}
+            if isinstance(one, Choice)
+            else ()
+        )
+        for name in _names_in(section):
+            _, table, *parameter = name.split(".")
+            if parameter and table in equal:
+                continue
             value = value_of(scenario, name)
             if value != value_of(base, name):
                 changed[name] = list(value) if isinstance(value, tuple) else value
