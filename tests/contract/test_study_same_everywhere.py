@@ -527,7 +527,7 @@ def test_no_waiting_for_a_scheduler_that_ends_while_it_sends_a_result_or_does_no
 ) -> None:
     distributed, comm = pytest.importorskip("distributed"), pytest.importorskip("distributed.comm")
     cluster = distributed.LocalCluster(
-        1, processes=False, threads_per_worker=1, dashboard_address=None, protocol="inproc://"
+        1, processes=False, threads_per_worker=1, dashboard_address="127.0.0.1:0", protocol="inproc://"
     )
     client = distributed.Client(cluster, set_as_default=False)
 

@@ -30,6 +30,8 @@ class Cluster:
             "--host",
             "127.0.0.1",
             "--no-dashboard",
+            "--dashboard-address",  # its pages are served nevertheless, by default on port 8787 of every address
+            "127.0.0.1:0",
             "--scheduler-file",
             str(self.scheduler_file),
             *options,

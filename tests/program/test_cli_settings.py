@@ -175,6 +175,36 @@ sys.exit(cli.main())
 """
 
 
+BELOW_POLARS = """
+import os, signal, sys, time
+import polars as pl
+from vibroswarm import cli
+from vibroswarm.cli import scenario
+
+def interrupted(of_list, inner):
+    of_list.inner = inner
+    pl.List.__init__ = as_before
+    os.kill(os.getpid(), signal.SIGINT)
+
+def stopped():
+    frame.schema
+    time.sleep(20.0)
+    return 0
+
+frame = pl.DataFrame({"a": [[1]]})
+as_before = pl.List.__init__
+pl.List.__init__ = interrupted
+scenario.scenario = stopped
+sys.argv = ["vibroswarm", "scenario"]
+sys.exit(cli.main())
+"""
+
+
+def test_ctrl_c_where_polars_calls_python_is_no_panic_of_polars():
+    done = subprocess.run([sys.executable, "-c", BELOW_POLARS], capture_output=True, text=True, timeout=50)
+    assert (done.returncode, done.stderr.strip()) == (130, "vibroswarm: interrupted")
+
+
 @pytest.mark.parametrize("end", ["error", "nothing"])
 def test_ctrl_c_is_not_lost_where_llvm_calls_python(end):
     began_s = time.monotonic()

@@ -41,7 +41,8 @@ def listen(end: Callable[[], object]) -> None:
     A Ctrl-C is lost while a kernel is compiled: LLVM then calls Python functions and cannot pass on their exceptions,
     so Python only prints the ``KeyboardInterrupt`` (``sys.unraisablehook``) and continues. The hook that is installed
     here does not print it, but sends Ctrl-C to the main thread again a moment later. This is repeated until the
-    exception is raised outside LLVM.
+    exception is raised outside LLVM. Nor is it raised below a call of polars, which calls Python functions as well and
+    would print it as a panic of its own: it is repeated until that call has returned.
     """
     _came.clear()
     if signal.getsignal(signal.SIGINT) not in (signal.default_int_handler, end_at_once):
@@ -50,8 +51,16 @@ def listen(end: Callable[[], object]) -> None:
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        if _is_in_polars(frame):
+            repeat_soon()
+            return
         _came.set()
         raise KeyboardInterrupt
+
+    def repeat_soon() -> None:
+        timer = threading.Timer(AGAIN_AFTER_S, _again)
+        timer.daemon = True
+        timer.start()
 
     usual_hook = sys.unraisablehook
 
@@ -59,9 +68,7 @@ def listen(end: Callable[[], object]) -> None:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
             usual_hook(unraisable)
             return
-        timer = threading.Timer(AGAIN_AFTER_S, _again)
-        timer.daemon = True
-        timer.start()
+        repeat_soon()
 
     def end_if_stuck() -> None:
         while os.read(reading, 1) != bytes([signal.SIGINT]) or _came.wait(STUCK_AFTER_S):
@@ -81,6 +88,15 @@ def ignore() -> None:
     """Ignore Ctrl-C from now on: the work is done, and the process only ends."""
     if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _is_in_polars(frame: FrameType | None) -> bool:
+    """Return whether a frame, or one that called it, is polars'."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).split(".")[0] == "polars":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _again() -> None:
