@@ -235,3 +235,12 @@ def test_a_gate_that_no_robot_of_a_cell_reached_is_warned_of() -> None:
     study = Study.of(preset("paper").with_values({"run.t_end_s": 20.0}), 2, strategy__name=["none", "places"])
     (warning,) = warnings_of(outcome_of(study.run(progress=False), compare=False))
     assert warning.startswith("none: No robot was allowed to decide: that takes more than 381 observations")
+
+
+def test_warnings_of_one_kind_are_counted_after_the_third() -> None:
+    """Forty cells had forty, before the answer."""
+    short = preset("paper").with_values({"run.t_end_s": 5.0, "strategy.name": "none"})
+    study = Study.of(short, 1, swarm__robots=[2, 3, 4, 5, 6])
+    *written, last = warnings_of(outcome_of(study.run(progress=False), compare=False))
+    assert [words.split(":")[0] for words in written] == ["robots 2", "robots 3", "robots 4"]
+    assert last == "there are 2 more warnings like the one above, about other cells."

@@ -306,6 +306,9 @@ def test_presets() -> None:
         ("floor.source=a=b", ("floor.source", "a=b")),
         ("floor.source=", ("floor.source", "")),
         ("decision.min_observations=1_000", ("decision.min_observations", 1000)),
+        ("decision.credible_threshold=.8", ("decision.credible_threshold", 0.8)),
+        ("network.loss.share=-5.", ("network.loss.share", -5.0)),
+        ("floor.source=.", ("floor.source", ".")),
     ],
 )
 def test_settings_are_read_as_toml_or_as_words(text: str, expected: tuple[str, Any]) -> None:

@@ -341,10 +341,25 @@ def warnings_of(outcome: Outcome) -> list[str]:
     ]
     unreached = [f"{one.cell.name}: {one.unreached}" for one in outcome.cells if one.unreached]
     every = (
-        *floors, *unreached, *failed, *_missing_runs(outcome), *_store_warnings(outcome), _imprecise(outcome),
-        outcome.unmatched,
+        *_few([*floors]), *_few(unreached), *failed, *_missing_runs(outcome), *_store_warnings(outcome),
+        _imprecise(outcome), outcome.unmatched,
     )  # fmt: skip
     return list(filter(None, every))
+
+
+MOST_OF_A_KIND: Final = 3
+"""Largest number of warnings of one kind that are written out."""
+
+
+def _few(warnings: list[str]) -> list[str]:
+    """Return the first warnings of a kind, and how many more there are."""
+    more = len(warnings) - MOST_OF_A_KIND
+    if more < 2:
+        return warnings
+    return [
+        *warnings[:MOST_OF_A_KIND],
+        f"there are {more} more warnings like the one above, about other cells.",
+    ]
 
 
 def _floor_words(one: CellOutcome) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -452,7 +453,8 @@ def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
 def parse_setting(text: str) -> tuple[str, Any]:
     """Return name and value of a setting such as ``"walk.leg_min_ms=500"``.
 
-    The value is parsed as TOML. A value that is not TOML, such as a word without quotes, is taken as a string.
+    The value is parsed as TOML. A value that is not TOML, such as a word without quotes, is taken as a string, but .8
+    and 5. as numbers.
 
     Raises:
         InputError: the text is not of the form section.field=value, or sets more than one value.
@@ -464,7 +466,8 @@ def parse_setting(text: str) -> tuple[str, Any]:
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
     except (ValueError, RecursionError):  # not TOML or a number too long, or nested too deeply
-        return name.strip(), value.strip()
+        value = value.strip()
+        return name.strip(), float(value) if re.fullmatch(r"[-+]?(\d+\.|\.\d+)", value) else value
     if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
         raise InputError(f"'{text}' sets more than one value", field="--set")
     return name.strip(), parsed["value"]

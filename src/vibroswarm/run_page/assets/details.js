@@ -1,11 +1,12 @@
 // The footer and the lines of explanation: what the run was, for whoever wants to make it again.
 
 function buildDetails() {
-  const f = run.floor;
+  const f = run.floor, counted = (count, thing) => `${count} ${thing}${count === 1 ? "" : "s"}`;
+  const grid = `${counted(f.rows, "row")} \u00d7 ${counted(f.columns, "column")}`;
   const known = [
     ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
-    ["Floor", `${f.rows} rows \u00d7 ${f.columns} columns, tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
+    ["Floor", `${grid}, tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
     [KIND_COUNT > 2 ? "Share of kind 1" : "Fill ratio", ratio(run.truth.fill_ratio)],
     ["Strategy", run.strategy],
     ["Decides", ruleWords(run.rule)],
