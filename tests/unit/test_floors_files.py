@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from PIL import Image
+from PIL import ExifTags, Image
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.grid_text import MAX_LINES, parse_tiles
-from vibroswarm.floors.io import check_new, read_tiles, write_tiles
+from vibroswarm.floors.io import check_new, read_palette, read_tiles, write_tiles
 
 grids = hnp.arrays(
     np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9), elements=st.integers(0, 1)
@@ -222,6 +222,20 @@ def test_what_a_picture_leaves_open_is_refused(file):
     with pytest.raises(InputError, match="transparent"):
         read_tiles(file(png(fine, transparency=65535)))
     assert read_tiles(file(png(fine, transparency=300))).tolist() == [[0, 1], [1, 0]]
+
+
+def test_a_picture_is_turned_as_its_exif_data_say(file):
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6  # to be turned clockwise
+    top = np.array([[255, 255], [0, 0], [0, 0]], dtype=np.uint8)
+    assert read_tiles(file(png(top, exif=exif))).tolist() == [[0, 0, 1], [0, 0, 1]]
+
+
+def test_colours_of_a_picture_of_16_bits(file):
+    dark = np.array([[500, 60_000]], dtype=np.uint16)
+    assert read_palette(file(png(dark)), ("000000", "eeeeee")).tolist() == [[0, 1]]
+    with pytest.raises(InputError, match="once"):
+        read_palette(file(png(dark)), ("EEEEEE", "eeeeee"))
 
 
 def test_a_broken_or_vast_picture_is_refused(file):

@@ -152,19 +152,21 @@ def read_palette(path: Path | str, colours: Sequence[str], size: Size | None = N
     Raises:
         InputError: the file is no picture, a colour is none or given twice, or a pixel is near no colour.
     """
-    from PIL import Image
-
     name = str(path)
-    if len(set(colours)) < len(colours) or not all(re.fullmatch(r"#?[0-9a-fA-F]{6}", one) for one in colours):
+    distinct = {one.lstrip("#").lower() for one in colours}
+    if len(distinct) < len(colours) or not all(re.fullmatch(r"#?[0-9a-fA-F]{6}", one) for one in colours):
         raise InputError(
             f"{', '.join(colours)}: give a colour for each kind, once, as RRGGBB", field="floor.source"
         )
     if not 2 <= len(colours) <= KIND_LIMIT:
         raise InputError(f"{len(colours)} colours; give 2 to {KIND_LIMIT}", field="floor.source")
     data = read_bytes(Path(path), FILE_LIMIT, "a floor")
-    levels, _ = _grey_levels(data, name)  # which refuses what is no complete picture
-    with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+    picture = _picture(data, name)
+    levels, full = _grey_levels(picture, name)
+    if full == WHITE:
         pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
+    else:  # convert("RGB") would clip a grey picture of 16 bits as convert("L") does
+        pixels = np.stack([levels * (WHITE / full)] * 3, axis=2)
     palette = np.array([[int(one.lstrip("#")[k : k + 2], 16) for k in (0, 2, 4)] for one in colours])
     apart = np.stack([np.sqrt(((pixels - colour) ** 2).sum(axis=2)) for colour in palette])
     kinds = apart.argmin(axis=0)
@@ -259,6 +261,8 @@ PNG: Final = b"\x89PNG\r\n\x1a\n"
 
 PIXEL_LIMIT: Final = 64_000_000
 """Maximum number of pixels of a picture."""
+WHITE: Final = 255
+"""Level of white in pictures of 8 bits."""
 
 
 def is_picture(path: Path | str) -> bool:
@@ -307,7 +311,7 @@ def brightness_of(
 
     Arguments and errors are those of ``read_png``.
     """
-    levels, full = _grey_levels(data, name)
+    levels, full = _grey_levels(_picture(data, name), name)
     if size is None:
         if levels.size > most_pixels:
             raise InputError(
@@ -325,13 +329,13 @@ def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
     number_of(threshold, field, least, math.nextafter(1.0, 0.0))
 
 
-def _grey_levels(data: bytes, name: str) -> tuple[NDArray[Any], int]:
-    """Return the grey level of each pixel of a PNG file, integers of shape (height, width), and the level of white.
+def _picture(data: bytes, name: str) -> Image.Image:
+    """Return a PNG picture, decoded, and turned as its EXIF data say.
 
     Raises:
-        InputError: the picture is incomplete, too large or transparent; ``name`` is the file's name in the message.
+        InputError: the picture is incomplete or too large; ``name`` is the file's name in the message.
     """
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     try:
         with warnings.catch_warnings():
@@ -339,10 +343,17 @@ def _grey_levels(data: bytes, name: str) -> tuple[NDArray[Any], int]:
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
                 picture.verify()  # checks the checksums, which decoding ignores; the picture cannot be used afterwards
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
-                return _grey(picture, name)
-    except InputError:  # raised by ``_grey``
+                if picture.width * picture.height > PIXEL_LIMIT:
+                    raise InputError(
+                        f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",
+                        field=name,
+                    )
+                picture.load()
+                ImageOps.exif_transpose(picture, in_place=True)
+                return picture
+    except InputError:
         raise
-    # Pillow's own limit on pixels is above PIXEL_LIMIT, which ``_grey`` checks.
+    # Pillow's own limit on pixels is above PIXEL_LIMIT.
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise InputError(f"is too large a picture; at most {PIXEL_LIMIT} pixels", field=name) from None
     except Exception as error:  # Pillow raises many kinds of error on incomplete pictures
@@ -351,17 +362,12 @@ def _grey_levels(data: bytes, name: str) -> tuple[NDArray[Any], int]:
         ) from None
 
 
-def _grey(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
-    """Return the grey levels of a picture, integers of shape (height, width), and the level of white.
+def _grey_levels(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
+    """Return the grey level of each pixel, integers of shape (height, width), and the level of white.
 
     Raises:
-        InputError: the picture is too large or has transparent pixels.
+        InputError: the picture has transparent pixels; ``name`` is the file's name in the message.
     """
-    if picture.width * picture.height > PIXEL_LIMIT:
-        raise InputError(
-            f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",
-            field=name,
-        )
     # A grey PNG of 16 bits a pixel has the mode "I;16" (in older versions of Pillow "I"). convert("L") would clip its
     # values at 255 instead of scaling them.
     if picture.mode.startswith("I"):
@@ -375,7 +381,7 @@ def _grey(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
         if np.asarray(colours.getchannel("A")).min() < 255:
             raise InputError("has transparent pixels; give a picture without", field=name)
         picture = colours
-    return np.asarray(picture.convert("L")), 255
+    return np.asarray(picture.convert("L")), WHITE
 
 
 def _means(levels: NDArray[Any], size: Size, name: str) -> NDArray[np.float64]:

@@ -350,7 +350,7 @@ def add_sine(out: Values, amplitude: float, step: float, phase: float) -> None:
 def add_noise(out: Values, spread: float, word: int) -> None:
     """Add noise of the standard deviation ``spread``, from a state of SplitMix64 (Steele et al., OOPSLA 2014).
 
-    Each number is the sum of the four 16-bit parts of a word, which is nearly normal.
+    Each number is the sum of the four 16-bit parts of a word, which is nearly normal: its kurtosis is 2.7.
     """
     state, mask = np.uint64(word), np.uint64(0xFFFF)
     scale = (

@@ -32,8 +32,8 @@ and its ``reading`` and ``likelihood`` get all numbers of each value; the first 
 
 in the language of strategies' hooks (numbers and ``math``), with which robots can be exported to C. Its laws
 are those at uniformly random places on random floors of the scenario's grid, ``p.place``, with all kinds in equal
-shares (``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k classes j, the share is
-(n_ij + 1/2) / (n_i + k/2).
+shares, at 0, 3, ..., 747 s (``reference_values``). Of n_i such samples on kind i, n_ij of which read as one of k
+classes j, the share is (n_ij + 1/2) / (n_i + k/2).
 
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
 follows from this exactly, without random numbers (``shares_up_to``). What is measured and what robots claim are two
