@@ -19,8 +19,7 @@ def main(runs: int) -> None:
     patchy = make_floor(10, 10, fill_ratio=0.44, moran_index=0.7).tiles
     spread = make_floor(10, 10, fill_ratio=0.44, moran_index=-0.3).tiles
     for name, tiles in (("patchy", patchy), ("spread", spread)):
-        rows = tuple("".join(map(str, row)) for row in np.asarray(tiles))
-        scenario = preset("paper").with_values({"floor.tiles": rows, "floor.source": name})
+        scenario = preset("paper").with_values({"floor.tiles": tiles, "floor.source": name})
         hard = measure(tiles)
         print(f"{name}: Moran index {hard.moran_index:.2f}, entropy {hard.entropy:.2f}")
         print(decidability(scenario).says)

@@ -123,6 +123,18 @@ def test_what_is_wrong_names_the_option(line, words):
     assert str(error.value).startswith(words)
 
 
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("run --runs 5", "--runs: unknown option; for many runs: vibroswarm evaluate"),
+        ("optimize --scenario a.toml", "--scenario: unknown option; the search file says it"),
+    ],
+)
+def test_an_option_of_another_command_leads_there(line, words, capsys):
+    assert main(line.split()) == 2
+    assert words in capsys.readouterr().err
+
+
 def test_a_parameter_without_an_option_is_a_mistake():
     def forgotten(*, runs: int = 3) -> None: ...
 

@@ -21,6 +21,7 @@ from vibroswarm.optimize.steps import SEARCH, SearchFolder, step_table
 from vibroswarm.result import Result, write_code
 from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.strategies.base import forget
+from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
@@ -434,6 +435,14 @@ def test_sizes_of_arrays_that_are_wrong(
     assert "Error" not in out + err
 
 
+def test_an_array_that_is_declared_like_a_field_is_refused(tmp_path: Path) -> None:
+    """It was left out without a word, and ``a.heard`` was "no such field"."""
+    path = tmp_path / "sized.py"
+    path.write_text(ARRAYS.format(size="4").replace("heard = array", "heard: array"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"Arrays\.heard: is declared with ':'; write heard = array"):
+        load_code(f"{path}:sized")
+
+
 def test_code_is_loaded_in_python(tmp_path: Path) -> None:
     path = tmp_path / "sized.py"
     path.write_text(ARRAYS.format(size="400"), encoding="utf-8")
@@ -441,6 +450,8 @@ def test_code_is_loaded_in_python(tmp_path: Path) -> None:
     short = preset("text").with_values({"strategy.name": code, "run.t_end_s": 20.0})
     assert short.strategy.code == code
     assert simulate(short, seed=1).runs.height == 1
+    both = Study.of(short, runs=1, strategy__name=["none", code]).run()
+    assert both.where(name="sized").runs()["strategy.name"].to_list() == ["sized"]
     for wrong in ("sized", "sized.py", str(path), 3, None):
         with pytest.raises(InputError, match="code"):
             load_code(wrong)  # type: ignore[arg-type]

@@ -317,6 +317,36 @@ def test_alpha_without_beta_is_refused(tmp_path: Path) -> None:
         read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
 
 
+def test_times_may_count_from_the_first_row(tmp_path: Path) -> None:
+    """Logs with seconds since 1970 could be read by no column map: each session begins at another time."""
+    (tmp_path / "plain.csv").write_text(
+        PLAIN.format("") + "1,1700000003253,0.5,0.5,1.25,\n1,1700000006273,0.5,0.5,1.2,\n"
+    )
+    text = PLAIN_MAP.replace('"time_s"', '{ name = "time_s", times = 0.001, first = 0.5 }')
+    (tmp_path / "map.toml").write_text(text)
+    log = read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
+    assert log.samples["time_s"].to_list() == [0.5, 3.52]
+    (tmp_path / "map.toml").write_text(PLAIN_MAP.replace('"x_m"', '{ name = "x_m", first = 0 }'))
+    with pytest.raises(InputError, match="only time_s has first"):
+        read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
+
+
+def test_a_robot_decides_no_sooner_than_its_log_says(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    """Robots whose log had no decision before the first were taken to have decided at their first sample."""
+
+    def drop_undecided(rows: Rows) -> None:
+        place = rows[0].index("d_f")
+        for row in rows[1:]:
+            row[place] = row[place].replace("2", "None")
+
+    with_all = recording_of([read_log(changed(lambda rows: None))], ground, preset("paper"))
+    without = recording_of([read_log(changed(drop_undecided))], ground, preset("paper"))
+    assert without.robots["decision_time_s"].to_list() == with_all.robots["decision_time_s"].to_list()
+    assert any("without a decision, taken as not logged" in line for line in count_lines(without))
+
+
 def test_a_column_may_be_named_line(tmp_path: Path) -> None:
     log = read_plain(tmp_path, PLAIN.format("line") + "\n1,2.0,0.5,0.5,1.25,77\n")
     assert log.samples["line"].to_list() == [3]
@@ -411,8 +441,8 @@ def test_what_was_read_is_counted_in_words() -> None:
         "  1 late row (by up to a second): sorted in",
     ]
     assert lines[5:7] == ["  1 sample", "  1 sample without a row, by the count of messages sent"]
-    assert lines[21] == "session 2: b.csv (csv)"
-    assert lines[22] == "  2,000 rows read"
-    assert lines[24] == "  2,000 repeated rows: removed"
+    assert lines[22] == "session 2: b.csv (csv)"
+    assert lines[23] == "  2,000 rows read"
+    assert lines[25] == "  2,000 repeated rows: removed"
     assert "  4.694 s, the longest such gap" in lines
-    assert not [line for line in lines[21:] if "off all tiles" in line]
+    assert not [line for line in lines[22:] if "off all tiles" in line]

@@ -710,8 +710,15 @@ def test_tiles_are_not_called_like_a_pattern(name: str) -> None:
 
 def test_tiles_that_are_the_pattern_may_have_its_name() -> None:
     floor = Scenario().with_values({"floor.source": "diagonal:0.46"}).floor_for(0, 0)
-    rows = ["".join(map(str, row)) for row in floor.tiles.tolist()]
-    Scenario().with_values({"floor.source": "diagonal:0.46", "floor.tiles": rows})
+    Scenario().with_values({"floor.source": "diagonal:0.46", "floor.tiles": floor.tiles})
+
+
+def test_tiles_may_be_an_array_of_kinds() -> None:
+    for tiles in (np.array([[1, 0], [0, 1]]), [[True, False], [0, 1]]):
+        assert Scenario().with_values({"floor.tiles": tiles}).floor.tiles == ("10", "01")
+    for wrong in ([[1.0, 0.0]], [[16, 0]], [[-1, 0]]):
+        with pytest.raises(InputError, match=r"^floor\.tiles\.0: .* valid string"):
+            Scenario().with_values({"floor.tiles": wrong})
 
 
 def test_tiles_without_a_name_are_not_called_after_the_floor_they_replace() -> None:

@@ -43,6 +43,19 @@ def result() -> StudyResult:
     ).run()
 
 
+def test_a_relative_folder_stays_readable_from_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tables are read when they are asked for, which failed once a notebook worked in another folder."""
+    monkeypatch.chdir(tmp_path)
+    Study.of(SHORT, 2, 3).run("study")
+    opened = StudyResult.open("study")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert opened.runs().height == 2
+    assert "in 'study'" in repr(opened)
+
+
 def test_where_selects_by_what_is_varied(result: StudyResult) -> None:
     assert result.where(floor__source="random:0.44").selected == (0, 1)
     assert result.where(name="soft").selected == (1, 3)
@@ -51,7 +64,7 @@ def test_where_selects_by_what_is_varied(result: StudyResult) -> None:
     assert one.selected == (3,)
     assert one.runs().height == 12
     assert_frame_equal(one.robots(), result.robots().filter(pl.col("cell") == 3))
-    with pytest.raises(InputError, match="no cell has"):
+    with pytest.raises(InputError, match="name: no cell has 'positive'; there is 'none' and 'soft'"):
         result.where(name="positive")
     with pytest.raises(InputError, match=r"robots: is not varied .*varied are floor\.source, strategy\.name"):
         result.where(robots=5)

@@ -194,6 +194,13 @@ def test_a_file_in_the_place_of_the_folder_of_shards_is_named(tmp_path: Path) ->
         Store.open_or_create(tmp_path, STUDY)
 
 
+def test_a_study_is_not_shown_as_empty_where_a_file_is_in_the_place_of_its_shards(copy: Path) -> None:
+    (copy / SHARDS).rename(copy / "away")
+    (copy / SHARDS).touch()
+    with pytest.raises(InputError, match=f"{SHARDS}: is not a folder; move it away"):
+        StudyResult.open(copy)
+
+
 @pytest.mark.parametrize("what", ["folder", "pipe"])
 @pytest.mark.parametrize("kind", ["*.parquet", "*.json"])
 def test_something_else_in_the_place_of_a_shard_is_refused_and_stays(

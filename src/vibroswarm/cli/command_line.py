@@ -116,6 +116,17 @@ def help_of(action: argparse.Action) -> str:
     return f"{text} (default {listed})"
 
 
+_MANY: Final = "for many runs: vibroswarm evaluate"
+_IN_FILE: Final = "the search file says it (scenario, [scenario])"
+INSTEAD: Final = {
+    "vibroswarm run": dict.fromkeys(("runs", "until", "vary"), _MANY),
+    "vibroswarm optimize": dict.fromkeys(
+        ("scenario", "preset", "strategy", "robots", "floor", "set"), _IN_FILE
+    ),
+}
+"""Options that are expected of a command, by its words, and what serves instead."""
+
+
 class Parser(argparse.ArgumentParser):
     """A parser of one command: what is wrong is one line, which names the option and the nearest known word."""
 
@@ -139,9 +150,9 @@ class Parser(argparse.ArgumentParser):
         if what == "unrecognized arguments":
             word = text.split()[0].split("=")[0]
             kind = "option" if word.startswith("-") else "argument"
-            raise InputError(
-                f"unknown {kind}{self._similar(word)}; '{self.prog} --help' lists what there is", field=word
-            )
+            instead = INSTEAD.get(self.prog, {}).get(word.lstrip("-"))
+            similar = f"; {instead}" if instead else self._similar(word)
+            raise InputError(f"unknown {kind}{similar}; '{self.prog} --help' lists what there is", field=word)
         if text and what.startswith("argument "):
             raise InputError(text, field=what.removeprefix("argument ").split("/")[-1])
         raise InputError(f"{message}; see '{self.prog} --help'", field=self.prog)

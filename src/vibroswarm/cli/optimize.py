@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def method_names() -> list[str]:
     """Return the names of the methods of this package, and that of a grid, which is no method of a search."""
-    return [*written_names("optimize"), "grid"]
+    return sorted([*written_names("optimize"), "grid"])
 
 
 File = Annotated[Path | None, Option("the search file (default: the paper's search)", "SEARCH.toml")]

@@ -229,6 +229,12 @@ def matching(folder: Path, pattern: str) -> list[Path]:
     return sorted(path for path in found if fnmatchcase(path.name, pattern))
 
 
+def check_is_folder(folder: Path) -> None:
+    """Refuse what is in the place of a folder of tables and is no folder."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise InputError("is not a folder; move it away", field=str(folder))
+
+
 def check_places(folder: Path) -> None:
     """Refuse a file in the place of a folder of tables, and a folder, pipe or device in the place of one of its files.
 
@@ -237,8 +243,7 @@ def check_places(folder: Path) -> None:
     Raises:
         InputError: there is one; the message names it.
     """
-    if os.path.lexists(folder) and not folder.is_dir():
-        raise InputError("is not a folder; move it away", field=str(folder))
+    check_is_folder(folder)
     for path in matching(folder, "[!.]*"):
         if path.suffix in (".json", ".parquet") and path.exists() and not path.is_file():
             raise InputError("is in the place of a file: move it away", field=str(path))

@@ -36,6 +36,8 @@ from vibroswarm.study.detection import Detection
 
 MOST_CURVES: Final = 8
 """Most numbers of robots with a figure of their own."""
+FEW_WRONG: Final = 1 / 3
+"""Runs are called few if less than this share of the tolerated errors may occur in them."""
 
 
 def detection_document(detection: Detection) -> Document:
@@ -101,7 +103,14 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
             f"if nothing is wrong; at least {tolerated.runs_needed} of each fill ratio and number of robots can "
             "(--runs).",
         )
-    return tuple(
+    least = min(tolerated.error, tolerated.false_alarms)
+    few: tuple[str, ...] = ()
+    if found["time_s"].has_nulls() and tolerated.most_wrong < FEW_WRONG * least * tolerated.runs:
+        few = (
+            f"To show that, at most {tolerated.most_wrong} of {count(tolerated.runs, 'run')} may be wrong; more runs "
+            "(--runs) may find more floors.",
+        )
+    sentences = tuple(
         _sentence(
             f"{count(robots, 'robot')} with strategy {scenario.strategy.name}",
             robots == 1,
@@ -111,6 +120,7 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
         )
         for (robots,), rows in found.group_by("robots", maintain_order=True)
     )
+    return sentences + few
 
 
 def _seconds(time_s: float) -> str:

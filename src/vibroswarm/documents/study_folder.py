@@ -10,7 +10,7 @@ from vibroswarm.core.numbers import count, count_of, number, whole
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError
 from vibroswarm.show.document import Document, Text
-from vibroswarm.study.cell_comparison import SECOND
+from vibroswarm.study.cell_comparison import SECOND, in_second_block
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.store import Store, resume_command
 from vibroswarm.study.study_result import StudyResult
@@ -28,7 +28,8 @@ def study_state(store: Store) -> dict[str, Any]:
     ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
     depends on a precision (``until``).
     """
-    study, plan, repetition = store.study, plan_of(store.study), _repetition_of(store)
+    study, plan = store.study, plan_of(store.study)
+    repetition, damage = _repetition_of(store)
     # one row for each cell, with the numbers of its runs that are wanted and of those that are there
     cells = StudyResult(study, store, selected=tuple(cell.number for cell in study.cells)).cells
     size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
@@ -47,17 +48,21 @@ def study_state(store: Store) -> dict[str, Any]:
         "shards": len(store.shards),
         "bytes": size,
         "keeps": ["robots and runs", *study.keep],
-        "damaged": [*store.damaged, *(() if repetition is None else repetition.store.damaged)],
+        "damaged": [*store.damaged, *(damage if repetition is None else repetition.store.damaged)],
         "failed_batches": store.failures,
         "left_over_files": store.left_over,
         "made_by": store.made_by,
     }
 
 
-def _repetition_of(store: Store) -> StudyResult | None:
-    """Return the repetition of a study on other seeds, if its folder holds one."""
-    second = store.folder / SECOND
-    return StudyResult.open(second) if has_manifest(second) else None
+def _repetition_of(store: Store) -> tuple[StudyResult | None, list[str]]:
+    """Return the repetition of a study on other seeds, if its folder holds one; and why it cannot be read."""
+    second = store.root / SECOND
+    try:
+        with in_second_block():
+            return (StudyResult.open(second) if has_manifest(second) else None), []
+    except InputError as error:
+        return None, [str(error)]
 
 
 def state_document(about: dict[str, Any], needed: str = "") -> Document:
@@ -123,8 +128,8 @@ def results_of(store: Store) -> Document | None:
     if not result.cells["there"].sum():
         return None
     # The table is there if strategies were compared at equal error when the study was run.
-    equal_error = (store.folder / "equal_error.csv").is_file()
-    return study_document(outcome_of(result, _repetition_of(store), equal_error=equal_error))
+    equal_error = (store.root / "equal_error.csv").is_file()
+    return study_document(outcome_of(result, _repetition_of(store)[0], equal_error=equal_error))
 
 
 def results_or_need(store: Store) -> tuple[Document | None, str]:

@@ -348,7 +348,7 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
     if not is_random(source) and family(source) is None:
         file = (
             f"'{source}' is a file, which is read from a scenario's text alone, Scenario.from_toml(..., folder=...); "
-            "or give its rows as floor.tiles"
+            "or give its tiles, floor.tiles = vibroswarm.floors.read_tiles(FILE)"
         )
         raise InputError(file if _is_there(source) else _unknown(source), field=_FIELD)
     try:

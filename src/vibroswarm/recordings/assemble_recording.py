@@ -141,7 +141,7 @@ def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, 
         if numbers != by_log[0]:
             raise InputError(
                 f"has robots {', '.join(map(str, numbers))}, and '{logs[0].name}' {', '.join(map(str, by_log[0]))}; "
-                "sessions of one recording must have the same robots (name them with --known-robots)",
+                "sessions of one recording must have the same robots; import it into a folder of its own",
                 field=log.name,
             )
     return tuple(by_log[0])
@@ -424,6 +424,7 @@ def _problem_counts(
         "robots_unmoved": sum(_stood(path.segments) for path in paths),
         "posteriors_odd": odd.height,
         "off_the_floor": int((observations["tile"] < 0).sum()),
+        "decisions_missing": rows["decision"].null_count() if rows["decision"].count() else 0,
     }
 
 
@@ -462,10 +463,11 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
             row |= {name: last[name] for name in FINALS if name in last}
             row["samples"] = last["sample"] + 1
         if row["decision"] in (0, 1):
-            # The robot decided finally at the sample after the last one with another decision. A decision that is not
-            # logged (null) does not count as another one.
-            others = own.with_row_index().filter(pl.col("decision") != row["decision"])
-            decided = own.row(0 if others.is_empty() else int(others["index"][-1]) + 1, named=True)
+            # The robot decided finally at the first such sample after the last one with another decision. A decision
+            # that is not logged (null) is neither.
+            logged = own.filter(pl.col("decision").is_not_null())
+            others = (logged["decision"] != row["decision"]).arg_true()
+            decided = logged.row(0 if others.is_empty() else others[-1] + 1, named=True)
             row |= {
                 "decision_time_s": decided["time_s"],
                 "belief_at_decision": decided["belief_below"],

@@ -19,8 +19,9 @@ the robot itself believed that it was; without a camera ``x_m`` and ``y_m`` are 
 names a column with the marker on the robot, of which each robot has only one. Errors name the row.
 
 A number in the file is multiplied by ``times``, then ``plus`` is added; a text is looked up in ``values``. ``wraps_at``
-is the number at which a counter starts again from 0. A map may also have the keys ``name``, the name of the format, and
-``about``, its description, which is for people only.
+is the number at which a counter starts again from 0. ``first`` of ``time_s`` is the time of the file's first row, s,
+for clocks that do not begin with the session, such as seconds since 1970. A map may also have the keys ``name``, the
+name of the format, and ``about``, its description, which is for people only.
 """
 
 from __future__ import annotations
@@ -49,7 +50,11 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "energy": (0.0, 1e9, "a number from 0 to 1e9"),
     "x_m": (-1e4, 1e4, "a length within 10 km, in metres"),
     "y_m": (-1e4, 1e4, "a length within 10 km, in metres"),
-    "time_s": (0.0, 1e7, "a time since the start of the session, from 0 to 1e7 s"),
+    "time_s": (
+        0.0,
+        1e7,
+        "a time since the start of the session, from 0 to 1e7 s (in a column map, first = 0 counts from the first row)",
+    ),
     "belief_below": (0.0, 1.0, "a probability"),
     "observation": (0, 1, "0 or 1: recordings have two kinds of tile"),
     "message": (0, 1, "0 or 1: recordings have two kinds of tile"),
@@ -158,13 +163,13 @@ def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> Non
 
 
 def numbers_of(
-    cells: pl.Series, lines: pl.Series, name: str, column: str, missing: tuple[str, ...]
+    cells: pl.Series, lines: pl.Series, name: str, column: str, missing: tuple[str, ...], hint: str = ""
 ) -> pl.Series:
     """Convert a column of text to numbers; null where a cell is one of ``missing``.
 
     Args:
         cells: the texts. lines: number of each cell's line, for errors. name, column: of the file and of the column,
-            for errors. missing: texts of empty cells.
+            for errors. missing: texts of empty cells. hint: ends the error of a text.
     Raises:
         InputError: a cell is neither a finite number nor one of ``missing``; the error names the row.
     """
@@ -172,7 +177,7 @@ def numbers_of(
     empty = stripped.is_in(list(missing))
     numbers = stripped.cast(pl.Float64, strict=False)
     wrong = ~empty & ~numbers.is_finite().fill_null(False)
-    words = f"in column '{column}' is not a number"
+    words = f"in column '{column}' is not a number{hint}"
     _refuse_first(wrong, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
     return pl.select(pl.when(~empty).then(numbers)).to_series()
 
@@ -239,7 +244,9 @@ class Column(NotebookView):
     wraps_at: float | None = None
     """Value at which a counter returns to 0, in the file's unit; None: it does not."""
     values: Mapping[str, float] | None = None
-    """The number for each text; None: cells are numbers. If it is given, ``times`` and ``plus`` have no effect."""
+    """The number for each text; None: cells are numbers. If it is given, no other key has an effect."""
+    first: float | None = None
+    """The least time of the file, s, in place of ``plus``; None: times count from the clock's 0."""
 
 
 @dataclass(frozen=True)
@@ -282,6 +289,10 @@ def column_map(text: str, name: str, has_energies: bool = True) -> ColumnMap:
     if lacking:
         more = "; only with --acceleration it may be missing" if lacking[0] == "energy" else ""
         raise InputError(f"does not name the column for {lacking[0]}{more}", field=f"{name}, [columns]")
+    if by_use["time_s"].first is not None and not has_energies:
+        raise InputError(
+            "times have to be those of the acceleration; leave first out", field=f"{name}, columns.time_s"
+        )
     if ("alpha" in columns) != ("beta" in columns):
         raise InputError(
             "names a column for one of alpha and beta; name both or neither", field=f"{name}, [columns]"
@@ -321,7 +332,7 @@ def _column(use: str, value: Any, name: str) -> Column:
         raise InputError(
             'must be the name of a column, or { name = "...", times = ..., plus = ... }', field=location
         )
-    check_known_keys(value, location, ("name", "times", "plus", "wraps_at", "values"))
+    check_known_keys(value, location, ("name", "times", "plus", "wraps_at", "values", "first"))
     table = value.get("values")
     if table is not None and not isinstance(table, dict):
         raise InputError("values must be a table from text to number", field=location)
@@ -330,6 +341,9 @@ def _column(use: str, value: Any, name: str) -> Column:
         raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=location)
     if wraps_at is not None and not plain_number(wraps_at, "wraps_at", location) > 0:
         raise InputError(f"{wraps_at} is not above 0", field=f"{location}, wraps_at")
+    first = value.get("first")
+    if first is not None and use != "time_s":
+        raise InputError("only time_s has first, the time of the file's first row", field=location)
     numbers = (
         None if table is None else {key: plain_number(number, key, location) for key, number in table.items()}
     )
@@ -339,6 +353,7 @@ def _column(use: str, value: Any, name: str) -> Column:
         plus=plain_number(value.get("plus", 0.0), "plus", location),
         wraps_at=None if wraps_at is None else plain_number(wraps_at, "wraps_at", location),
         values=numbers,
+        first=None if first is None else plain_number(first, "first", location),
     )
 
 
@@ -400,8 +415,11 @@ def _converted(
         InputError: a cell is not a number, not one of ``values``, or out of range; the error names the row.
     """
     if column.values is None:
-        numbers = numbers_of(cells, lines, name, column.name, missing)
-        if (column.times, column.plus) != (1.0, 0.0):
+        hint = "; number names by values = { ada = 0, bob = 1 }" if use == "robot" else ""
+        numbers = numbers_of(cells, lines, name, column.name, missing, hint)
+        if column.first is not None:
+            numbers = (numbers - numbers.min()) * column.times + column.first
+        elif (column.times, column.plus) != (1.0, 0.0):
             numbers = numbers * column.times + column.plus
     else:
         keys = cells.str.strip_chars().str.replace(r"\.0$", "")  # a spreadsheet writes 1 as 1.0

@@ -102,6 +102,10 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
         " over three times as fast as a robot's usual ones: markers were swapped or misread, or robots lifted",
     ),
     "off_the_floor": ("sample", " off all tiles"),
+    "decisions_missing": (
+        "sample",
+        ' without a decision, taken as not logged; if an empty cell means undecided, map it: values = { "" = -1, ... }',
+    ),
     "silent_s": ("", " s without a row of any robot: a pause, or a clock that jumped"),
     "rows_apart_s": ("", " s usually between two rows of a robot: times must be in seconds"),
 }

@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
@@ -106,7 +106,7 @@ class FloorField(FrozenModel):
     """Columns of a random floor."""
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
-    takes precedence over ``source``."""
+    takes precedence over ``source``. From Python also an array of kinds."""
     values: Annotated[tuple[ValueRow, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself as values, one row of numbers from 0 (still) to 1 (vibrating) per row of tiles, top row first,
     in place of ``tiles``."""
@@ -136,6 +136,16 @@ class FloorField(FrozenModel):
         if any(values.get(name) is not None for name in ("tiles", "values")) and "source" not in values:
             return values | {"source": UNNAMED}
         return values
+
+    @field_validator("tiles", mode="before")
+    @classmethod
+    def _as_text(cls, rows: Any) -> Any:
+        """Write rows of kinds as text, such as those of ``read_tiles``; all else is left to Pydantic."""
+        if not (isinstance(rows, list) and all(isinstance(row, list) for row in rows)):
+            return rows
+        if not all(isinstance(kind, int) and 0 <= kind < len(DIGITS) for row in rows for kind in row):
+            return rows
+        return ["".join(DIGITS[kind] for kind in row) for row in rows]
 
     @property
     def drawn_by_run(self) -> bool:

@@ -74,8 +74,8 @@ def claimed_rates(model: SensorModel, p: BaseModel, threshold: float | None, fac
         kind = int(np.abs(totals - 1.0).argmax())
         raise CodeError(
             f"sensor '{model.name}', likelihood: sums to {totals[kind]:.4g} over all values on kind {kind}, so it does "
-            "not say how often each class is read; return a density, or share, that sums to 1, or set "
-            "sensor.claimed_rates"
+            "not say how often each class is read; return a density, or share, that sums to 1 (0 at values that cannot "
+            "occur, such as negative ones), or set sensor.claimed_rates"
         )
     rates: Values = found / found.sum(axis=1, keepdims=True)
     rates.setflags(write=False)

@@ -35,6 +35,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from difflib import get_close_matches
 from functools import cache
+from inspect import get_annotations
 from types import FunctionType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
@@ -371,9 +372,18 @@ def array(kind: str, of: str | int) -> Array:
 
 
 def arrays_of(declared: type) -> dict[str, Array]:
-    """Return the attributes of a class that were declared by ``array(...)``, inherited ones included, by name."""
+    """Return the attributes of a class that were declared by ``array(...)``, inherited ones included, by name.
+
+    Raises:
+        InputError: one is declared as a type, ``heard: array(...)``, so that the class has no such attribute.
+    """
     found: dict[str, Array] = {}
     for base in reversed(declared.__mro__):  # from the oldest class on, so that a derived one overrides
+        for name, kind in get_annotations(base).items():
+            if isinstance(kind, Array) or str(kind).startswith("array("):
+                raise InputError(
+                    f"is declared with ':'; write {name} = array(...)", field=f"{declared.__name__}.{name}"
+                )
         found |= {name: value for name, value in vars(base).items() if isinstance(value, Array)}
     return found
 

@@ -22,8 +22,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -241,6 +242,19 @@ def on_other_seeds(study: Study, runs: int) -> Study:
     return replace(study, seed=second_seed(study.seed), runs=min(MOST_AGAIN, runs), until=None, keep=())
 
 
+@contextmanager
+def in_second_block() -> Iterator[None]:
+    """Add to an ``InputError`` about files of a second block that these are computed again without them."""
+    try:
+        yield
+    except InputError as error:
+        if SECOND not in str(error.field):
+            raise
+        raise InputError(
+            f"{error.reason}; move the folder {SECOND} away, it is computed again", field=error.field
+        ) from None
+
+
 def second_block(
     result: StudyResult,
     *,
@@ -260,15 +274,16 @@ def second_block(
     Returns: the result of the second block, for the cells that ``result`` selects.
     """
     runs = min(map(result.runs_of, result.selected))
-    replicate = run(
-        on_other_seeds(result.study, runs),
-        result.store.folder / SECOND,
-        executor=executor,
-        workers=workers,
-        mixed=mixed,
-        progress=progress,
-        allow_failures=allow_failures,
-    )
+    with in_second_block():
+        replicate = run(
+            on_other_seeds(result.study, runs),
+            result.store.root / SECOND,
+            executor=executor,
+            workers=workers,
+            mixed=mixed,
+            progress=progress,
+            allow_failures=allow_failures,
+        )
     return replace(replicate, selected=result.selected)
 
 

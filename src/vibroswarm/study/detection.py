@@ -69,6 +69,12 @@ class Detection(NotebookView):
         return next(n for n in count(1) if float(wilson_limits(0, n, 0.95)[1]) < least)
 
     @property
+    def most_wrong(self) -> int:
+        """Most runs of a fill ratio that may be wrong to show that misses and false alarms are rare enough."""
+        upper = wilson_limits(range(self.runs + 1), self.runs, 0.95)[1]
+        return int((upper < min(self.error, self.false_alarms)).sum()) - 1
+
+    @property
     def finds_nothing(self) -> bool:
         """Whether no floor above the boundary is distinguished from one below it, although there are enough runs."""
         found = self.tables["pairs"]["time_s"]

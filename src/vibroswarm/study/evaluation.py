@@ -287,8 +287,8 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
         InputError: ``folder`` exists and may not be replaced, or cannot be written.
         RunError: the disk is full or failed.
     """
-    if folder is None or folder.resolve() == result.store.folder.resolve():
-        return _write(result, result.store.folder)
+    if folder is None or folder.resolve() == result.store.root.resolve():
+        return _write(result, result.store.root)
     # ``whole_folder`` would replace any folder of ours, also one with the runs of another study.
     results = [name for name in OURS if (folder / name).exists()]
     if results:
@@ -304,7 +304,7 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
 def _write(result: StudyResult, folder: Path) -> ReportFile:
     """Write tables, pictures and report into an existing folder; pictures are as wide as a journal's column."""
     # The report keeps the comparison at equal error that the study's folder has.
-    equal_error = (result.store.folder / "equal_error.csv").is_file()
+    equal_error = (result.store.root / "equal_error.csv").is_file()
     document = write_report(outcome_of(result, equal_error=equal_error), folder)
     write_figures(folder / PICTURES, document, "column")
     return ReportFile(folder / REPORT)

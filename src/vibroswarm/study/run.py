@@ -102,8 +102,8 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
             if shard.name in present:
                 continue
             # The description is copied last: without it, a shard is ignored.
-            for path in [*shard.files.values(), store.folder / SHARDS / f"{shard.name}.json"]:
-                with whole_file(joined.folder / SHARDS / path.name) as part:
+            for path in [*shard.files.values(), store.root / SHARDS / f"{shard.name}.json"]:
+                with whole_file(joined.root / SHARDS / path.name) as part:
                     shutil.copyfile(path, part)
     joined.refresh()
     joined.check_alike()  # again, since ``out`` may have had shards before

@@ -29,6 +29,7 @@ from vibroswarm.core.atomic_io import MANIFEST, identity, make_folder, remove_le
 from vibroswarm.core.folders import (
     DAMAGED,
     check_definition,
+    check_is_folder,
     check_not_older,
     check_places,
     has_manifest,
@@ -96,6 +97,7 @@ class Store:
     """A study's folder, opened by ``existing``, ``open_or_create`` or ``open``."""
 
     folder: Path
+    """As given, for messages."""
     study: Study
     shards: list[Shard] = field(default_factory=list)
     """The stored batches that can be used."""
@@ -105,9 +107,12 @@ class Store:
     """Shards that cannot be used, and why."""
     left_over: int = 0
     """Number of useless files that killed writers left in the folder of shards."""
+    root: Path = field(init=False)
+    """The folder, also once the process works in another one."""
 
     def __post_init__(self) -> None:
         self.hash = self.hash or self.study.hash
+        self.root = self.folder.absolute()
 
     @property
     def damaged(self) -> list[str]:
@@ -178,7 +183,8 @@ class Store:
         Args:
             shards: as in ``existing``.
         Raises:
-            InputError: the folder holds no study, a study of another format, or a damaged one.
+            InputError: the folder holds no study, a study of another format, or a damaged one; or something else is in
+                the place of its shards.
         """
         folder = Path(folder)
         manifest = read_definition(folder, "study")
@@ -194,6 +200,7 @@ class Store:
         check_definition(folder / MARKER, study.hash, saved_hash, manifest["versions"], same_text=same_text)
         store = cls(folder, study, hash=saved_hash)
         if shards:
+            check_is_folder(folder / SHARDS)
             store.refresh()
         return store
 
@@ -205,7 +212,7 @@ class Store:
         """
         self.shards, self.broken, self.left_over = [], {}, 0
         described = set()  # the tables of all shards that can be used
-        for path in matching(self.folder / SHARDS, "*"):
+        for path in matching(self.root / SHARDS, "*"):
             if path.name.startswith("."):  # a temporary file
                 self.left_over += 1
             elif path.suffix == ".json":
@@ -220,7 +227,7 @@ class Store:
                     described |= set(shard.files.values())
         # A table that no usable shard has is not left over if its description exists: the description is broken, or
         # another writer has just written it.
-        tables = set(matching(self.folder / SHARDS, "[!.]*.parquet"))
+        tables = set(matching(self.root / SHARDS, "[!.]*.parquet"))
         descriptions = [path.with_name(f"{path.name.partition('.')[0]}.json") for path in tables - described]
         self.left_over += sum(not description.is_file() for description in descriptions)
 
@@ -235,7 +242,7 @@ class Store:
         work = done.work
         try:
             files = write_described(
-                self.folder / SHARDS,
+                self.root / SHARDS,
                 name,
                 "batch",
                 done.files,
@@ -275,7 +282,7 @@ class Store:
     def failures(self) -> list[dict[str, Any]]:
         """The recorded failures of batches (``FAILURE``) of which some runs are still missing."""
         failures = []
-        for path in matching(self.folder / FAILURES, "[!.]*.json"):
+        for path in matching(self.root / FAILURES, "[!.]*.json"):
             # An unreadable record is skipped without harm: the shards show which runs are missing.
             with suppress(InputError):
                 failure = read_manifest(path, "failure")
@@ -413,7 +420,7 @@ class Store:
 
     def _failure(self, work: Batch) -> Path:
         """Return the file that records the failure of a batch."""
-        return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
+        return self.root / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
 
     def write_head(self) -> None:
         """Write ``study.toml`` if its text has changed, the manifest if it is missing, and copies of user code.
@@ -428,9 +435,9 @@ class Store:
         if self.hash != self.study.hash:
             # Another version made the folder. Its text stays, since its hash was computed from it; only the name, the
             # runs and the precision change.
-            text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
+            text = _with_runs_of(read_text(self.root / MARKER, "a study"), text)
         sealed = f"{text}{SEALED}{hashlib.sha256(text.encode()).hexdigest()}\n"
-        marker, manifest = self.folder / MARKER, self.folder / MANIFEST
+        marker, manifest = self.root / MARKER, self.root / MANIFEST
         try:
             if not marker.is_file() or marker.read_text(encoding="utf-8") != sealed:
                 write_file(marker, sealed)
@@ -438,8 +445,8 @@ class Store:
                 self._check_written(text)
                 values = {"hash": self.hash, "text": _fingerprint(text), "versions": versions()}
                 write_file(manifest, manifest_text("study", **values))
-            write_code(self.folder, (cell.scenario for cell in self.study.cells), self.study.motion)
-            (self.folder / SHARDS).mkdir(exist_ok=True)
+            write_code(self.root, (cell.scenario for cell in self.study.cells), self.study.motion)
+            (self.root / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
 

@@ -24,12 +24,13 @@ from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, run_figu
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView, study_verbs
-from vibroswarm.core.numbers import count, whole
+from vibroswarm.core.numbers import count, some, whole
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError, check_choice, check_flags, nearest, path_of, shown, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
+from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import FURTHER, SAMPLES
 from vibroswarm.study.batch_table import (
@@ -82,8 +83,9 @@ AGAIN_S: Final = 30.0
 class StudyResult(NotebookView):
     """A study and its store.
 
-    Tables begin with the columns ``cell`` and the varied fields, by their dotted names. Those of ``rows``,
-    ``unsorted_rows`` and ``tables`` have no varied fields, and those of ``tables`` have no ``cell`` either.
+    Tables begin with the columns ``cell`` and the varied fields, by their dotted names; of code of one's own they have
+    the name (``study.toml`` has its file and hash). Those of ``rows``, ``unsorted_rows`` and ``tables`` have no varied
+    fields, and those of ``tables`` have no ``cell`` either.
     """
 
     study: Study
@@ -166,7 +168,7 @@ class StudyResult(NotebookView):
             values: the value of each field, or a list of values of which a cell has one; so a value that is itself a
                 list is given in a list. None: the cell does not set the field. The dot of a field's name is written as
                 two underscores: ``where(strategy__name="soft")``. The last part of the name is enough if no other
-                varied field ends with it: ``where(name="soft")``.
+                varied field ends with it: ``where(name="soft")``. Code of one's own is given by its name.
         Raises:
             InputError: a field is not varied, several varied fields end with the name, or no cell has these values.
         """
@@ -174,9 +176,11 @@ class StudyResult(NotebookView):
         for key, choices in values.items():
             name = self._field(key.replace("__", "."))
             any_of = choices if isinstance(choices, list | tuple | set) else [choices]
-            chosen = tuple(n for n in chosen if self.study.cells[n].point.get(name) in any_of)
-        if not chosen:
-            raise InputError(f"no cell has {values}", field="where")
+            there = {n: _without_code(self.study.cells[n].point.get(name)) for n in chosen}
+            chosen = tuple(n for n in chosen if there[n] in map(_without_code, any_of))
+            if not chosen:
+                known = some(list(dict.fromkeys(map(shown, there.values()))), 12)
+                raise InputError(f"no cell has {shown(choices)}; there is {known}", field=name)
         return StudyResult(self.study, self.store, chosen, self._kept)
 
     def runs_of(self, cell: int) -> int:
@@ -626,7 +630,10 @@ class StudyResult(NotebookView):
     def _varied_columns(self) -> pl.DataFrame:
         """Return the varied fields as columns, one row per selected cell; null where a cell does not set a field."""
         return pl.DataFrame(
-            [_column(name, [cell.point.get(name) for cell in self._cells()]) for name in self.study.varied]
+            [
+                _column(name, [_without_code(cell.point.get(name)) for cell in self._cells()])
+                for name in self.study.varied
+            ]
         )
 
     def _with_varied(self, frame: pl.DataFrame) -> pl.DataFrame:
@@ -637,6 +644,11 @@ class StudyResult(NotebookView):
         keys = pl.DataFrame({"cell": pl.Series(self.selected, dtype=pl.UInt32)}).hstack(varied)
         joined = frame.join(keys, on="cell", how="left", maintain_order="left")
         return joined.select("cell", *varied.columns, *(c for c in frame.columns if c != "cell"))
+
+
+def _without_code(value: Any) -> Any:
+    """Return a value, but of a reference to code its name: ``voter`` of ``voter.py:voter sha256:...``."""
+    return plugins.name_in(value) if plugins.is_code(value) else value
 
 
 def _column(name: str, values: list[Any]) -> pl.Series:
