@@ -194,7 +194,8 @@ def test_beliefs_without_logged_decisions_are_not_called_undecided() -> None:
 def test_a_console_log_has_strategies_of_the_study_only(
     strategy: str, told: Scenario, tmp_path: Path
 ) -> None:
-    result = simulate(told.with_values({"strategy.name": strategy, "run.t_end_s": 30.0}), 3, 1)
+    values = {"strategy.name": strategy, "network.name": "loss", "run.t_end_s": 30.0}
+    result = simulate(told.with_values(values), 3, 1)
     with pytest.raises(InputError, match=f"strategy '{strategy}' has no number in this format"):
         write_webots(result, tmp_path / "log.txt")
     assert not list(tmp_path.iterdir())

@@ -252,14 +252,14 @@ def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: s
     one = preset(preset_name).with_values({"floor.source": "random:0.4", **SHORT, **values})
     assert list(in_pieces(one.with_values({"strategy.name": "soft"}))) == []
     places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
-    places["network.name"] = "ideal"  # for which other tests compile the kernel
+    places["network.name"] = "loss"  # for which other tests compile the kernel
     assert list(in_pieces(one.with_values(places))) == []
 
 
 def test_pieces_without_a_sample_change_nothing() -> None:
     """A piece may end before the next sample; energies are weighed stage by stage, of which there is then none."""
     values = {"strategy.name": "places", "strategy.places.energies": True, "localisation.method": "true"}
-    one = scenario(**values)
+    one = scenario(**values, **{"network.name": "loss"})
     (ground,) = sensed_floors(one, 4, [0], {0: one.floor_for(4, 0)})
     ends = []
     for pieces_s in ((SHORT["run.t_end_s"],), (0.5, 1.0, 30.0, 30.02, SHORT["run.t_end_s"])):

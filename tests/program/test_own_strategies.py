@@ -211,12 +211,15 @@ mine = strategy_in(__name__, "mine")
 """What it does wrong as it runs is a parameter: a kernel is compiled for each text."""
 COUNTS_BITS = GOOD.replace(
     "    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n"
-)
+).replace("    return True\n", "    out.bit = p.lead - 4\n    return True\n")
 WRONG_VALUES = (
     GOOD.replace("strategy_in, u", "array, strategy_in")
-    .replace("    decides: int = -1\n", "    decides: float = -1.0\n    bit: int = 0\n    index: int = 0\n")
+    .replace(
+        "    decides: int = -1\n",
+        "    decides: float = -1.0\n    bit: int = 0\n    index: int = 0\n    sends: float = 1.0\n",
+    )
     .replace("    n: int\n", "    n: int\n\n\nclass Arrays:\n    heard = array('int32', 'robots')\n")
-    .replace("    return True\n", "    out.bit = p.bit\n    a.heard[p.index] += 1\n    return True\n")
+    .replace("    return True\n", "    out.bit = p.bit\n    a.heard[p.index] += 1\n    return p.sends\n")
     .replace("    return p.decides\n", "    if p.decides != 3.0:\n        return p.decides\n")
 )
 BAD = {
@@ -244,16 +247,13 @@ BAD = {
     "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 22.*s.m: no such field"),
     "text for a decision": (GOOD.replace("return p.decides", "return 'yes'"), 2, "cannot be compiled"),
     "a name that is not there": (GOOD.replace("s.n += 1", "s.n += one"), 2, "line 22: NameError: name 'one' is not"),
-    "a share to send": (GOOD.replace("return True", "return 0.5"), 1, "on_sample returned neither True nor False"),
+    "a share to send": (WRONG_VALUES, 1, "on_sample returned neither True nor False", "sends=0.5"),
     "no kind of decision": (GOOD, 1, "a decision is none of", "decides=7"),
     "no kind of decision, counting": (COUNTS_BITS, 1, "a decision is none of", "decides=7"),
     "a part of a decision": (WRONG_VALUES, 1, "a decision is none of", "decides=0.5"),
     "no decision in one case": (WRONG_VALUES, 1, r"a function returned None \(on_sample", "decides=3"),
     "two bits": (WRONG_VALUES, 1, "the bit of a message is neither 0 nor 1", "bit=2"),
-    "two bits, counting": (
-        COUNTS_BITS.replace("    return True\n", "    out.bit = p.raises_at\n    return True\n"),
-        1, "the bit of a message is neither 0 nor 1", "raises_at=-2",
-    ),
+    "two bits, counting": (COUNTS_BITS, 1, "the bit of a message is neither 0 nor 1", "lead=2"),
     "an index too large": (WRONG_VALUES, 1, "an index is beyond the end of an array", "index=5"),
     "no decision": (GOOD.replace("return p.decides", "p.decides"), 2, "line 28, in decision: returns nothing"),
     "a count that is none": (GOOD.replace("    n: int", "    n: int\n    alpha: float"), 2, "alpha is a count of bits"),

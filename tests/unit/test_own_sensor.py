@@ -79,7 +79,10 @@ def run(text: str) -> int:
         "strategy.name=places",
         "localisation.method=true",
     ]
-    values += ["strategy.places.energies=true"]
+    values += [
+        "strategy.places.energies=true",
+        "network.name=loss",
+    ]  # for which other tests compile the kernel
     return main(["run", "--trust", "--out", "run", *(word for value in values for word in ("--set", value))])
 
 

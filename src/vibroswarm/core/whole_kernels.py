@@ -100,10 +100,23 @@ class _Simplified(JITCodeLibrary):
 
     def add_llvm_module(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
-        for function in _defined(ll_module).values():
+        for name, function in _defined(ll_module).items():
+            if name.startswith(FROM_PYTHON):
+                _leave_alone(function)
+                continue
             passes, builder = self._codegen._function_pass_manager()
             passes.run(function, builder)
         self._final_module.link_in(ll_module)
+
+
+FROM_PYTHON: Final = "_ZN7cpython"
+"""Beginning of the name of the function by which Python calls a kernel: it takes hundreds of values out of objects."""
+
+
+def _leave_alone(function: Any) -> None:
+    """Have a function translated as it is: it runs once a call, and optimising it took a sixth of a compilation."""
+    for attribute in ("noinline", "optnone"):
+        function.add_function_attribute(attribute)
 
 
 class Part(_Simplified):

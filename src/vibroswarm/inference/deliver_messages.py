@@ -25,20 +25,20 @@ from vibroswarm.inference.replay_arrays import (
     put_message,
     take_first,
 )
-from vibroswarm.inference.sender_positions import Tracks, positions_at
+from vibroswarm.inference.sender_positions import positions_at
 from vibroswarm.strategies.world import World
 
 
 @kernel
 def deliver(
-    rows: Rows, stops: Stops, tracks: Tracks, scratch: DeliveryScratch, found: Deliveries, world: World,
+    rows: Rows, stops: Stops, tracks: Any, scratch: DeliveryScratch, found: Deliveries, world: World,
     network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any, bytes_on_air: int,
     seed: int,
 ) -> int:  # fmt: skip
     """List the messages that each robot reads before each of its samples, and after its last one.
 
     Args:
-        rows, stops: samples of some runs, and when their robots stand. tracks: moves of these runs; empty unless the
+        rows, stops: samples of some runs, and when their robots stand. tracks: moves of these runs; 0 unless the
             network reads positions. scratch: memory; if its ``log`` is not empty, the arrivals of all messages are
             written there. found: the lists, written. world: as robot 0 knows it.
         network_params, network_state: (1,): rows of the network's parameters and state. network_arrays: the network's

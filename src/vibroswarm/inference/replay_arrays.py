@@ -10,7 +10,7 @@ swarms in which each robot hears only a few others need little of it.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,11 +167,11 @@ class MessageBuffer(NamedTuple):
     """Tick at which it was sent."""
     number: NDArray[np.int64]
     """Index of the message among its sender's messages."""
-    arrival: NDArray[np.int64]
-    """(robots,): tick from which each robot can read the message that was sent last; -1: never. Empty for networks
+    arrival: Any
+    """(robots,): tick from which each robot can read the message that was sent last; -1: never. 0 for networks
     without ``send``, whose messages arrive at the next tick or not at all."""
-    inbox: Inbox
-    """Messages under way; empty if ``arrival`` is empty."""
+    inbox: Any
+    """``Inbox`` of the messages under way; 0 for networks without ``send``."""
     filled: NDArray[np.int64]
     """(1,): number of messages."""
     agreement: NDArray[np.int64]
@@ -182,10 +182,10 @@ class MessageBuffer(NamedTuple):
     """(1,): a zeroed robot state."""
     zero_network_state: NDArray[np.void]
     """(1,): a zeroed network state."""
-    x_m: NDArray[np.float64]
-    """(robots,): x of each robot when a message is sent; empty if the network does not read positions."""
-    y_m: NDArray[np.float64]
-    """(robots,): y of each robot when a message is sent; empty if the network does not read positions."""
+    x_m: Any
+    """(robots,): x of each robot when a message is sent; empty if ``send`` does not read positions; 0 without it."""
+    y_m: Any
+    """(robots,): y of each robot, as ``x_m``."""
 
 
 class Log(NamedTuple):

@@ -142,7 +142,7 @@ def read_before_sample(
 @branching_kernel
 def replay(
     rows: Rows, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm, messages: NDArray[np.void],
-    counts: Counts, log: Log, steering: NDArray[np.float64], world: World, seed: int, loss: float, reach: Reach,
+    counts: Counts, log: Log, steering: Any, world: World, seed: int, loss: float, reach: Reach,
     deliveries: Deliveries, from_start: bool, to_end: bool, limit_s: float,
 ) -> int:  # fmt: skip
     """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
@@ -156,7 +156,7 @@ def replay(
             unless it is empty.
         counts: state between calls, changed. log: state after each sample, written unless it is empty.
         steering: (rows, 2): turn (deg) and leg (ms) that the strategy chooses at each sample; written if it steers,
-            else empty. world: as robot 0 knows it.
+            else 0. world: as robot 0 knows it.
         loss: probability that a message is lost. reach: receivers of messages, or empty. deliveries: those of whole
             runs for networks other than ideal and loss, else empty.
         from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
@@ -265,7 +265,7 @@ def read_to_end(
 @inlined
 def take(
     swarm: Swarm, e: int, i: int, m: Any, k: Any, rows: Rows, readings: Readings, counts: Counts, log: Log,
-    steering: NDArray[np.float64], world: World, seed: int, run: int,
+    steering: Any, world: World, seed: int, run: int,
 ) -> int:  # fmt: skip
     """Let the strategy handle a sample: update state, decision, steering and log, and write the message to send.
 

@@ -69,7 +69,7 @@ from vibroswarm.inference.replay_arrays import (
     put_message,
     take_first,
 )
-from vibroswarm.inference.sender_positions import Tracks, positions_at
+from vibroswarm.inference.sender_positions import positions_at
 from vibroswarm.strategies.world import World
 
 NEVER = 2**62
@@ -188,12 +188,12 @@ def due_tick(swarm: Swarm, e: int, w: World) -> int:
 
 @inlined
 def update_decision(
-    swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, buffer: MessageBuffer, world: World
-) -> int:
+    swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, agreement: NDArray[np.int64], world: World
+) -> int:  # fmt: skip
     """Update belief, timer and decision of robot ``i``, in row ``e``, after a sample or timer.
 
     If the strategy decides by opinions, the hook ``decision`` returns an opinion, which is not yet a decision. The tick
-    since which the opinions of all robots that count agree is then saved in ``buffer.agreement``; ``settle_opinions``
+    since which the opinions of all robots that count agree is then saved in ``agreement``; ``settle_opinions``
     turns opinions into decisions. The robots that count are those with ``failures.works`` = 1.
 
     Args:
@@ -216,8 +216,8 @@ def update_decision(
             for j in range(first, first + w.robots):
                 agreed = agreed and (swarm.agents[j].opinion == new or swarm.failures[j].works == 0)
             # The opinion of a robot that does not count changes nothing, nor does any opinion after decisions are made.
-            if buffer.agreement[SETTLED] == 0 and swarm.failures[e].works == 1:
-                buffer.agreement[AGREED_SINCE] = tick if agreed else -1
+            if agreement[SETTLED] == 0 and swarm.failures[e].works == 1:
+                agreement[AGREED_SINCE] = tick if agreed else -1
         else:
             if row.decision == -1:
                 row.first_decided_s = t_s
@@ -226,7 +226,7 @@ def update_decision(
 
 
 @inlined
-def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, world: World) -> None:
+def settle_opinions(swarm: Swarm, first: int, tick: int, agreement: NDArray[np.int64], world: World) -> None:
     """Turn the opinions of a run's robots into decisions if, at this tick, they have agreed for ``world.hold_s``.
 
     The time of the decisions is that since which the opinions agree. ``first_decided_s``, the time at which this was
@@ -237,10 +237,10 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
         first: row of the run's robot 0. tick: the present tick, before any event at it is processed; or, when no event
             is left, the tick up to which motion is known or is replayed.
     """
-    since = buffer.agreement[AGREED_SINCE]
+    since = agreement[AGREED_SINCE]
     long_enough = time_of(tick - since, world) >= world.hold_s
-    if IS_OPINION and since >= 0 and buffer.agreement[SETTLED] == 0 and long_enough:
-        buffer.agreement[SETTLED] = 1
+    if IS_OPINION and since >= 0 and agreement[SETTLED] == 0 and long_enough:
+        agreement[SETTLED] = 1
         for e in range(first, first + world.robots):
             row = swarm.agents[e]
             if row.opinion == -1:
@@ -255,7 +255,7 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
 
 @inner
 def begin_run(
-    swarm: Swarm, first: int, buffer: MessageBuffer, tracks: Tracks, world: World, network_state: NDArray[np.void],
+    swarm: Swarm, first: int, buffer: MessageBuffer, tracks: Any, world: World, network_state: NDArray[np.void],
     network_arrays: Any, seed: int, run: int,
 ) -> None:  # fmt: skip
     """Set a run to time 0: its robots, in rows from ``first`` on, their messages and the network.
@@ -269,7 +269,8 @@ def begin_run(
     buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
     network_state[0] = buffer.zero_network_state[0]
     clear_network(network_arrays)
-    clear_inbox(buffer.inbox)
+    if HAS_SEND:
+        clear_inbox(buffer.inbox)
     for i in range(swarm.params.size):
         e = first + i
         if READS_POSITIONS:
@@ -283,9 +284,7 @@ def begin_run(
 
 
 @inlined
-def next_event(
-    rows: Rows, stops: Stops, swarm: Swarm, first: int, low: int, tick: int, i: int
-) -> tuple[int, int, bool]:
+def next_event(stops: Stops, swarm: Swarm, first: int, low: int, tick: int, i: int) -> tuple[int, int, bool]:
     """Return tick and robot of a run's next event, and whether it is a timer; tick ``NEVER`` if no event is left.
 
     A timer that is due while its robot stands waits until the robot has sampled, and is no event before that.
@@ -297,7 +296,7 @@ def next_event(
     is_timer = False
     for j in range(swarm.params.size):
         e = first + j
-        due, stop = swarm.agents[e].due_tick, stop_of(rows, stops, swarm.agents[e].row, e, low)
+        due, stop = swarm.agents[e].due_tick, stop_of(stops, swarm.agents[e].row, e, low)
         if due < stop and (due < tick or (due == tick and j < i)):
             tick, i, is_timer = due, j, True
     return tick, i, is_timer
@@ -350,7 +349,7 @@ def log_sample(
 @kernel
 def replay(
     rows: Rows, stops: Stops, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm,
-    messages: NDArray[np.void], buffer: MessageBuffer, tracks: Tracks, log: Log, steering: NDArray[np.float64],
+    messages: NDArray[np.void], buffer: MessageBuffer, tracks: Any, log: Log, steering: Any,
     world: World, network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any,
     bytes_on_air: int, seed: int, from_start: bool, to_end: bool, limit_s: float,
 ) -> int:  # fmt: skip
@@ -362,9 +361,9 @@ def replay(
         rows, stops, readings: samples, when robots stand, and what robots read. replayed: (runs,): number of samples
             replayed so far, changed. swarm: state of all robots, changed. buffer: messages of the current run, changed.
         messages, log: (rows,), written: message of each sample, and state after it; both are empty if not requested.
-        tracks: moves of all runs; empty unless the network reads positions.
+        tracks: moves of all runs; 0 unless the network reads positions.
         steering: (rows, 2): turn (deg) and leg (ms) that the strategy chooses at each sample; written if it steers,
-            else empty. world: as robot 0 knows it.
+            else 0. world: as robot 0 knows it.
         network_params, network_state: (1,). network_arrays: the network's arrays, or 0 if it has none.
         bytes_on_air: length of a message.
         from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
@@ -384,12 +383,12 @@ def replay(
             i = signed(rows.robot[k]) if k < high else robots
             is_timer = False
             if HAS_TIMER:
-                tick, i, is_timer = next_event(rows, stops, swarm, first, low, tick, i)
+                tick, i, is_timer = next_event(stops, swarm, first, low, tick, i)
             if tick == NEVER or time_of(tick, world) > limit_s:
                 break
             if buffer.filled[0] >= buffer.sender.size:
                 return BUFFER_FULL
-            settle_opinions(swarm, first, tick, buffer, world)
+            settle_opinions(swarm, first, tick, buffer.agreement, world)
             e, m = first + i, buffer.filled[0]
             w, out = world_of_robot(world, i), buffer.messages[m]
             # The strategy writes its message to a zeroed row, which counts as sent only if ``send_message`` is called.
@@ -403,7 +402,7 @@ def replay(
                 read_arrived(swarm, e, i, stops.stop_tick[k] - 1, buffer, world, seed, run, network_params)
                 sends = take_sample(swarm, e, i, k, rows, readings, out, w, seed, run)
                 swarm.agents[e].sample_tick, swarm.agents[e].row = tick, k - low
-            wrong = update_decision(swarm, first, e, i, tick, t_s, buffer, world)
+            wrong = update_decision(swarm, first, e, i, tick, t_s, buffer.agreement, world)
             if wrong != DONE:
                 return wrong
             if t_s >= swarm.failures[e].opposite_from_s:
@@ -431,7 +430,7 @@ def replay(
                     log_sample(swarm, e, k, out, sends, messages, log)
         # Opinions may also settle between the last event and the end of what is known, or the limit.
         limit = signed(min(limit_s * 1000.0 / world.tick_ms, 1e15))  # 1e15: inf does not fit into an integer
-        settle_opinions(swarm, first, min(stops.known_tick[r], limit), buffer, world)
+        settle_opinions(swarm, first, min(stops.known_tick[r], limit), buffer.agreement, world)
         if to_end:
             for i in range(robots):
                 e = first + i
@@ -440,7 +439,7 @@ def replay(
 
 
 @inlined
-def stop_of(rows: Rows, stops: Stops, own: int, e: int, low: int) -> int:
+def stop_of(stops: Stops, own: int, e: int, low: int) -> int:
     """Return the first tick of the next stop of the robot in row ``e``; until then it walks.
 
     If the next stop is not known, the result is the tick after the last one at which the robot is known to walk.

@@ -75,7 +75,7 @@ class Replayer(ABC):
         """Generate the kernel, and allocate the robots' state (arguments: see the class).
 
         ``replayed`` counts the samples of each run that have been replayed. ``steering`` receives the turn (deg) and
-        the leg (ms) that the strategy chooses at each sample, (rows, 2); it has no rows if the strategy does not steer.
+        the leg (ms) that the strategy chooses at each sample, (rows, 2); it is 0 if the strategy does not steer.
         """
         self.strategy, self.network = strategy_used(scenario), network
         self.module = kernels(self.strategy, network, self.template)
@@ -87,7 +87,7 @@ class Replayer(ABC):
         self.messages = zero_rows(0, self.strategy.message_type) if messages is None else messages
         self.entry: Callable[..., int] | None = None  # the compiled kernel; see ``call``
         self.calls, self.is_new = 0, True  # is_new: states and arrays are zero still
-        self.steering = np.empty((rows if self.strategy.steer is not None else 0, 2))
+        self.steering: Any = np.empty((rows, 2)) if self.strategy.steer is not None else 0
 
     @property
     def reads_positions(self) -> bool:
@@ -252,37 +252,33 @@ class MessagesReplayer(Replayer):
         )
         # Room for a message at each sample, and for seven times as many sent by timers; it is enlarged if needed.
         at_samples = longest if self.strategy.on_timer is None else 8 * longest
-        self.buffer = self._message_buffer(at_samples + 64, start_capacity(self.robots))
+        self.under_way = start_capacity(self.robots)  # room for unread messages, of all receivers together
+        self.buffer = self._message_buffer(at_samples + 64)
 
-    def _message_buffer(self, room: int, under_way: int) -> MessageBuffer:
-        """Allocate a buffer.
-
-        Args:
-            room: number of messages of a run that the buffer can hold. under_way: number of unread messages, of all
-                receivers together, that its inbox can hold; not used for networks without ``send``, which need no
-                inbox.
-        """
+    def _message_buffer(self, room: int) -> MessageBuffer:
+        """Allocate a buffer for so many messages of a run."""
         strategy, network = self.strategy, self.network
-        receivers = self.robots if network.send is not None else 0
+        sends, seen = network.send is not None, self.robots if network.reads_positions else 0
         return MessageBuffer(
             messages=zero_rows(room, strategy.message_type),
             sender=np.empty(room, dtype=np.int64),
             tick=np.empty(room, dtype=np.int64),
             number=np.empty(room, dtype=np.int64),
-            arrival=np.empty(receivers, dtype=np.int64),
-            inbox=empty_inbox(receivers, under_way if receivers else 0),
+            arrival=np.empty(self.robots, dtype=np.int64) if sends else 0,
+            inbox=empty_inbox(self.robots, self.under_way) if sends else 0,
             filled=np.zeros(1, dtype=np.int64),
             agreement=np.zeros(2, dtype=np.int64),
             zero_message=zero_rows(1, strategy.message_type),
             zero_state=zero_rows(1, strategy.state_type),
             zero_network_state=zero_rows(1, network.state_type),
-            x_m=np.zeros(self.robots if network.reads_positions else 0),
-            y_m=np.zeros(self.robots if network.reads_positions else 0),
+            x_m=np.zeros(seen) if sends else 0,
+            y_m=np.zeros(seen) if sends else 0,
         )
 
     def enlarge_buffer(self) -> None:
         """Replace the buffer of messages by an empty one with room for twice as many, sent and under way."""
-        self.buffer = self._message_buffer(2 * self.buffer.sender.size, 2 * self.buffer.inbox.message.size)
+        self.under_way *= 2
+        self.buffer = self._message_buffer(2 * self.buffer.sender.size)
 
     def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
         """Return the arguments of ``replay_messages.replay``, except its last three."""

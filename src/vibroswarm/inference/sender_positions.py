@@ -12,7 +12,7 @@ which does not know it yet, computes the same positions as a replay of whole tab
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -71,8 +71,8 @@ def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | 
     )
 
 
-NO_TRACKS: Final = _tracks(np.empty(0, dtype=np.int64), 0, np.empty(0, dtype=np.int64), *(np.empty(0),) * 5)
-"""Tracks of no robots, for networks that do not read positions."""
+NO_TRACKS: Final[Any] = 0
+"""In place of ``Tracks`` for networks that do not read positions: kernels take time to compile for each array."""
 
 
 def _known(moves: pl.DataFrame | None) -> pl.DataFrame:

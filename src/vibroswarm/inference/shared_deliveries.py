@@ -71,7 +71,7 @@ def compute_deliveries(
     """Return the deliveries of a scenario's network if each robot sends one message at each of its samples.
 
     Args:
-        rows, stops: samples of the runs, and when their robots stand. tracks: moves of all runs; empty unless the
+        rows, stops: samples of the runs, and when their robots stand. tracks: moves of all runs; 0 unless the
             network reads positions.
         log: (rows, robots), written: tick from which each robot can read the message of each row, -1: never;
             ``NO_ARRIVALS`` if this is not needed.

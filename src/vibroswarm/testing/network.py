@@ -35,6 +35,8 @@ from vibroswarm.testing.runs import (
 
 SIZES: Final = (1, 5, 12)
 """Numbers of robots in the scenarios of the checks."""
+STRATEGIES: Final = ("none", "positive")
+"""Strategies in the scenarios of the checks."""
 MOST: Final = 32
 """Largest swarm that is tried if a network takes none of these."""
 OF_OURS: Final[dict[str, dict[str, Any]]] = {
@@ -59,7 +61,7 @@ def check_network(name: str) -> list[Finding]:
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
     """Yield the scenarios in which the network ``name`` is checked, each with its description."""
     own = {**SHORT, "network.name": name, **OF_OURS.get(name, {})}
-    for strategy in ("none", "positive"):
+    for strategy in STRATEGIES:
         for robots in _sizes(name, own):
             values = own | {"swarm.robots": robots, "strategy.name": strategy}
             yield f"{count(robots, 'robot')}, {strategy}", preset("paper").with_values(values)
