@@ -76,6 +76,17 @@ def test_few_sizes_unevenly_spread_have_the_most_likely_curve(seed: int) -> None
     assert loss((fit.b0, fit.b1), trials, np.log(size_m)) < lowest + 1e-6
 
 
+@pytest.mark.parametrize("missed_of", [(0, 0, 1), (0, 1, 2), (3, 3, 4)])
+def test_nearly_all_damage_has_an_a90_where_only_large_damage_was_missed(missed_of: tuple[int, ...]) -> None:
+    """The most likely curves fall: no size was said to be found where 539 of 540 were."""
+    found = np.concatenate([np.arange(60) >= missed for missed in missed_of])
+    fit = Trials(np.repeat([0.05, 0.1, 0.2], 60), found.astype(float), 100, 2000).fit()
+    assert fit.a50_m == fit.a90_m == 0.05
+    assert fit.at(0.1) == pytest.approx(found.mean(), abs=0.01)
+    seldom = Trials(np.repeat([0.05, 0.1, 0.2], 60), 1.0 - found, 0, 2000).fit()
+    assert np.isnan([seldom.a50_m, seldom.a90_m, seldom.a90_95_m]).all()
+
+
 def test_a90_is_that_of_an_isotonic_fit_to_many_inspections() -> None:
     fitted = drawn(2, 800).fit()
     trials = drawn(3, 800)

@@ -43,7 +43,9 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     """Return sentences: is there damage, where, how large; may one stop; what would have been missed."""
     question, risk = found.question, float(found.stopping.told[-1])
     told = "below 0.1 %" if risk < 0.001 else percent(risk)
-    size = f"{in_cm(question.least_m)} cm or larger"
+    size = (
+        f"{in_cm(question.least_m)} cm or larger with a contrast of {stated(min(question.contrasts))} or more"
+    )
     if found.verdict == "damage":
         each = [_placed(box) for box in found.scan.called_m[:MOST_LISTED]]
         more = len(found.scan.called_m) - len(each)
@@ -90,7 +92,8 @@ def _pod_words(found: Assessment) -> str:
     contrast, pod = max(found.pods.items())
     if not math.isfinite(pod.a90_m):
         return (
-            f"No size of damage of contrast {stated(contrast)} would have been found in 90 % of inspections."
+            f"Damage of contrast {stated(contrast)} would not have been found in 90 % of inspections at any size that "
+            f"was drawn, up to {in_cm(pod.largest_m)} cm."
         )
     limit = (
         f"at most {in_cm(pod.a90_95_m)} cm with 95 % confidence"
@@ -156,7 +159,8 @@ def scan_words(scan: Scan) -> Text:
         f"Scan of {listed(map(_form, scan.forms))} cm: T = {number(scan.statistic, 2)} "
         f"({level} of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
         f"{count(scan.replicates, 'intact surface')} drawn at the same places; values exchanged within robots and "
-        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks_in_words(scan)}"
+        f"blocks of time, as if all intact places were alike: p = {p_value(scan.permuted_p_value)}. "
+        f"{_looks_in_words(scan)}"
     )
     return Text(words)
 
@@ -278,7 +282,7 @@ def pod_table(found: Assessment) -> Table:
     return Table(
         frame,
         columns,
-        caption="Size of damage that would have been found; a dash: does not exist.",
+        caption="Size of damage that would have been found; a dash: not among the sizes that were drawn.",
         name="pod",
     )
 

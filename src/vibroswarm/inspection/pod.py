@@ -44,6 +44,8 @@ STEEP: Final = 10.0
 """Where the search begins: b1 over the range of sizes."""
 SLOPES: Final = (2.0, 8.0, 30.0)
 """b1 over the range of sizes, at which other beginnings are tried."""
+BEYOND: Final = 1.5
+"""Sizes are looked for up to so many times the largest that was tried."""
 NOTHING: Final = 1e-6
 """A difference of log likelihoods that is none."""
 LEAST: Final = 1e-9
@@ -94,6 +96,8 @@ class Pod(NotebookView):
     """Upper 95 % limit of a90; nan: does not exist, because too few large patches were found."""
     trials: int
     intact: int
+    largest_m: float
+    """Largest size that was tried."""
     top: float = 1.0
     """Upper asymptote."""
 
@@ -155,14 +159,17 @@ class _Fit(NamedTuple):
         return 2.0 * likely + 2.0 * (self.top < 1.0)
 
     def size_at(self, share: float) -> float:
-        """Return the size at which PoD is a share, or the least that was tried; nan: there is none."""
-        if not self.trials.p_f < share < self.top or self.b1 <= 0.0:
+        """Return the size at which PoD is a share, or the least that was tried; nan: none up to ``BEYOND``."""
+        trials = self.trials
+        if not trials.p_f < share < self.top:
             return float("nan")
-        size = float(self.trials.curve.size((self.trials.x_at(share, self.top) - self.b0) / self.b1))
-        return max(size, float(self.trials.size_m[0]))
+        g = (trials.x_at(share, self.top) - self.b0) / self.b1
+        if g > trials.curve.g(BEYOND * trials.size_m[-1]):
+            return float("nan")
+        return max(float(trials.curve.size(g)), float(trials.size_m[0]))
 
     def limit(self) -> float:
-        """Return a90/95 by profile likelihood at this asymptote; nan: none up to 1.5 times the largest size."""
+        """Return a90/95 by profile likelihood at this asymptote; nan: none up to ``BEYOND``."""
         trials, top, a90 = self.trials, self.top, self.size_at(0.9)
         if not np.isfinite(a90):
             return float("nan")
@@ -171,7 +178,8 @@ class _Fit(NamedTuple):
             _, lower = _search(lambda at: trials.penalised(at[0], at[1], 0.9), (self.b0, self.b1))
             if 2.0 * (lower - least) <= DROP:
                 return float("nan")
-        x, steep = trials.x_at(0.9, top), np.log(self.b1)
+        x = trials.x_at(0.9, top)
+        steep = np.log(max(self.b1, 1.0 / np.ptp(trials.g)))
 
         def excess(size_m: float) -> float:
             """Return twice the loss of log likelihood if a90 is this size, less what is allowed."""
@@ -185,7 +193,7 @@ class _Fit(NamedTuple):
         if excess(a90) > 0.0:  # the least size that was tried, where the curve's a90 is below it
             return a90
         high = a90
-        while high < 1.5 * trials.size_m[-1]:
+        while high < BEYOND * trials.size_m[-1]:
             high *= 1.04
             if excess(high) > 0.0:
                 return float(optimize.brentq(excess, a90, high, xtol=1e-6))
@@ -230,6 +238,14 @@ def _fit(name: str, trials: _Trials, ends_below: bool) -> _Fit:
     return _Fit(name, trials, *curve_of(at))
 
 
+def _flat(fit: _Fit) -> _Fit:
+    """Return a curve that does not rise: at the share of all damage that was found."""
+    trials = fit.trials
+    share = (trials.found.sum() + 0.5) / (trials.number.sum() + 1.0)
+    rise = np.clip((share - trials.p_f) / (1.0 - trials.p_f), LEAST, 1.0 - LEAST)
+    return _Fit(fit.name, trials, float(trials.curve.x(rise)), LEAST, 1.0)
+
+
 def fit_pod(
     size_m: Floats, found: Floats, false: int, intact: int, *, floor: bool = True, asymptote: bool = False,
     curves: Collection[str] = tuple(_CURVES),
@@ -259,10 +275,12 @@ def fit_pod(
         trials = _Trials(sizes, hits, number, p_f, curve, curve.g(sizes))
         fits += [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
     # Where nearly all damage is found, a fitted curve may fall with size; larger damage is not found less often.
-    fits = [fit for fit in fits if fit.b1 > 0.0] or fits
+    fits = [fit for fit in fits if fit.b1 > 0.0] or [_flat(fits[0])]
     best = min(fits, key=lambda fit: fit.aic)
     # Beyond the sizes that were tried the curve says nothing.
     a50, a90 = (size if size <= sizes[-1] else float("nan") for size in map(best.size_at, (0.5, 0.9)))
     limits = [fit.limit() for fit in fits if fit.aic - best.aic <= DROP]
     limit = float(np.max(limits)) if np.isfinite(a90) else float("nan")  # nan if one of them is
-    return Pod(p_f, best.b0, best.b1, best.name, a50, a90, limit, int(at.size), intact, best.top)
+    return Pod(
+        p_f, best.b0, best.b1, best.name, a50, a90, limit, int(at.size), intact, float(sizes[-1]), best.top
+    )

@@ -4,6 +4,7 @@
 |---|---|---|
 | told risk | - | pi Lambda / (1 - pi + pi Lambda), Lambda the mean of L_j over places, of the worst size and \
 contrast; the mean over the laws (``damage.over_laws``) |
+| design effect | d | samples that share tiles and robots count as fewer: each L_j is L_j^(1/d) |
 | strict | - | the largest L_j of these sizes, places and contrasts; its prior odds bound the risk at every place |
 | rule | - | inspection ends, and the surface is cleared, at the first of ``LOOKS`` looks that tolerates the risk |
 | missed | - | share of drawn damage that the rule clears all the same, on average and at the worst place |
@@ -11,6 +12,9 @@ contrast; the mean over the laws (``damage.over_laws``) |
 The risk is that of the worst size and contrast, because an average over them promises too much: told 5 %, damage of
 just the least size was there in 12 % of cleared surfaces (squares of 10 cm, those of 10 to 28 cm averaged). Squares of
 the least size are always among the sizes, declared or not: without them it was there in 19 % (squares of 15 cm).
+
+Samples that share the factors of their tiles and robots count as fewer (``region.design_effects``). Without it, told
+0.5 % was 4.9 % (squares of 20 cm, 2,000 exact places, tiles that differ by 17 %, robots by 12 %).
 
 Damage lies between the declared places: the places of samples have as much more spread (``BETWEEN``). Without it, by
 exact places, told 0.7 % was 2.4 %.
@@ -55,6 +59,7 @@ from vibroswarm.inspection.patches import (
     shares_of,
     told_risk,
 )
+from vibroswarm.inspection.region import design_effects
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import EVIDENCE, Box, box_of, looks_of
 
@@ -119,7 +124,8 @@ class Rule(NotebookView):
     question: Question
     look: NDArray[np.int64]
     """From which look on each sample counts, (samples,)."""
-    looks: int
+    effect: Floats
+    """Design effect of each look and patch, (looks, patches)."""
 
     def told(self, values: Floats, heard: NDArray[np.bool_] | None = None, *, drawn: bool = False) -> Floats:
         """Return the told risk of each replicate at each look, (looks, replicates).
@@ -130,10 +136,10 @@ class Rule(NotebookView):
             drawn: whether values are drawn, so that one of the laws judges each replicate (``damage.judged``); else the
                 risk is the mean over the laws.
         """
-        law, looked = self.samples.law, (self.look, self.looks)
+        law, looked = self.samples.law, (self.look, self.effect)
 
         def risk_by(ratios_of: Callable[[float], Floats]) -> Floats:
-            ratio = np.zeros((self.looks, values.shape[1]))
+            ratio = np.zeros((self.effect.shape[0], values.shape[1]))
             for contrast in self.question.contrasts:
                 log_ratio = ratios_of(contrast)
                 if heard is not None:
@@ -175,7 +181,8 @@ def rule_of(samples: Samples, patches: Patches, question: Question, looks: int =
     wanted = declared(samples.size_m, [question.least_m, *larger])
     _, look = looks_of(samples, looks)
     seen = samples.with_more_spread(BETWEEN * wanted.forms[0].step_m)
-    return Rule(samples, wanted, shares_of(seen, wanted), question, look, looks)
+    shares = shares_of(seen, wanted)
+    return Rule(samples, wanted, shares, question, look, design_effects(samples, shares, look, looks))
 
 
 @dataclass(frozen=True, eq=False)
