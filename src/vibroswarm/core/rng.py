@@ -18,6 +18,7 @@ consecutive peers.
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from functools import lru_cache
 from typing import Final
@@ -25,7 +26,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inlined, kernel
+from vibroswarm.core.jit import inlined, inner, kernel
 
 SEED_LIMIT: Final = 2**63
 """Seeds are whole numbers in [0, 2^63)."""
@@ -197,6 +198,16 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
         seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
     """
     return inlined_uniform(seed, run, robot, purpose, index, peer)
+
+
+@inner
+def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """Return the standard normal number at an address of random numbers.
+
+    It is computed by Box and Muller's formula from the uniform numbers at ``peer`` and ``peer + 1``.
+    """
+    radius = math.sqrt(-2.0 * math.log(uniform(seed, run, robot, purpose, index, peer)))
+    return radius * math.cos(2.0 * math.pi * uniform(seed, run, robot, purpose, index, peer + 1))
 
 
 @kernel

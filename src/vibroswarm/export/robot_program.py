@@ -32,6 +32,7 @@ from vibroswarm.core.rng import (
     OF_TOLD_X,
     OF_TOLD_Y,
     WALK,
+    normal,
     uniform,
 )
 from vibroswarm.export.robot_memory import (
@@ -72,7 +73,6 @@ from vibroswarm.inference.default_hooks import (
     on_timer,
     steer,
 )
-from vibroswarm.localisation.odometry import normal
 from vibroswarm.robot import localisation, pose_mixture
 from vibroswarm.robot.features import spectrum_peak
 from vibroswarm.robot.line_sensing import kind_of_line

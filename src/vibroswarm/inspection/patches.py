@@ -194,8 +194,6 @@ def strips_of(patches: Patches, beyond_m: float = 0.0) -> Strips:
         patches.bottom_m + patches.height_m + beyond_m,
     )
     is_disc = np.array([form.is_disc for form in patches.forms])[patches.form]
-    if not is_disc.any():
-        return Strips(left_m, right_m, bottom_m, top_m, np.arange(is_disc.size + 1))
     each = np.where(is_disc, STRIPS, 1)
     first = np.append(0, np.cumsum(each))
     patch = np.repeat(np.arange(each.size), each)
@@ -296,7 +294,7 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
     """Write ln L_j of each replicate to ``out``, (patches, replicates).
 
     Args:
-        more: of ``_by_place``, for ``AT_ONCE`` replicates or fewer.
+        more: of ``_parts``.
         work: (2, ``AT_ONCE``), room.
     """
     product, total = work[0], work[1]
@@ -316,11 +314,17 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
             out[j, b] = total[b] + np.log(product[b])
 
 
-def _by_place(shares: Shares, log_ratio: Floats) -> NDArray[np.float32]:
-    """Return r - 1 of each sample and replicate, (samples, replicates), in the rows ``Shares.place``."""
-    more = np.empty(log_ratio.shape, dtype=np.float32)
-    more[shares.place] = np.expm1(log_ratio)
-    return more
+def _parts(shares: Shares, log_ratio: Floats) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+    """Yield ``AT_ONCE`` replicates or fewer, and r - 1 of each sample in them, in the rows ``Shares.place``.
+
+    Args:
+        log_ratio: of each sample and replicate, (samples, replicates).
+    """
+    for begin in range(0, log_ratio.shape[1], AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        more = np.empty(log_ratio[:, part].shape, dtype=np.float32)
+        more[shares.place] = np.expm1(log_ratio[:, part])
+        yield part, more
 
 
 def log_likelihoods(shares: Shares, log_ratio: Floats) -> Floats:
@@ -330,9 +334,7 @@ def log_likelihoods(shares: Shares, log_ratio: Floats) -> Floats:
         log_ratio: of each sample and replicate, (samples, replicates).
     """
     out = np.empty((shares.first.size - 1, log_ratio.shape[1]))
-    for begin in range(0, log_ratio.shape[1], AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
-        more = _by_place(shares, log_ratio[:, part])
+    for part, more in _parts(shares, log_ratio):
         some = np.empty((out.shape[0], more.shape[1]))
         _log_likelihoods(*shares, more, np.empty((2, AT_ONCE)), some)
         out[:, part] = some
@@ -426,9 +428,7 @@ def ratios_at_looks(
     out = np.zeros((looks, len(patches.forms), log_ratio.shape[1]))
     weight = patches.weights * len(patches.forms)
     power = np.maximum(np.floor(PARTS / effect + 1e-9), 1.0).astype(np.int64)
-    for begin in range(0, log_ratio.shape[1], AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
-        more = _by_place(shares, log_ratio[:, part])
+    for part, more in _parts(shares, log_ratio):
         some = np.zeros((looks, out.shape[1], more.shape[1]))
         room = np.empty((3, AT_ONCE))
         _ratios_at_looks(*shares, more, look, patches.form, weight, power, strict, room, some)

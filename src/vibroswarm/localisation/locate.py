@@ -35,10 +35,11 @@ from vibroswarm.core.rng import (
     OF_TOLD_HEADING,
     OF_TOLD_X,
     OF_TOLD_Y,
+    normal,
     uniform,
 )
 from vibroswarm.errors import InputError
-from vibroswarm.localisation.odometry import measure_moves, normal
+from vibroswarm.localisation.odometry import measure_moves
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
 from vibroswarm.robot.place_draws import Paths, begin_paths, draw_places, empty_paths, width_of

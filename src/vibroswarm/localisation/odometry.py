@@ -22,8 +22,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import allocating_kernel, inlined
-from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_RAY, OF_REZERO, OF_SCALE, uniform
+from vibroswarm.core.jit import allocating_kernel
+from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_RAY, OF_REZERO, OF_SCALE, normal
 from vibroswarm.motion.source import MOVES
 from vibroswarm.robot.walk import DRIVE, KINDS, STOP
 from vibroswarm.scenario.scenario import Scenario
@@ -39,16 +39,6 @@ ODOMETER: Final[dict[str, Any]] = {
 }
 """One row per drive, turn, avoidance or stop as the robot notices them, sorted by run, robot and start. ``gyro_rad``:
 the turn that the gyro measured. ``ray_m``: length of the shortest ray when an avoidance began, else null."""
-
-
-@inlined
-def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the standard normal number at an address of random numbers.
-
-    It is computed by Box and Muller's formula from the uniform numbers at ``peer`` and ``peer + 1``.
-    """
-    radius = math.sqrt(-2.0 * math.log(uniform(seed, run, robot, purpose, index, peer)))
-    return radius * math.cos(2.0 * math.pi * uniform(seed, run, robot, purpose, index, peer + 1))
 
 
 def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.DataFrame) -> pl.DataFrame:

@@ -30,7 +30,7 @@ from pydantic import Field
 
 from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.core.numbers import number, percent, stated
-from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, uniform
+from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, normal, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.floors.place import Place, tile_below
 from vibroswarm.robot.features import (
@@ -232,14 +232,6 @@ def _near_responses(rows: int, columns: int, p: Any) -> Values:
                     if 0 <= row < rows and 0 <= column < columns:
                         near[k, i, (down + STEPS) * SIDE + across + STEPS] = square[i, row * columns + column]
     return near
-
-
-@inner
-def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return a standard normal number, from the pair of uniform numbers at ``peer`` and the next."""
-    u = uniform(seed, run, robot, purpose, index, peer)
-    v = uniform(seed, run, robot, purpose, index, peer + 1)
-    return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
 
 
 @kernel

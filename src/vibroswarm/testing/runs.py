@@ -17,10 +17,12 @@ import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
+from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
+from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
+from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.inference.reports import array_at_end
-from vibroswarm.inference.sender_positions import move_rows
+from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
@@ -128,6 +130,8 @@ Scenarios = Iterable[tuple[str, Scenario]]
 
 SEED: Final = 7
 """Seed of all simulated runs of the checks."""
+MOTION: Final = "event"
+"""Source of their motion."""
 SHORT: Final[dict[str, Any]] = {
     "run.t_end_s": 60.0,
     "decision.min_observations": 10,
@@ -186,48 +190,51 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
         result: of one compiled run. plain: of the same run by the reference; its rows are in the same order as those of
             ``result.inference``.
     """
-    inference = result.inference
-    for name in ("robot", "sample", "messages_received", "decision"):
-        if inference[name].to_list() != [row[name] for row in plain.rows]:
-            yield f"column {name}"
-    if not _equal_numbers(inference["belief_below"], [row["belief_below"] for row in plain.rows]):
-        yield "column belief"
-    yield from _counts_differ(inference, [row["state"] for row in plain.rows], "column {}")
-    # Only messages that have a bit are in the table.
-    sent = [
-        int(row["message"].bit) if row["sends"] else None
-        for row in plain.rows
-        if "bit" in row["message"].dtype.names
-    ]
-    if sent and inference["message"].to_list() != sent:
-        yield "column message"
-    yield from _robots_differ(result, plain)
+    for words, (compiled, expected) in _compared(result, plain).items():
+        if not _equal_numbers(compiled, expected):
+            yield words
     yield from _reports_differ(result, plain)
 
 
-def _counts_differ(frame: pl.DataFrame, states: Sequence[Any], words: str) -> Iterator[str]:
-    """Yield the counts of a strategy's state that differ; null columns: the strategy has no such counts."""
-    for name in ("alpha", "beta"):
-        is_given = bool(states) and frame[name].null_count() == 0
-        if is_given and frame[name].to_list() != [int(state[name]) for state in states]:
-            yield words.format(name)
+def _compared(result: Result, plain: PlainRun) -> dict[str, tuple[pl.Series, Sequence[float]]]:
+    """Return each column that both have, at the samples and of the robots at the end, by its words in messages."""
+    found: dict[str, tuple[pl.Series, Sequence[float]]] = {}
+    for name in ("robot", "sample", "messages_received", "decision", "belief_below"):
+        words = f"column {name.removesuffix('_below')}"
+        found[words] = result.inference[name], [row[name] for row in plain.rows]
+    states = [row["state"] for row in plain.rows]
+    found |= _counts(result.inference, states, "column {}")
+    # Only messages that have a bit are in the table.
+    sent = [
+        int(row["message"].bit) if row["sends"] else math.nan
+        for row in plain.rows
+        if "bit" in row["message"].dtype.names
+    ]
+    if sent:
+        found["column message"] = result.inference["message"], sent
+    for name in ("decision", "sent", "samples", "messages_received", "decision_time_s", "belief_at_decision"):
+        attribute = "decided_s" if name == "decision_time_s" else name
+        found[f"{name} of the robots"] = (
+            result.robots[name],
+            [getattr(robot, attribute) for robot in plain.robots],
+        )
+    return found | _counts(
+        result.robots, [robot.state for robot in plain.robots], "{} of the robots at the end"
+    )
+
+
+def _counts(
+    frame: pl.DataFrame, states: Sequence[Any], words: str
+) -> dict[str, tuple[pl.Series, Sequence[float]]]:
+    """Return the counts of a strategy's state; null columns: the strategy has no such counts."""
+    given = [name for name in ("alpha", "beta") if states and frame[name].null_count() == 0]
+    return {words.format(name): (frame[name], [int(state[name]) for state in states]) for name in given}
 
 
 def _equal_numbers(compiled: pl.Series, expected: Sequence[float]) -> bool:
     """Return whether numbers are equal; a null is a nan of the reference."""
-    return compiled.fill_null(math.nan).equals(pl.Series(compiled.name, expected, dtype=pl.Float64))
-
-
-def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
-    """Yield the columns of ``result.robots``, the states of the robots at the end of the run, that differ."""
-    robots = result.robots
-    for name in ("decision", "sent", "samples", "messages_received"):
-        if robots[name].to_list() != [getattr(robot, name) for robot in plain.robots]:
-            yield f"{name} of the robots"
-    yield from _counts_differ(robots, [robot.state for robot in plain.robots], "{} of the robots at the end")
-    for name, attribute in (("decision_time_s", "decided_s"), ("belief_at_decision", "belief_at_decision")):
-        if not _equal_numbers(robots[name], [getattr(robot, attribute) for robot in plain.robots]):
-            yield f"{name} of the robots"
+    numbers = compiled.cast(pl.Float64).fill_null(math.nan)
+    return numbers.equals(pl.Series(compiled.name, expected, dtype=pl.Float64))
 
 
 def _reports_differ(result: Result, plain: PlainRun) -> Iterator[str]:
@@ -252,15 +259,14 @@ def _reports_differ(result: Result, plain: PlainRun) -> Iterator[str]:
 
 def in_pieces(scenario: Scenario) -> Iterator[str]:
     """Check that a closed loop gives the same in pieces of 7 s as in one piece, and decides as ``simulate`` does."""
-    result = simulate(scenario, SEED, 1, moves=True)
+    result = simulate(scenario, SEED, 1)
     floors = {0: result.floor(0)}  # by run; only run 0 is simulated
     (ground,) = sensed_floors(scenario, SEED, [0], floors)
-    rows = sample_rows(result.motion, scenario.run.control_period_ms)
     snapshots = []  # for each length of pieces: robots, and states of their strategies, at the end
     for piece_s in (scenario.run.t_end_s, 7.0):
         loop = ClosedLoop(scenario, SEED)
         loop.begin(0, ground)
-        feed(loop, rows, result, piece_s)
+        follow(loop, piece_s)
         snapshots.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
     if not all(_is_equal(whole, in_parts) for whole, in_parts in zip(*snapshots, strict=True)):
         yield "results differ between pieces and a whole run"
@@ -274,33 +280,17 @@ def _is_equal(one: Any, other: Any) -> bool:
     return all(np.array_equal(one[n], other[n], equal_nan=one[n].dtype.kind == "f") for n in one.dtype.names)
 
 
-def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
-    """Feed the samples of a run to a loop in pieces, and let the loop replay each piece.
+def follow(loop: ClosedLoop, piece_s: float) -> None:
+    """Simulate the motion of run 0 in pieces of ``piece_s``, and replay each in a closed loop, to the run's end.
 
     Args:
-        loop: at the beginning of the run; it is advanced to the end. rows: the run's samples, as ``sample_rows``
-            returns them, sorted by tick. result: of the run. piece_s: length of a piece.
+        loop: begun; if its strategy steers, a piece ends with the next samples at the latest.
     """
-    tick_ms = loop.tick_ms
-    if loop.needs_moves:
-        loop.add_moves(move_rows(result.moves, tick_ms))
-    end = round(result.ends["end_s"].to_numpy().max() * 1000.0 / tick_ms)
-    # For each robot the start, s, of a stop that is under way at the end; -1: there is none.
-    last = result.ends["stop_start_s"].fill_null(-1.0).to_numpy()
-    step = max(round(piece_s * 1000.0 / tick_ms), 1)
-    for until in [*range(step, end, step), end]:
-        low = int(loop.bounds[1])  # the loop's own number of samples added so far
-        high = int(np.searchsorted(rows["tick"], until))  # number of samples before the tick ``until``
-        loop.add_samples(rows[low:high])
-        # Tick since which each robot stands at ``until``, which the loop must know; -1: the robot walks.
-        standing = np.full(last.size, -1)
-        for i in range(last.size):
-            later = rows[(rows["robot"] == i) & (rows["tick"] >= until)]
-            if later.size:  # its next stop is that of its next sample
-                start = later["stop_tick"][0]
-            elif last[i] >= 0:  # its next stop is under way at the end
-                start = round(last[i] * 1000.0 / tick_ms)
-            else:  # it does not stop again; with ``end``, which is never below ``until``, the next line gives -1
-                start = end
-            standing[i] = start if start < until else -1
-        loop.catch_up(until, standing)
+    state = source(MOTION).init(loop.scenario, SEED, 0, False, loop.needs_moves)
+    end_s = loop.scenario.run.t_end_s
+    while not reached(state.time_s, end_s, loop.tick_ms):
+        until_s = min(state.time_s + piece_s, end_s)
+        if loop.steers:
+            steer_on(steerable(state, MOTION), loop, until_s)
+        else:
+            advance_loops(state, [loop], until_s)
