@@ -366,3 +366,7 @@ def test_lines_of_tracks_break_where_a_robot_was_not_seen_and_not_where_it_stood
     (axes,) = picture.figure.axes
     line = max(axes.lines, key=lambda one: len(one.get_xdata()))
     assert np.isnan(line.get_xdata()).sum() == 1
+    assert picture.caption.startswith("Where 1 robot was seen;")
+    assert [text.get_text() for text in picture.figure.legends[0].get_texts()] == [
+        "robot 0"
+    ]  # no stop, no marker

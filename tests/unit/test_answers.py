@@ -85,8 +85,8 @@ def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
     assert sentence(nothing).startswith("soft and none: no significant difference (time 0.0 s [0.0, 0.0]")
     assert "not repeated on other seeds" in sentence(answer(*PUBLISHED, confirmed=None))
     undefined = answer(PUBLISHED[0], *((math.nan,) * 4,) * 3)
-    assert "right not defined" in sentence(undefined)
     assert sentence(undefined).startswith("soft is faster than none: 127 s faster")  # nothing can be wrong
+    assert "right" not in sentence(undefined)
 
 
 @pytest.mark.parametrize(
@@ -232,15 +232,10 @@ def test_names_with_commas_are_listed_between_semicolons() -> None:
 
 def test_a_gate_that_no_robot_of_a_cell_reached_is_warned_of() -> None:
     """All were undecided, and nothing said why; robots with a map have no such gate."""
-    study = Study.of(preset("paper").with_values({"run.t_end_s": 20.0}), 2, strategy__name=["none", "places"])
+    study = Study.of(
+        preset("paper").with_values({"run.t_end_s": 20.0}), 2, strategy__name=["none", "soft", "places"]
+    )
     (warning,) = warnings_of(outcome_of(study.run(progress=False), compare=False))
-    assert warning.startswith("none: No robot was allowed to decide: that takes more than 381 observations")
-
-
-def test_warnings_of_one_kind_are_counted_after_the_third() -> None:
-    """Forty cells had forty, before the answer."""
-    short = preset("paper").with_values({"run.t_end_s": 5.0, "strategy.name": "none"})
-    study = Study.of(short, 1, swarm__robots=[2, 3, 4, 5, 6])
-    *written, last = warnings_of(outcome_of(study.run(progress=False), compare=False))
-    assert [words.split(":")[0] for words in written] == ["robots 2", "robots 3", "robots 4"]
-    assert last == "there are 2 more warnings like the one above, about other cells."
+    assert warning.startswith(
+        "none and soft: No robot was allowed to decide: that takes more than 381 observations"
+    )

@@ -304,8 +304,13 @@ def test_where_numbers_are_asked_for_nothing_is_drawn_of_right_and_wrong() -> No
     varied = {"strategy__name": ["dirichlet", "none"]}
     outcome = outcome_of(Study.of(SHORT.with_values({"task.name": "share"}), 3, **varied).run())
     figures = [*study_figures.outcome_figures(outcome), *study_figures.front_figures(outcome)]
-    assert [figure.name for figure in figures] == ["decision_time_s", "estimate_error"]
-    assert "consensus-box" not in {figure.name for figure in study_figures.time_figures(outcome)}
+    assert [figure.name for figure in figures] == ["estimate_error"]
+    assert not [*study_figures.time_figures(outcome)]
+    document = study_documents.study_document(outcome)
+    assert "decidability" not in document.tables
+    captions = " ".join(table.caption for table in document.tables.values())
+    assert "Undecided" not in captions
+    assert "points" not in captions
     decided = outcome_of(Study.of(SHORT, 3).run())
     assert "estimate_error" not in {figure.name for figure in study_figures.outcome_figures(decided)}
 

@@ -89,7 +89,7 @@ def study_document(outcome: Outcome) -> Document:
             (_sampling_table(outcome), *sampling_figures(outcome)),
             wide=True,
         ),
-        Section("Can it be decided at all", (Text(_DECIDABILITY), _decidability_table(outcome)), wide=True),
+        Section("Can it be decided at all", _decidability_parts(outcome), wide=True),
     )
     return Document(
         title=title_of(outcome.result),
@@ -165,12 +165,16 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     for answer in answers:
         row: dict[str, Any] = {"name": answer.name}
         for effect in answer.effects:
-            row |= columns_of(effect.first.figure, effect.first.difference)
+            if effect.is_defined:
+                row |= columns_of(effect.first.figure, effect.first.difference)
         better = {True: [], False: [], None: []}  # type: dict[bool | None, list[str]]
         for effect in answer.effects:
             better[effect.better].append(SHORT[effect.first.figure])
         row |= {"better": ", ".join(better[True]) or None, "worse": ", ".join(better[False]) or None}
         rows.append(row)
+    frame = pl.DataFrame(
+        rows, infer_schema_length=None, schema_overrides={"better": pl.String, "worse": pl.String}
+    )
     columns = {
         "name": Column("compared"),
         **{name: Column(SHORT[name], decimals=4, sign=True, strip=True) for name in ESTIMATED},
@@ -182,13 +186,12 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
         "better": Column("better in", tones={"": "good"}),
         "worse": Column("worse in", tones={"": "bad"}),
     }
+    has_shares = any(name in columns and columns[name].share for name in frame.columns)
+    points = "; points: percentage points of robots" * has_shares
     caption = (
-        "Differences run by run, first - second, with 95 % intervals; points: percentage points of robots. "
+        f"Differences run by run, first - second, with 95 % intervals{points}. "
         f"Better and worse: p < {stated(SIGNIFICANT)}, corrected over all comparisons (Holm). No significant "
         "difference is not evidence of no difference."
-    )
-    frame = pl.DataFrame(
-        rows, infer_schema_length=None, schema_overrides={"better": pl.String, "worse": pl.String}
     )
     return Table(frame, columns, caption=caption, name="differences")
 
@@ -242,7 +245,9 @@ def _outcome_table(outcome: Outcome) -> Table:
     rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
     wide = [name for name in ("runs", *figures) if name not in shown]
     columns = {"name": Column("cell"), **figure_columns(wide)}
-    caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t). Undecided robots count as {whole}."
+    caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t)."
+    if "decision_time_s" in names:
+        caption += f" Undecided robots count as {whole}."
     return Table(rows, columns, caption=caption, name="outcome")
 
 
@@ -374,7 +379,7 @@ _AGAIN_WORDS: Final = (
 
 def _compared_parts(outcome: Outcome, table: pl.DataFrame) -> list[Part]:
     """Return how comparisons are made, a table for each figure, and their figures."""
-    figures = dict.fromkeys(table["figure"])
+    figures = table.drop_nulls("difference")["figure"].unique(maintain_order=True)
     tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in figures)
     title, words = "How they compare", _COMPARED_WORDS
     if "confirmed" in table.columns:
@@ -538,7 +543,9 @@ _DECIDABILITY: Final = (
 )
 
 
-def _decidability_table(outcome: Outcome) -> Table:
+def _decidability_parts(outcome: Outcome) -> tuple[Part, ...]:
+    if all(one.decidable.verdict == "not assessed" for one in outcome.cells):
+        return ()
     columns = {
         "name": Column("cell"),
         "verdict": Column("can it be decided"),
@@ -551,7 +558,8 @@ def _decidability_table(outcome: Outcome) -> Table:
         "mending_high": Column("to"),
         "samples_needed": Column("samples needed for 5 % wrong"),
     }
-    return Table(_decidable(outcome).select(list(columns)), columns, name="decidability")
+    table = Table(_decidable(outcome).select(list(columns)), columns, name="decidability")
+    return Text(_DECIDABILITY), table
 
 
 def _decidable(outcome: Outcome) -> pl.DataFrame:

@@ -60,13 +60,15 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     table = _table(outcome, layout)
     if len(cells) <= MOST_ROWS and not asks_numbers(outcome):
         yield _figure("outcomes", "Outcomes of the swarms", _outcomes, cells)
+    # Under feedback a posterior is no estimate; where a number is asked for, no robot has to decide.
+    senseless = ("decision_time_s",) if asks_numbers(outcome) else ESTIMATES
     for figure in FIGURES:
-        if figure.name in ESTIMATES and not asks_numbers(outcome):
-            continue  # under feedback a posterior is no estimate
+        if figure.name in senseless:
+            continue
         is_there = any(row.summary.figures[figure.name].n for row in cells)
         if figure.picture and is_there and (layout.x is not None or len(cells) <= MOST_ROWS):
             yield _figure(figure.name, figure.picture, _bars, table, layout, figure)
-    yield from _planes(cells, table)
+    yield from _planes(cells, table, _MAPS_OF_NUMBERS if asks_numbers(outcome) else _MAPS)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
     if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
         yield _figure("detection", "Which fill ratios are judged correctly", _detection, outcome, table)
@@ -75,11 +77,14 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
 def time_figures(outcome: Outcome) -> Iterator[Figure]:
     """Yield decisions, consensus and beliefs over time.
 
-    Boxes are left out if there are more than half of ``MOST_ROWS`` cells, or all ask for numbers; beliefs if there are
-    more than ``MOST_SERIES`` cells, or no robot sampled, and those of cells whose robots sampled and hold no belief.
+    There are none if all cells ask for numbers. Boxes are left out if there are more than half of ``MOST_ROWS`` cells;
+    beliefs if there are more than ``MOST_SERIES`` cells, or no robot sampled, and those of cells whose robots sampled
+    and hold no belief.
     """
+    if asks_numbers(outcome):
+        return
     yield from _incidences(outcome)
-    if len(outcome.cells) <= MOST_ROWS // 2 and not asks_numbers(outcome):
+    if len(outcome.cells) <= MOST_ROWS // 2:
         yield _figure("consensus-box", "Consensus time, run by run", _spread, outcome)
     if len(outcome.cells) <= MOST_SERIES:
         believes = {one.cell.number: _sampled(outcome, one, "belief_below") for one in outcome.cells}
@@ -92,13 +97,15 @@ def not_drawn(outcome: Outcome) -> str:
     """Return a sentence on the figures that are left out because there are too many cells; empty if there are none."""
     cells = outcome.cells
     has_truth = any(one.summary.swarm_right.n for one in cells)
+    decides = not asks_numbers(outcome)
     omitted = {
-        "outcomes of the swarms": len(cells) > MOST_ROWS,
+        "outcomes of the swarms": decides and len(cells) > MOST_ROWS,
         "each figure with its interval": len(cells) > MOST_ROWS
         and layout_of([one.cell for one in cells]).x is None,
         "decisions over time": has_truth and next(_incidences(outcome), None) is None,
-        "consensus time of each run": len(cells) > MOST_ROWS // 2,
-        "belief over time": len(cells) > MOST_SERIES
+        "consensus time of each run": decides and len(cells) > MOST_ROWS // 2,
+        "belief over time": decides
+        and len(cells) > MOST_SERIES
         and any(_sampled(outcome, one, "belief_below") for one in cells),
         "where robots sampled": len(outcome.result.plan.groups) > MOST_PANELS,
     }
@@ -170,10 +177,17 @@ def _spans_decades(layout: Layout) -> bool:
     return min(x, default=0.0) > 0.0 and max(x) >= DECADES * min(x)
 
 
-def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figure]:
-    """Yield heat maps of decision time and of swarms right over two numeric fields.
+_MAPS: Final = (("decision_time_s", "decision time (s)", "low"), ("swarm_right", "swarms right", "high"))
+"""Figures drawn as maps: name, words, and whether low or high values are better."""
+_MAPS_OF_NUMBERS: Final = (("estimate_error", "error of the estimate", "low"),)
 
-    There are two maps for each combination of the values of the other varied fields, up to ``MOST_PANELS``
+
+def _planes(
+    cells: Sequence[CellOutcome], table: pl.DataFrame, maps: Sequence[tuple[str, str, str]]
+) -> Iterator[Figure]:
+    """Yield heat maps of the figures ``maps`` over two numeric fields, without those that no cell has.
+
+    There is one of each for each combination of the values of the other varied fields, up to ``MOST_PANELS``
     combinations. Nothing is yielded unless exactly two fields fit (``plane_of``).
     """
     plane = plane_of([cell_outcome.cell for cell_outcome in cells])
@@ -186,10 +200,9 @@ def _planes(cells: Sequence[CellOutcome], table: pl.DataFrame) -> Iterator[Figur
     some = drawn_of(MOST_PANELS, len(panels), "combination")
     # ``part``: the cells of this map
     for number, (rest, part) in enumerate(list(panels.items())[:MOST_PANELS]):
-        for figure, label, best in (
-            ("decision_time_s", "decision time (s)", "low"),
-            ("swarm_right", "swarms right", "high"),
-        ):
+        for figure, label, best in maps:
+            if not any(one.summary.figures[figure].n for one in cells):
+                continue
             name = f"heat-{figure.replace('_', '-')}" + (f"-{number + 1}" if len(panels) > 1 else "")
             title = (
                 f"{label[0].upper()}{label[1:]} over {' and '.join(label_of(field).text for field in plane)}"
@@ -344,7 +357,7 @@ def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
 
 def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
     """Yield one figure for each compared quantity, with its paired differences and their intervals."""
-    table = comparison_table(compared)
+    table = comparison_table([one for one in compared if one.is_defined])
     for name in table["figure"].unique(maintain_order=True):
         figure = BY_COLUMN[name]
         scale, unit = (100.0, "percentage points") if figure.is_share else (1.0, figure.unit)

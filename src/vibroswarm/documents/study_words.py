@@ -23,6 +23,7 @@ from vibroswarm.core.numbers import (
     listed,
     p_value,
     percent,
+    some,
     stated,
     stated_percent,
     verb,
@@ -140,8 +141,7 @@ def headline(answer: Answer) -> str:
     time = _comparative(by_figure["decision_time_s"], "slower", "faster")
     wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
     first, reference = answer.first_name, answer.reference_name
-    # No decision is wrong where none is right.
-    can_err = not math.isnan(by_figure["wrong_share"].first.difference.estimate)
+    can_err = by_figure["wrong_share"].is_defined
     if time is None and wrong is None:
         return f"{first} and {reference}: no difference shown in time{' or wrong decisions' * can_err}"
     if time is None:
@@ -160,7 +160,7 @@ def _comparative(effect: Compared, if_higher: str, if_lower: str) -> str | None:
 def sentence(answer: Answer) -> str:
     """Write all significant differences and whether they are confirmed; a second sentence lists the others."""
     shown = [effect for effect in answer.effects if effect.significant]
-    others = [effect for effect in answer.effects if not effect.significant]
+    others = [effect for effect in answer.effects if effect.is_defined and not effect.significant]
     where = f" ({answer.rest})" if answer.rest else ""
     if not shown:
         names = f"{answer.first_name} and {answer.reference_name}"
@@ -222,9 +222,7 @@ def _directed(figure: str, difference: Interval) -> str:
 
 
 def _signed(figure: str, difference: Interval) -> str:
-    """Write a difference with its sign, unit and interval: ``-127 s [-153, -102]``; or ``not defined``."""
-    if math.isnan(difference.estimate):
-        return "not defined"
+    """Write a difference with its sign, unit and interval: ``-127 s [-153, -102]``."""
     unit = _SCALES.get(figure, (100, "points"))[1]
     return with_limits(difference, unit, _decimals(figure, difference), sign=True)
 
@@ -332,34 +330,29 @@ def traded(outcome: Outcome) -> list[str]:
 
 def warnings_of(outcome: Outcome) -> list[str]:
     """Write what may invalidate the figures, such as failed or missing runs; empty if all is well."""
-    # Cells with the same floor and threshold have the same warning about their floor: it is given once.
-    floors = dict.fromkeys(
-        f"{_floor_words(one)}: {one.decidable.says}" for one in outcome.cells if one.decidable.is_warning
+    cells = outcome.cells
+    floors = _each_once((_floor_words(one), one.decidable.says) for one in cells if one.decidable.is_warning)
+    unreached = _each_once((one.cell.name, one.unreached) for one in cells if one.unreached)
+    failed = _each_once(
+        (one.cell.name, failed_words(one.failed, one.summary.runs)) for one in cells if one.failed.height
     )
-    failed = [
-        failed_words(one.cell, one.failed, one.summary.runs) for one in outcome.cells if one.failed.height
-    ]
-    unreached = [f"{one.cell.name}: {one.unreached}" for one in outcome.cells if one.unreached]
     every = (
-        *_few([*floors]), *_few(unreached), *failed, *_missing_runs(outcome), *_store_warnings(outcome),
+        *floors, *unreached, *failed, *_missing_runs(outcome), *_store_warnings(outcome),
         _imprecise(outcome), outcome.unmatched,
     )  # fmt: skip
     return list(filter(None, every))
 
 
-MOST_OF_A_KIND: Final = 3
-"""Largest number of warnings of one kind that are written out."""
-
-
-def _few(warnings: list[str]) -> list[str]:
-    """Return the first warnings of a kind, and how many more there are."""
-    more = len(warnings) - MOST_OF_A_KIND
-    if more < 2:
-        return warnings
-    return [
-        *warnings[:MOST_OF_A_KIND],
-        f"there are {more} more warnings like the one above, about other cells.",
-    ]
+def _each_once(warnings: Iterable[tuple[str, str]]) -> list[str]:
+    """Write each text once, after the names of all that it warns of; those beyond ``MOST_NAMES`` texts are counted."""
+    names: dict[str, dict[str, None]] = {}  # by text, each once
+    for name, text in warnings:
+        names.setdefault(text, {})[name] = None
+    lines = [f"{some([*each], MOST_NAMES)}: {text}" for text, each in names.items()]
+    left = len(lines) - MOST_NAMES
+    return (
+        [*lines[:MOST_NAMES], f"... and {count(left, 'more warning')} of this kind."] if left > 0 else lines
+    )
 
 
 def _floor_words(one: CellOutcome) -> str:
@@ -378,7 +371,9 @@ def _missing_runs(outcome: Outcome) -> list[str]:
         if replicate is not None and replicate.store.failures:
             words.append(f"on other seeds, {_failed_batches(replicate)}")
     if outcome.without_runs:
-        words.append(f"there are no runs of {', '.join(cell.name for cell in outcome.without_runs)}.")
+        words.append(
+            f"there are no runs of {some([cell.name for cell in outcome.without_runs], MOST_NAMES)}."
+        )
     cells = outcome.result.cells
     lost = int((cells["wanted"] - cells["there"]).sum())
     if lost and not outcome.result.store.failures:  # failed batches already have a warning
@@ -392,13 +387,13 @@ def _missing_runs(outcome: Outcome) -> list[str]:
 def _failed_batches(result: StudyResult) -> str:
     """Write how many runs of which cells are missing because their batches failed, with the first cause.
 
-    The store has at least one failure. All cells of a failed batch are named, whether they are selected or not.
+    The store has at least one failure. Cells of a failed batch are named, whether they are selected or not.
     """
     failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
     names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
     return (
-        f"{count(len(result.store.lost_runs), 'run')} of {', '.join(names)} failed and are in no figure, so that "
-        f"figures of the others may be biased ({failures[0]['why']})."
+        f"{count(len(result.store.lost_runs), 'run')} of {some([*names], MOST_NAMES)} failed and are in no figure, so "
+        f"that figures of the others may be biased ({failures[0]['why']})."
     )
 
 

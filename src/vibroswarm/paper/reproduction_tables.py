@@ -14,7 +14,7 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_folder, write_files
-from vibroswarm.core.numbers import MISSING, Estimate, span, stated, with_limits
+from vibroswarm.core.numbers import MISSING, Estimate, span, stated, verb, with_limits
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.paper.claims import CANNOT, Claim, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS
@@ -106,7 +106,8 @@ def _verdict_words(one: Decided) -> str:
     if len(set(states)) == 1 and (one.verdict in ("reproduced", "passed", CANNOT) or len(states) == 1):
         return one.verdict
     words = {"holds": "hold", "fails": "fail", "open": "open", CANNOT: CANNOT}
-    parts = [f"{states.count(name)} {word}" for name, word in words.items() if name in states]
+    numbers = {name: states.count(name) for name in words if name in states}
+    parts = [f"{n} {verb(n, words[name], name)}" for name, n in numbers.items()]
     return f"{one.verdict} ({', '.join(parts)})"
 
 

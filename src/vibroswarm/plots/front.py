@@ -10,6 +10,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.core.numbers import count
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import run_counts, tidy
 from vibroswarm.plots.labels import label_points
@@ -86,11 +87,11 @@ def draw_front(
     _steps(axes, sizes, chosen)
     _write_names(figure, axes, sizes, known, chosen, named)
     runs = run_counts(frame)
+    shown = count(known.height, "choice") + (f", {of_runs(runs)}" if runs else "")
     lost = numbers.height - known.height
     caption = (
-        f"{error_label} against {time_label}, {known.height} choices{', ' + of_runs(runs) if runs else ''}; less is "
-        f"better in both. Full and joined: the {chosen.height} that no other beats in both; "
-        f"cross lines: {interval}."
+        f"{error_label} against {time_label}, {shown}; less is better in both. Full and joined: the {chosen.height} "
+        f"that no other beats in both; cross lines: {interval}."
         + (f" {named.height} of them are named." if named.height < chosen.height else "")
         + (f" {lost} without a value are not drawn." if lost else "")
     )

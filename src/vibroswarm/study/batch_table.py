@@ -27,7 +27,6 @@ from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
 from vibroswarm.inference.reports import REPORTED
 from vibroswarm.motion.source import FAILURES
-from vibroswarm.study.spec import Cell
 
 Columns = Mapping[str, NDArray[Any]]
 """Arrays by the names of columns."""
@@ -230,7 +229,7 @@ def failed_rows(
     return of_cells(failed, list(chain(*cells))) if failed.height > 0 else []
 
 
-def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
+def failed_words(failed: pl.DataFrame, runs: int) -> str:
     """Write how many runs of a cell failed, with time and cause of the first failed run.
 
     Args:
@@ -238,7 +237,7 @@ def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
     """
     first = failed.sort("run").row(0, named=True)
     return (
-        f"{whole(failed.height)} of {count(runs, 'run')} of {cell.name} failed in the source of motion; the robots "
-        f"have stood still since and count as undecided (run {first['run']} at {number(first['time_s'], digits=4)} s: "
+        f"{whole(failed.height)} of {count(runs, 'run')} per cell failed in the source of motion; the robots have "
+        f"stood still since and count as undecided (run {first['run']} at {number(first['time_s'], digits=4)} s: "
         f"{first['reason']})."
     )

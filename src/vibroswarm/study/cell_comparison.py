@@ -95,6 +95,11 @@ class Compared:
         return first, reference, rest
 
     @property
+    def is_defined(self) -> bool:
+        """Whether there is a difference: none is right or wrong where no answer is."""
+        return not math.isnan(self.first.difference.estimate)
+
+    @property
     def significant(self) -> bool:
         """Whether the p-value, corrected over all comparisons of the study (Holm), is below ``SIGNIFICANT``."""
         return self.first.p_holm < SIGNIFICANT

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.numbers import count, number, stated, verb
 from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, Style, look, style_named
@@ -79,14 +79,23 @@ def draw_tracks(
         stops["x_m"].to_numpy(), stops["y_m"].to_numpy(), ls="", marker="o", ms=0.8 * sizes.marker_pt,
         color=INK, mfc="none", mew=0.6,
     )  # fmt: skip
-    (square,) = axes.plot(corners[:, 0], corners[:, 1], ls="", marker="s", ms=sizes.marker_pt, color=FAINT)
+    drawn_at = corners[: len(floor_markers)]
+    (square,) = axes.plot(drawn_at[:, 0], drawn_at[:, 1], ls="", marker="s", ms=sizes.marker_pt, color=FAINT)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    names = [*(f"robot {robot}" for robot in robots), "stop", "marker of the floor"]
-    legend_below(figure, sizes, [*handles, stood, square], names)
+    names = [f"robot {robot}" for robot in robots]
+    for handle, name, is_there in (
+        (stood, "stop", stops.height),
+        (square, "marker of the floor", floor_markers),
+    ):
+        if is_there:
+            handles.append(handle)
+            names.append(name)
+    legend_below(figure, sizes, handles, names)
     to_scale(figure, sizes, [axes], float((high - low)[1] / (high - low)[0]))
     caption = (
-        f"Where {len(robots)} robots were seen; larger marks: where each was seen first. Lines break where a robot was "
-        f"not seen for more than {stated(GAP_S)} s. Circles: {stops.height} stops."
+        f"Where {count(len(robots), 'robot')} {verb(len(robots), 'were', 'was')} seen; larger marks: where each was "
+        f"seen first. Lines break where a robot was not seen for more than {stated(GAP_S)} s."
+        + (f" Circles: {count(stops.height, 'stop')}." if stops.height else "")
     )
     return Picture(figure, pl.concat(parts), caption, style)
 

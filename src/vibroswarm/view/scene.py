@@ -345,7 +345,8 @@ class Scene:
         # The colour changes only with the text: changes of the belief that its two decimals do not show are not sent.
         if self._words.get(robot) != words:
             self._words[robot] = words
-            self.labels[robot].text, self.bodies[robot].color = f"{robot}: {words}", colour
+            self.labels[robot].text = f"{robot}: {words}" if words else str(robot)
+            self.bodies[robot].color = colour
 
     def _show_samples(self, count: int) -> None:
         """Show the first ``count`` samples in the colours of their readings.
