@@ -44,8 +44,8 @@ LARGEST: Final = 1e300
 """Limit of likelihoods over those of an intact surface."""
 SMALLEST: Final = 1e-300
 """Smaller ones count as 0: processors multiply numbers that are smaller still a hundred times slower."""
-PARTS: Final = 16
-"""Powers of likelihoods are sixteenths."""
+PARTS: Final = 64
+"""Powers of likelihoods are whole numbers of so many parts; a smaller power counts as one part."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
