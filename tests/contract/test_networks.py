@@ -112,9 +112,10 @@ def test_deliveries_are_computed_once_and_equal_messages_one_by_one(
     assert len(timeline.deliveries) == 1
 
     monkeypatch.setattr(replayer, "counts_only", lambda strategy: False)
-    one_by_one, robots = infer(cells[0], 5, timeline, observations)
-    assert shared[0][0].equals(one_by_one)
-    assert shared[0][1].equals(robots)
+    for cell, (table, robots) in zip(cells, shared, strict=True):
+        one_by_one, also = infer(cell, 5, timeline, observations)
+        assert table.equals(one_by_one)
+        assert robots.equals(also)
 
     monkeypatch.undo()  # and deliveries decide what is heard: with those of others the tables differ
     ((key, found),) = timeline.deliveries.items()

@@ -87,6 +87,13 @@ def test_nearly_all_damage_has_an_a90_where_only_large_damage_was_missed(missed_
     assert np.isnan([seldom.a50_m, seldom.a90_m, seldom.a90_95_m]).all()
 
 
+def test_there_is_no_a90_where_large_damage_is_missed_more_often_than_chance_allows() -> None:
+    """Of the largest 48 of 60 were found, so that a flat curve, by which all sizes are, does not fit."""
+    found = np.concatenate([np.arange(60) >= missed for missed in (0, 0, 12)])
+    fit = Trials(np.repeat([0.05, 0.1, 0.2], 60), found.astype(float), 100, 2000).fit()
+    assert np.isnan([fit.a90_m, fit.a90_95_m]).all()
+
+
 def test_a90_is_that_of_an_isotonic_fit_to_many_inspections() -> None:
     fitted = drawn(2, 800).fit()
     trials = drawn(3, 800)

@@ -127,7 +127,7 @@ def test_what_is_wrong_names_the_option(line, words):
     ("line", "words"),
     [
         ("run --runs 5", "--runs: unknown option; for many runs: vibroswarm evaluate"),
-        ("optimize --scenario a.toml", "--scenario: unknown option; the search file says it"),
+        ("optimize --scenario a.toml", "--scenario: unknown option; set it in the search file"),
     ],
 )
 def test_an_option_of_another_command_leads_there(line, words, capsys):

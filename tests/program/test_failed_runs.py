@@ -49,7 +49,7 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     out = tmp_path / "study"
     printed = words_of(capsys, "evaluate", *BRIEF, "--motion", failing, "--out", out)
     words = (
-        "none and soft: 2 of 6 runs per cell failed in the source of motion; the robots have stood still since and "
+        "none and soft: 2 of 6 runs failed in the source of motion; the robots have stood still since and "
         "count as undecided (run 1 at 10 s: the test wants it)."
     )
     assert "failed runs" in printed

@@ -307,7 +307,7 @@ def test_presets() -> None:
         ("floor.source=", ("floor.source", "")),
         ("decision.min_observations=1_000", ("decision.min_observations", 1000)),
         ("decision.credible_threshold=.8", ("decision.credible_threshold", 0.8)),
-        ("network.loss.share=-5.", ("network.loss.share", -5.0)),
+        ("network.loss.share=-5.e2", ("network.loss.share", -500.0)),
         ("floor.source=.", ("floor.source", ".")),
     ],
 )

@@ -569,7 +569,7 @@ def test_each_missing_run_of_failed_batches_is_counted_once(copy: Path) -> None:
     store.add_failure(batch_of(STUDY, group, 35, 45), "because")
     add(store, 28, 32)
     warnings = study_document(outcome_of(StudyResult.open(copy))).warnings
-    assert [words for words in warnings if "13 runs of none, soft failed" in words], warnings
+    assert [words for words in warnings if "13 runs of none and soft failed" in words], warnings
 
 
 def test_a_merge_leaves_no_damaged_file_of_its_own(copy: Path, tmp_path: Path) -> None:
@@ -621,7 +621,7 @@ def test_a_second_block_of_which_all_runs_failed_is_said(copy: Path, tmp_path: P
     assert outcome.replicate is None
     warnings = study_document(outcome).warnings
     (words,) = [words for words in warnings if words.startswith("on other seeds, ")]
-    assert "30 runs of none, soft failed" in words
+    assert "30 runs of none and soft failed" in words
 
 
 def test_tables_of_comparisons_that_are_not_made_any_more_are_removed(copy: Path, tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def help_of(action: argparse.Action) -> str:
 
 
 _MANY: Final = "for many runs: vibroswarm evaluate"
-_IN_FILE: Final = "the search file says it (scenario, [scenario])"
+_IN_FILE: Final = "set it in the search file, under scenario or [scenario]"
 INSTEAD: Final = {
     "vibroswarm run": dict.fromkeys(("runs", "until", "vary"), _MANY),
     "vibroswarm optimize": dict.fromkeys(
@@ -150,7 +150,7 @@ class Parser(argparse.ArgumentParser):
         if what == "unrecognized arguments":
             word = text.split()[0].split("=")[0]
             kind = "option" if word.startswith("-") else "argument"
-            instead = INSTEAD.get(self.prog, {}).get(word.lstrip("-"))
+            instead = INSTEAD.get(self.prog, {}).get(word.removeprefix("--")) if kind == "option" else None
             similar = f"; {instead}" if instead else self._similar(word)
             raise InputError(f"unknown {kind}{similar}; '{self.prog} --help' lists what there is", field=word)
         if text and what.startswith("argument "):

@@ -177,7 +177,7 @@ def print_plan(
         tests: further studies of the command, by the name of their folder in ``out``.
     """
     from vibroswarm.documents.plan import plan_sentence, work_sentence
-    from vibroswarm.study.cell_comparison import SECOND, on_other_seeds
+    from vibroswarm.study.cell_comparison import SECOND, in_second_block, on_other_seeds
     from vibroswarm.study.plan import plan_of
     from vibroswarm.study.precision import FIRST_LOOK
     from vibroswarm.study.runner import expected
@@ -197,6 +197,7 @@ def print_plan(
         second = None
         if again:
             repeated = on_other_seeds(study, study.runs or FIRST_LOOK)
-            second = store_of(repeated, None if out is None else out / SECOND)
+            with in_second_block():
+                second = store_of(repeated, None if out is None else out / SECOND)
         left = expected(store_of(study, out), plan, stores, job=job, again=second)
         report(work_sentence(left, job, page_cells=page_cells))

@@ -230,7 +230,7 @@ def matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def check_is_folder(folder: Path) -> None:
-    """Refuse what is in the place of a folder of tables and is no folder."""
+    """Raise an InputError if something other than a folder has the name of a folder of tables."""
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError("is not a folder; move it away", field=str(folder))
 

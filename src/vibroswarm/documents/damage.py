@@ -43,9 +43,8 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     """Return sentences: is there damage, where, how large; may one stop; what would have been missed."""
     question, risk = found.question, float(found.stopping.told[-1])
     told = "below 0.1 %" if risk < 0.001 else percent(risk)
-    size = (
-        f"{in_cm(question.least_m)} cm or larger with a contrast of {stated(min(question.contrasts))} or more"
-    )
+    contrast = min(question.contrasts)
+    size = f"{in_cm(question.least_m)} cm or larger, contrast {stated(contrast)}{' or more' if contrast < 1.0 else ''}"
     if found.verdict == "damage":
         each = [_placed(box) for box in found.scan.called_m[:MOST_LISTED]]
         more = len(found.scan.called_m) - len(each)
@@ -90,6 +89,11 @@ def _next(found: Assessment) -> str:
 
 def _pod_words(found: Assessment) -> str:
     contrast, pod = max(found.pods.items())
+    if pod.b1 <= 0.0:
+        return (
+            f"Larger damage of contrast {stated(contrast)} would have been found less often than smaller damage: there "
+            "is no size from which on it would have been found in 90 % of inspections."
+        )
     if not math.isfinite(pod.a90_m):
         return (
             f"Damage of contrast {stated(contrast)} would not have been found in 90 % of inspections at any size that "
@@ -282,7 +286,8 @@ def pod_table(found: Assessment) -> Table:
     return Table(
         frame,
         columns,
-        caption="Size of damage that would have been found; a dash: not among the sizes that were drawn.",
+        caption="Size of damage that would have been found; a dash: none up to the largest that was drawn (of a90/95: "
+        "up to 1.5 times that).",
         name="pod",
     )
 

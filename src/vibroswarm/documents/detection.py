@@ -103,12 +103,12 @@ def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tu
             f"if nothing is wrong; at least {tolerated.runs_needed} of each fill ratio and number of robots can "
             "(--runs).",
         )
-    least = min(tolerated.error, tolerated.false_alarms)
+    least, (missed, alarms) = min(tolerated.error, tolerated.false_alarms), tolerated.most_wrong
     few: tuple[str, ...] = ()
-    if found["time_s"].has_nulls() and tolerated.most_wrong < FEW_WRONG * least * tolerated.runs:
+    if found["time_s"].has_nulls() and min(missed, alarms) < FEW_WRONG * least * tolerated.runs:
         few = (
-            f"To show that, at most {tolerated.most_wrong} of {count(tolerated.runs, 'run')} may be wrong; more runs "
-            "(--runs) may find more floors.",
+            f"Of {count(tolerated.runs, 'run')} of each floor, at most {missed} may be missed, and at most {alarms} be "
+            "false alarms; with more runs (--runs), more floors may be found.",
         )
     sentences = tuple(
         _sentence(

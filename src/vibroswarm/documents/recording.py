@@ -114,7 +114,9 @@ def _outcomes(recording: Recording) -> str:
     logged = recording.runs["consensus"].drop_nulls()
     sessions = count(recording.runs.height, "session")
     if logged.is_empty():
-        return f"{sessions}; decisions are not logged."
+        some = "decision" in recording.rows.columns and recording.rows["decision"].count()
+        are = "are not logged of all robots to the end" if some else "are not logged"
+        return f"{sessions}; decisions {are}."
     each = (f"{outcome} in {n}" for outcome, n in Counter(logged.to_list()).most_common())
     return f"Consensus {listed(each)} of {sessions}."
 

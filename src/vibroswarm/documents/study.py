@@ -193,7 +193,8 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
         f"Better and worse: p < {stated(SIGNIFICANT)}, corrected over all comparisons (Holm). No significant "
         "difference is not evidence of no difference."
     )
-    return Table(frame, columns, caption=caption, name="differences")
+    ordered = frame.select(with_limits_of(columns, frame.columns))
+    return Table(ordered, columns, caption=caption, name="differences")
 
 
 _SHOWN: Final = ("swarm_right", "swarm_wrong", "robots_undecided", "decision_time_s")
@@ -412,7 +413,11 @@ def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
         words = pl.col("confirmed").replace_strict({True: "confirmed", False: "not confirmed"}, default=None)
         # A dash: not repeated, as runs of the second block failed.
         table = table.with_columns(confirmed=words)
-    rows = table.filter(figure=figure.by_run).select(with_limits_of(columns, table.columns))
+    rows = (
+        table.filter(figure=figure.by_run)
+        .drop_nulls("difference")
+        .select(with_limits_of(columns, table.columns))
+    )
     caption = f"{figure.title[0].upper()}{figure.title[1:]}: first - second."
     return Table(rows, columns, caption=caption, name=f"compared-{figure.by_run}", folded=True)
 

@@ -358,6 +358,8 @@ def _front(table: pl.DataFrame, cells: Sequence[int], style: str) -> Picture:
 def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
     """Yield one figure for each compared quantity, with its paired differences and their intervals."""
     table = comparison_table([one for one in compared if one.is_defined])
+    if table.is_empty():
+        return
     for name in table["figure"].unique(maintain_order=True):
         figure = BY_COLUMN[name]
         scale, unit = (100.0, "percentage points") if figure.is_share else (1.0, figure.unit)

@@ -164,6 +164,8 @@ def sentence(answer: Answer) -> str:
     where = f" ({answer.rest})" if answer.rest else ""
     if not shown:
         names = f"{answer.first_name} and {answer.reference_name}"
+        if not others:
+            return f"{names}{where} cannot be compared: no difference between them is defined."
         return f"{names}{where}: no significant difference ({_differences(others)})."
     differences = ", ".join(_directed(effect.first.figure, effect.first.difference) for effect in shown)
     text = f"{headline(answer)}{where}: {differences}; {_confirmed(shown)}."
@@ -332,7 +334,10 @@ def warnings_of(outcome: Outcome) -> list[str]:
     """Write what may invalidate the figures, such as failed or missing runs; empty if all is well."""
     cells = outcome.cells
     floors = _each_once((_floor_words(one), one.decidable.says) for one in cells if one.decidable.is_warning)
-    unreached = _each_once((one.cell.name, one.unreached) for one in cells if one.unreached)
+    # Without how many observations there were at most, which differs from cell to cell.
+    unreached = _each_once(
+        (one.cell.name, f"{one.unreached.partition(';')[0]}.") for one in cells if one.unreached
+    )
     failed = _each_once(
         (one.cell.name, failed_words(one.failed, one.summary.runs)) for one in cells if one.failed.height
     )

@@ -349,8 +349,6 @@ def _picture(data: bytes, name: str) -> Image.Image:
                         field=name,
                     )
                 picture.load()
-                ImageOps.exif_transpose(picture, in_place=True)
-                return picture
     except InputError:
         raise
     # Pillow's own limit on pixels is above PIXEL_LIMIT.
@@ -360,6 +358,13 @@ def _picture(data: bytes, name: str) -> Image.Image:
         raise InputError(
             f"is not a complete PNG picture ({error or type(error).__name__})", field=name
         ) from None
+    try:
+        ImageOps.exif_transpose(picture, in_place=True)
+    except Exception as error:  # Pillow raises many kinds of error on broken EXIF data
+        raise InputError(
+            f"its EXIF data cannot be read ({error}); save the picture without them", field=name
+        ) from None
+    return picture
 
 
 def _grey_levels(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:

@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
 POINTS: Final = 4000
 """Points of the tables of quantiles and of ratios."""
+SAMPLES_AT_ONCE: Final = 200
+"""Samples drawn at once. Random numbers are drawn sample by sample, but arrays are stored replicate by replicate."""
 FEW: Final = 8
 """Entries of a table that are searched one after the other."""
 COARSE: Final = 0.02
@@ -282,8 +284,16 @@ def drawn_values(
         shape = samples.frame.height, replicates
         x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal(shape)
         y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal(shape)
-    inside = np.asfortranarray(sensed(random, samples.law.sensor, patch, x_m, y_m))
+    inside = np.empty((samples.frame.height, replicates), dtype=bool, order="F")
+    for part in _parts_of(inside):
+        inside[part] = sensed(random, samples.law.sensor, patch, x_m[part], y_m[part])
     return values_where(random, samples, replicates, inside, patch.contrast)
+
+
+def _parts_of(drawn: NDArray[Any]) -> Iterator[slice]:
+    """Yield slices of ``SAMPLES_AT_ONCE`` rows, in order."""
+    for begin in range(0, drawn.shape[0], SAMPLES_AT_ONCE):
+        yield slice(begin, begin + SAMPLES_AT_ONCE)
 
 
 def drawn_parts(
@@ -307,8 +317,9 @@ def values_where(
     Args:
         inside: which do, (samples, replicates); False: none. contrast: of the damage, (replicates,) or one number.
     """
-    # Random numbers are drawn sample by sample, but arrays are stored replicate by replicate.
-    law, values = samples.law, np.asfortranarray(random.random((samples.frame.height, replicates)))
+    law, values = samples.law, np.empty((samples.frame.height, replicates), order="F")
+    for part in _parts_of(values):
+        values[part] = random.random(values[part].shape)
     truths = _draws_of(law)[1] or [law]
     for k, truth in enumerate(truths[:replicates]):
         own = np.s_[:, k :: len(truths)]

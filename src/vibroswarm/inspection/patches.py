@@ -45,7 +45,8 @@ LARGEST: Final = 1e300
 SMALLEST: Final = 1e-300
 """Smaller ones count as 0: processors multiply numbers that are smaller still a hundred times slower."""
 PARTS: Final = 64
-"""Powers of likelihoods are whole numbers of so many parts; a smaller power counts as one part."""
+"""Powers of likelihoods are whole numbers of so many parts, rounded down: samples of a larger design effect say
+nothing."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
@@ -427,7 +428,7 @@ def ratios_at_looks(
     looks = effect.shape[0]
     out = np.zeros((looks, len(patches.forms), log_ratio.shape[1]))
     weight = patches.weights * len(patches.forms)
-    power = np.maximum(np.floor(PARTS / effect + 1e-9), 1.0).astype(np.int64)
+    power = np.floor(PARTS / effect + 1e-9).astype(np.int64)
     for part, more in _parts(shares, log_ratio):
         some = np.zeros((looks, out.shape[1], more.shape[1]))
         room = np.empty((3, AT_ONCE))

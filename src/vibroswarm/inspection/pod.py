@@ -161,7 +161,7 @@ class _Fit(NamedTuple):
     def size_at(self, share: float) -> float:
         """Return the size at which PoD is a share, or the least that was tried; nan: none up to ``BEYOND``."""
         trials = self.trials
-        if not trials.p_f < share < self.top:
+        if not trials.p_f < share < self.top or self.b1 <= 0.0:
             return float("nan")
         g = (trials.x_at(share, self.top) - self.b0) / self.b1
         if g > trials.curve.g(BEYOND * trials.size_m[-1]):
@@ -274,8 +274,11 @@ def fit_pod(
         curve = _CURVES[name]
         trials = _Trials(sizes, hits, number, p_f, curve, curve.g(sizes))
         fits += [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]
-    # Where nearly all damage is found, a fitted curve may fall with size; larger damage is not found less often.
-    fits = [fit for fit in fits if fit.b1 > 0.0] or [_flat(fits[0])]
+    # Where nearly all damage is found, a fitted curve may fall with size. A flat one is taken if it fits as well.
+    rising, flat = [fit for fit in fits if fit.b1 > 0.0], _flat(fits[0])
+    if not rising and flat.aic - min(fit.aic for fit in fits) <= DROP:
+        rising = [flat]
+    fits = rising or fits
     best = min(fits, key=lambda fit: fit.aic)
     # Beyond the sizes that were tried the curve says nothing.
     a50, a90 = (size if size <= sizes[-1] else float("nan") for size in map(best.size_at, (0.5, 0.9)))

@@ -19,7 +19,7 @@ the robot itself believed that it was; without a camera ``x_m`` and ``y_m`` are 
 names a column with the marker on the robot, of which each robot has only one. Errors name the row.
 
 A number in the file is multiplied by ``times``, then ``plus`` is added; a text is looked up in ``values``. ``wraps_at``
-is the number at which a counter starts again from 0. ``first`` of ``time_s`` is the time of the file's first row, s,
+is the number at which a counter starts again from 0. ``first`` of ``time_s`` is the time of the file's earliest row, s,
 for clocks that do not begin with the session, such as seconds since 1970. A map may also have the keys ``name``, the
 name of the format, and ``about``, its description, which is for people only.
 """
@@ -53,7 +53,7 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "time_s": (
         0.0,
         1e7,
-        "a time since the start of the session, from 0 to 1e7 s (in a column map, first = 0 counts from the first row)",
+        "a time since the start of the session, from 0 to 1e7 s (in a column map: first = 0, for other clocks)",
     ),
     "belief_below": (0.0, 1.0, "a probability"),
     "observation": (0, 1, "0 or 1: recordings have two kinds of tile"),
@@ -343,7 +343,9 @@ def _column(use: str, value: Any, name: str) -> Column:
         raise InputError(f"{wraps_at} is not above 0", field=f"{location}, wraps_at")
     first = value.get("first")
     if first is not None and use != "time_s":
-        raise InputError("only time_s has first, the time of the file's first row", field=location)
+        raise InputError("only time_s has first, the time of the file's earliest row", field=location)
+    if first is not None and "plus" in value:
+        raise InputError("has first and plus; give one of them", field=location)
     numbers = (
         None if table is None else {key: plain_number(number, key, location) for key, number in table.items()}
     )

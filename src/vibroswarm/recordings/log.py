@@ -104,7 +104,8 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
     "off_the_floor": ("sample", " off all tiles"),
     "decisions_missing": (
         "sample",
-        ' without a decision, taken as not logged; if an empty cell means undecided, map it: values = { "" = -1, ... }',
+        " without a decision, taken as not logged; where such cells mean undecided, a column map can say so: "
+        'values = { "" = -1, ... }',
     ),
     "silent_s": ("", " s without a row of any robot: a pause, or a clock that jumped"),
     "rows_apart_s": ("", " s usually between two rows of a robot: times must be in seconds"),

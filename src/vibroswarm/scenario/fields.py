@@ -106,7 +106,8 @@ class FloorField(FrozenModel):
     """Columns of a random floor."""
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
-    takes precedence over ``source``. From Python also an array of kinds."""
+    takes precedence over ``source``. Rows of numbers, such as an array of kinds, will do
+    too."""
     values: Annotated[tuple[ValueRow, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself as values, one row of numbers from 0 (still) to 1 (vibrating) per row of tiles, top row first,
     in place of ``tiles``."""
@@ -141,7 +142,8 @@ class FloorField(FrozenModel):
     @classmethod
     def _as_text(cls, rows: Any) -> Any:
         """Write rows of kinds as text, such as those of ``read_tiles``; all else is left to Pydantic."""
-        if not (isinstance(rows, list) and all(isinstance(row, list) for row in rows)):
+        rows = rows.tolist() if isinstance(rows, np.ndarray) else rows
+        if not (isinstance(rows, list | tuple) and all(isinstance(row, list | tuple) for row in rows)):
             return rows
         if not all(isinstance(kind, int) and 0 <= kind < len(DIGITS) for row in rows for kind in row):
             return rows

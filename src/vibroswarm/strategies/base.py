@@ -380,7 +380,7 @@ def arrays_of(declared: type) -> dict[str, Array]:
     found: dict[str, Array] = {}
     for base in reversed(declared.__mro__):  # from the oldest class on, so that a derived one overrides
         for name, kind in get_annotations(base).items():
-            if isinstance(kind, Array) or str(kind).startswith("array("):
+            if isinstance(kind, Array) or re.search(r"\barray\(", str(kind)):
                 raise InputError(
                     f"is declared with ':'; write {name} = array(...)", field=f"{declared.__name__}.{name}"
                 )

@@ -237,7 +237,7 @@ def failed_words(failed: pl.DataFrame, runs: int) -> str:
     """
     first = failed.sort("run").row(0, named=True)
     return (
-        f"{whole(failed.height)} of {count(runs, 'run')} per cell failed in the source of motion; the robots have "
+        f"{whole(failed.height)} of {count(runs, 'run')} failed in the source of motion; the robots have "
         f"stood still since and count as undecided (run {first['run']} at {number(first['time_s'], digits=4)} s: "
         f"{first['reason']})."
     )

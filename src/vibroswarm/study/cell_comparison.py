@@ -27,6 +27,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import polars as pl
@@ -253,10 +254,10 @@ def in_second_block() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        if SECOND not in str(error.field):
+        if SECOND not in Path(str(error.field)).parts:
             raise
         raise InputError(
-            f"{error.reason}; move the folder {SECOND} away, it is computed again", field=error.field
+            f"{error.reason}; without the folder {SECOND}, its runs are computed again", field=error.field
         ) from None
 
 

@@ -69,10 +69,12 @@ class Detection(NotebookView):
         return next(n for n in count(1) if float(wilson_limits(0, n, 0.95)[1]) < least)
 
     @property
-    def most_wrong(self) -> int:
-        """Most runs of a fill ratio that may be wrong to show that misses and false alarms are rare enough."""
+    def most_wrong(self) -> tuple[int, int]:
+        """Most runs of a fill ratio that may be missed, and most that may be false alarms, to show that both are rare
+        enough."""
         upper = wilson_limits(range(self.runs + 1), self.runs, 0.95)[1]
-        return int((upper < min(self.error, self.false_alarms)).sum()) - 1
+        missed, alarms = (int((upper < tolerated).sum()) - 1 for tolerated in (self.error, self.false_alarms))
+        return missed, alarms
 
     @property
     def finds_nothing(self) -> bool:

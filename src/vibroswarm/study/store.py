@@ -219,7 +219,7 @@ class Store:
                 try:
                     shard = self._shard(path)
                 except ValueError as error:  # its message says what is wrong
-                    self.broken[path.stem] = str(error)
+                    self.broken[path.stem] = str(error).replace(str(self.root), str(self.folder))
                 except OSError as error:  # its message does not say that a shard is damaged
                     self.broken[path.stem] = f"is damaged: {error}"
                 else:

@@ -175,11 +175,13 @@ class StudyResult(NotebookView):
         chosen = self.selected
         for key, choices in values.items():
             name = self._field(key.replace("__", "."))
-            any_of = choices if isinstance(choices, list | tuple | set) else [choices]
-            there = {n: _without_code(self.study.cells[n].point.get(name)) for n in chosen}
-            chosen = tuple(n for n in chosen if there[n] in map(_without_code, any_of))
+            any_of = [
+                _plain(one) for one in (choices if isinstance(choices, list | tuple | set) else [choices])
+            ]
+            there = {n: _plain(self.study.cells[n].point.get(name)) for n in chosen}
+            chosen = tuple(n for n in chosen if there[n] in any_of or _without_code(there[n]) in any_of)
             if not chosen:
-                known = some(list(dict.fromkeys(map(shown, there.values()))), 12)
+                known = some(list(dict.fromkeys(shown(_without_code(one)) for one in there.values())), 12)
                 raise InputError(f"no cell has {shown(choices)}; there is {known}", field=name)
         return StudyResult(self.study, self.store, chosen, self._kept)
 
@@ -335,7 +337,9 @@ class StudyResult(NotebookView):
 
     def figures(self, cell: int) -> pl.DataFrame:
         """Return all figures of each run of a cell (``figures.run_figures``), one row per run."""
-        return pl.concat(figures for figures, *_ in self.parts(cell))
+        return pl.concat(
+            [figures for figures, *_ in self.parts(cell)]
+        )  # a list: polars lets no Ctrl-C through
 
     def parts(self, cell: int) -> Iterator[tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]]:
         """Yield figures (``figures.run_figures``), table of robots and table of runs of some runs of a cell at a time.
@@ -646,8 +650,13 @@ class StudyResult(NotebookView):
         return joined.select("cell", *varied.columns, *(c for c in frame.columns if c != "cell"))
 
 
+def _plain(value: Any) -> Any:
+    """Return a value that can be compared: rows of numbers in place of an array, as of tiles."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
 def _without_code(value: Any) -> Any:
-    """Return a value, but of a reference to code its name: ``voter`` of ``voter.py:voter sha256:...``."""
+    """Return the name of code, ``voter`` of ``voter.py:voter sha256:...``, and any other value as it is."""
     return plugins.name_in(value) if plugins.is_code(value) else value
 
 
