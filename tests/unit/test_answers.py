@@ -12,6 +12,7 @@ from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settin
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.core.numbers import count_of, listed
+from vibroswarm.documents.study import study_document
 from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of, warnings_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
@@ -228,6 +229,15 @@ def test_names_with_commas_are_listed_between_semicolons() -> None:
     assert listed(["none"], "or") == "none"
     assert listed(["none", "positive", "soft"], "or") == "none, positive or soft"
     assert listed(["random:0.48, none", "random:0.52, none"]) == "random:0.48, none; and random:0.52, none"
+
+
+def test_cells_of_which_no_difference_is_defined() -> None:
+    """One estimates a number and the other does not: the page ended in a traceback."""
+    short = preset("paper").with_values({"run.t_end_s": 2.0, "task.name": "share"})
+    found = outcome_of(Study.of(short, 2, strategy__name=["none", "mcp"]).run(progress=False))
+    document = study_document(found)
+    assert document.answer == ("mcp and none cannot be compared: no difference between them is defined.",)
+    assert not [name for name in document.figures if name.startswith("compared")]
 
 
 def test_a_gate_that_no_robot_of_a_cell_reached_is_warned_of() -> None:

@@ -54,6 +54,12 @@ def test_a_relative_folder_stays_readable_from_another(
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert opened.runs().height == 2
     assert "in 'study'" in repr(opened)
+    shard = next((tmp_path / "study" / "shards").glob("*.json"))
+    shard.write_text("{")
+    opened.store.refresh()
+    assert opened.store.damaged == [
+        f"{shard.name}: study/shards/{shard.name}: is damaged: not JSON in line 1"
+    ]
 
 
 def test_where_selects_by_what_is_varied(result: StudyResult) -> None:

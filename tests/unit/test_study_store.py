@@ -656,3 +656,8 @@ def test_a_damaged_batch_of_the_second_block_is_reported_and_recomputed(
     assert shard.name in damaged
     assert second_block(result).runs().equals(whole)
     assert f"damaged, will be recomputed: {shard.stem}.json: " in caplog.text
+    (copy / SECOND / "study.toml").write_text("=")
+    (damaged,) = study_state(Store.open(copy))["damaged"]
+    assert damaged.endswith("without the folder second-block, its runs are computed again")
+    with pytest.raises(InputError, match="without the folder second-block"):
+        second_block(result)

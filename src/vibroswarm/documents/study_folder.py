@@ -62,7 +62,7 @@ def _repetition_of(store: Store) -> tuple[StudyResult | None, list[str]]:
         with in_second_block():
             return (StudyResult.open(second) if has_manifest(second) else None), []
     except InputError as error:
-        return None, [str(error)]
+        return None, [store.as_given(error)]
 
 
 def state_document(about: dict[str, Any], needed: str = "") -> Document:

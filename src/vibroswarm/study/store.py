@@ -204,6 +204,10 @@ class Store:
             store.refresh()
         return store
 
+    def as_given(self, error: Exception) -> str:
+        """Return the words of an error, with the folder as it was given."""
+        return str(error).replace(str(self.root), str(self.folder))
+
     def refresh(self) -> None:
         """Read the descriptions of all shards again, and set ``shards``, ``broken`` and ``left_over``.
 
@@ -219,7 +223,7 @@ class Store:
                 try:
                     shard = self._shard(path)
                 except ValueError as error:  # its message says what is wrong
-                    self.broken[path.stem] = str(error).replace(str(self.root), str(self.folder))
+                    self.broken[path.stem] = self.as_given(error)
                 except OSError as error:  # its message does not say that a shard is damaged
                     self.broken[path.stem] = f"is damaged: {error}"
                 else:
