@@ -85,9 +85,9 @@ def test_more_messages_than_there_is_room_for_at_first_are_all_there(monkeypatch
     rooms: list[int] = []
     first = MessagesReplayer._message_buffer
 
-    def small(self: MessagesReplayer, room: int, under_way: int) -> object:
+    def small(self: MessagesReplayer, room: int) -> object:
         rooms.append(room if rooms else 10)
-        return first(self, room if len(rooms) > 1 else 10, under_way)
+        return first(self, rooms[-1])
 
     monkeypatch.setattr(MessagesReplayer, "_message_buffer", small)
     assert simulate(scenario, 9, 3) == expected
