@@ -87,11 +87,11 @@ class _Printer:
         self.below_table = False
 
     def document(self, document: Document) -> None:
-        """Print the answer, what the robots knew beyond others, warnings, and the parts."""
-        for place, words in enumerate(document.answer):
-            self.paragraph(words, "bold" if place == 0 else "")
+        """Print what the robots knew beyond others, the answer, warnings, and the parts."""
         for words in document.knew:
             self.paragraph(words)
+        for place, words in enumerate(document.answer):
+            self.paragraph(words, "bold" if place == 0 else "")
         for words in document.warnings:
             self.paragraph(f"Warning: {words}", "yellow")
         if document.parts and isinstance(document.parts[0], Text):  # other parts begin with an empty line

@@ -233,7 +233,7 @@ class Comparison(NotebookView):
         return document
 
     def __repr__(self) -> str:
-        return "\n".join([self._document.title, *self.sentences, *self._document.knew])
+        return "\n".join([*self._document.knew, self._document.title, *self.sentences])
 
 
 @dataclass(frozen=True)
