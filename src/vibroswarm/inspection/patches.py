@@ -362,7 +362,7 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
 
 
 @inner
-def _raise(value: Floats, power: int, root: Floats, out: Floats) -> None:
+def _to_power(value: Floats, power: int, root: Floats, out: Floats) -> None:
     """Write values to a power in ``PARTS``, at most 1, to ``out``: by square roots, far faster than ``**``."""
     for b in range(out.size):
         root[b], out[b] = value[b], 1.0
@@ -404,7 +404,7 @@ def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share:
             if k > before:
                 for b in range(replicates):
                     product[b] = product[b] if product[b] > SMALLEST else 0.0
-                _raise(product, power[now, j], root, found)
+                _to_power(product, power[now, j], root, found)
             into = out[now, form[j]]
             if largest:
                 for b in range(replicates):

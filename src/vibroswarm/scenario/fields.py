@@ -106,8 +106,7 @@ class FloorField(FrozenModel):
     """Columns of a random floor."""
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
-    takes precedence over ``source``. Rows of numbers, such as an array of kinds, will do
-    too."""
+    takes precedence over ``source``. Rows of numbers, as in an array, are read too."""
     values: Annotated[tuple[ValueRow, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself as values, one row of numbers from 0 (still) to 1 (vibrating) per row of tiles, top row first,
     in place of ``tiles``."""

@@ -467,9 +467,8 @@ def parse_setting(text: str) -> tuple[str, Any]:
         parsed = tomllib.loads(f"value = {value.strip()}")
     except (ValueError, RecursionError):  # not TOML or a number too long, or nested too deeply
         value = value.strip()
-        return name.strip(), float(value) if re.fullmatch(
-            r"[-+]?([0-9]+\.|\.[0-9]+)(e[-+]?[0-9]+)?", value
-        ) else value
+        is_number = re.fullmatch(r"[-+]?([0-9]+\.|\.[0-9]+)(e[-+]?[0-9]+)?", value)
+        return name.strip(), float(value) if is_number else value
     if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
         raise InputError(f"'{text}' sets more than one value", field="--set")
     return name.strip(), parsed["value"]

@@ -83,9 +83,9 @@ AGAIN_S: Final = 30.0
 class StudyResult(NotebookView):
     """A study and its store.
 
-    Tables begin with the columns ``cell`` and the varied fields, by their dotted names; of code of one's own they have
-    the name (``study.toml`` has its file and hash). Those of ``rows``, ``unsorted_rows`` and ``tables`` have no varied
-    fields, and those of ``tables`` have no ``cell`` either.
+    Tables begin with the columns ``cell`` and the varied fields, by their dotted names; they hold the names of a user's
+    own strategies, sensors and tasks (files and hashes are in ``study.toml``). Those of ``rows``, ``unsorted_rows`` and
+    ``tables`` have no varied fields, and those of ``tables`` have no ``cell`` either.
     """
 
     study: Study
@@ -168,7 +168,7 @@ class StudyResult(NotebookView):
             values: the value of each field, or a list of values of which a cell has one; so a value that is itself a
                 list is given in a list. None: the cell does not set the field. The dot of a field's name is written as
                 two underscores: ``where(strategy__name="soft")``. The last part of the name is enough if no other
-                varied field ends with it: ``where(name="soft")``. Code of one's own is given by its name.
+                varied field ends with it: ``where(name="soft")``. A user's own code is selected by its name.
         Raises:
             InputError: a field is not varied, several varied fields end with the name, or no cell has these values.
         """
@@ -337,9 +337,8 @@ class StudyResult(NotebookView):
 
     def figures(self, cell: int) -> pl.DataFrame:
         """Return all figures of each run of a cell (``figures.run_figures``), one row per run."""
-        return pl.concat(
-            [figures for figures, *_ in self.parts(cell)]
-        )  # a list: polars lets no Ctrl-C through
+        # A list, not a generator: no Ctrl-C is raised below a call of polars.
+        return pl.concat([figures for figures, *_ in self.parts(cell)])
 
     def parts(self, cell: int) -> Iterator[tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]]:
         """Yield figures (``figures.run_figures``), table of robots and table of runs of some runs of a cell at a time.

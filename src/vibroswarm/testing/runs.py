@@ -197,7 +197,7 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
 
 
 def _compared(result: Result, plain: PlainRun) -> dict[str, tuple[pl.Series, Sequence[float]]]:
-    """Return each column that both have, at the samples and of the robots at the end, by its words in messages."""
+    """Return each column that both have, at the samples and of the robots at the end, by its name in messages."""
     found: dict[str, tuple[pl.Series, Sequence[float]]] = {}
     for name in ("robot", "sample", "messages_received", "decision", "belief_below"):
         words = f"column {name.removesuffix('_below')}"
