@@ -179,6 +179,25 @@ def test_a_second_ctrl_c_does_not_interrupt_the_message():
     assert (ended.returncode, ended.stderr) == (130, "vibroswarm: interrupted\n")
 
 
+def test_a_pool_that_is_being_ended_is_waited_for():
+    """Else the process that tracks semaphores reports one whose removal was cut short."""
+    code = (
+        "import multiprocessing, os, signal, threading, time\n"
+        "from multiprocessing import synchronize\n"
+        "import vibroswarm.cli as cli\n"
+        "locks = [multiprocessing.get_context('spawn').Lock()]\n"
+        "unlink, removed = synchronize.sem_unlink, threading.Event()\n"
+        "def slowly(name): unlink(name); removed.set(); time.sleep(0.3)\n"
+        "synchronize.sem_unlink = slowly\n"
+        "def stop(argv):\n"
+        "    threading.Thread(target=locks.clear).start(); removed.wait(); os.kill(os.getpid(), signal.SIGINT)\n"
+        "cli._code = stop\n"
+        "cli.main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "vibroswarm: interrupted\n")
+
+
 @pytest.mark.parametrize("executor", ["threads", "processes"])
 def test_a_stopped_search_does_not_wait_for_a_function_that_never_returns(executor):
     """A user's cost, say; the program that calls the search would not end before it."""

@@ -13,6 +13,8 @@ import os
 import re
 import signal
 import sys
+import threading
+import time
 import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
@@ -29,6 +31,8 @@ PLAIN: Final = "--plain"
 GC_THRESHOLD: Final = 700_000
 """New objects between garbage collections: more than short commands make (300,000 a run, 460,000 a small study).
 A single collection at their end would take a tenth longer."""
+POOLS_S: Final = 1.0
+"""Time that an interrupted command waits for its pools of processes to end."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -133,9 +137,22 @@ def _leave_at_once(code: int) -> NoReturn:
 
         for process in multiprocessing.active_children():  # worker processes, which would outlive this one
             process.kill()
+        if "multiprocessing.synchronize" in sys.modules:
+            _wait_for_pools()
         atexit._run_exitfuncs()  # removes temporary folders, ends the process of background_compile
         sys.stdout.flush()
     os._exit(code)
+
+
+def _wait_for_pools() -> None:
+    """Wait up to ``POOLS_S`` for the threads that end pools of processes.
+
+    A semaphore whose removal is cut short would be reported on stderr by the process that tracks them.
+    """
+    until_s = time.monotonic() + POOLS_S
+    for thread in threading.enumerate():
+        if thread not in (threading.current_thread(), threading.main_thread()) and not thread.daemon:
+            thread.join(max(until_s - time.monotonic(), 0.0))
 
 
 def _resume_hint() -> str:
