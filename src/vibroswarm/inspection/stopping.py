@@ -13,9 +13,10 @@ The risk is that of the worst size and contrast, because an average over them pr
 just the least size was there in 12 % of cleared surfaces (squares of 10 cm, those of 10 to 28 cm averaged). Squares of
 the least size are always among the sizes, declared or not: without them it was there in 19 % (squares of 15 cm).
 
-Samples that share the factors of their tiles and robots count as fewer (``region.design_effects``). Without it, told
-0.5 % was 4.9 % (squares of 20 cm, 2,000 exact places, tiles that differ by 17 %, robots by 12 %). It is still too small
-there, 3.9 % for 8.0 %: the mean over places takes them as independent.
+Samples that share the factors of their tiles and robots count as fewer (``region.design_effects``), and values are
+read without the factors of their robots, as far as these are known by then (``robot_factors``). Without either, told
+0.5 % was 4.9 % (squares of 20 cm, 2,000 exact places, tiles that differ by 17 %, robots by 12 %). Where tiles differ it
+is still too small, 4.3 % for 9.0 % (squares of 15 cm): the mean over places takes them as independent.
 
 Damage lies between the declared places: the places of samples have as much more spread (``BETWEEN``). Without it, by
 exact places, told 0.7 % was 2.4 %.
@@ -61,7 +62,8 @@ from vibroswarm.inspection.patches import (
     told_risk,
 )
 from vibroswarm.inspection.region import design_effects
-from vibroswarm.inspection.samples import Floats, Samples
+from vibroswarm.inspection.robot_factors import of_typical_robots
+from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import EVIDENCE, Box, box_of, looks_of
 
 LOOKS: Final = 32
@@ -139,6 +141,9 @@ class Rule(NotebookView):
         """
         law, looked = self.samples.law, (self.look, self.effect)
 
+        def typical(one: Law, measured: Floats) -> Floats:
+            return of_typical_robots(self.samples, one, measured, self.look, self.effect.shape[0])
+
         def risk_by(ratios_of: Callable[[float], Floats]) -> Floats:
             ratio = np.zeros((self.effect.shape[0], values.shape[1]))
             for contrast in self.question.contrasts:
@@ -152,8 +157,9 @@ class Rule(NotebookView):
             return told_risk(ratio, self.question.prior)
 
         if drawn:
-            return risk_by(lambda c: judged(law, values, partial(contrast_ratios, contrast=c)))
-        return over_laws(law, lambda one: risk_by(partial(contrast_ratios, one, values)))
+            read = judged(law, values, typical)
+            return risk_by(lambda c: judged(law, read, partial(contrast_ratios, contrast=c)))
+        return over_laws(law, lambda one: risk_by(partial(contrast_ratios, one, typical(one, values))))
 
     def suspected(self, value: Floats) -> tuple[Box, float] | None:
         """Return the patch and the contrast that values, (samples,), fit best; None: T is not even ``EVIDENCE``."""
