@@ -268,6 +268,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
     [
         (["missing.toml"], "cannot be read"),
         (["--method", "psoo"], "did you mean 'pso'"),
+        (["--method", "gird"], "did you mean 'grid'"),
         (["--cost", "intendet"], "did you mean 'intended'"),
         (["--budget", "many"], "not a whole number"),
         (["--budget", "10"], "10 runs are too few for one iteration"),

@@ -141,11 +141,12 @@ def test_a_scenario_is_shown(capsys):
 
 def test_tables_settings_and_studies_are_shown(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("name,value\nx,0.25\n")
-    (tmp_path / "settings.toml").write_text('# how\n\n[none]\n"decision.credible_threshold" = 0.9\n')
+    told = "# how\n# forced_error: of these settings.\n\n"
+    (tmp_path / "settings.toml").write_text(f'{told}[none]\n"decision.credible_threshold" = 0.9\n')
     (tmp_path / "study.toml").write_text('runs = 4\n[grid]\n"strategy.name" = ["none", "soft"]\n')
     for name, words in {
         "a.csv": "name value x 0.25",
-        "settings.toml": "how strategy field value none decision.credible_threshold 0.9",
+        "settings.toml": "how Forced error: of these settings. strategy field value none decision.credible",
         "study.toml": "2 cells, seed 1, varied: strategy.name",
         ".": "a.csv 1 2",
     }.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -52,6 +53,18 @@ def study(tmp_path: Path) -> Path:
 
 def sweep(*arguments: object) -> int:
     return main(["evaluate", *(str(a) for a in arguments), *QUIET])
+
+
+@pytest.mark.usefixtures("one_picture")
+def test_the_page_is_written_though_nobody_reads_on(study, tmp_path, monkeypatch):
+    class Closed(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
+
+    out = tmp_path / "out"
+    monkeypatch.setattr(sys, "stdout", Closed())
+    assert main(["evaluate", str(study), "--out", str(out), "--no-confirm"]) == 1
+    assert (out / "report.html").is_file()
 
 
 def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):

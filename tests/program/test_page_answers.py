@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -288,6 +289,14 @@ def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open)
     assert "Band" not in open_page().inner_text("#belief-lead")
 
 
+GREYS = """(item) => {
+  const context = item.querySelector("canvas").getContext("2d");
+  const { data } = context.getImageData(5, 4, 10, 8);
+  return new Set(data.filter((_, i) => i % 4 === 1)).size;
+}"""
+"""How many shades the middle of a swatch of the legend has, in one channel of colour."""
+
+
 def test_kinds_of_tile_and_patches_are_shown(open_page: Open) -> None:
     """Decisions, legend and marks of three kinds; a patch is painted over still tiles."""
 
@@ -304,8 +313,16 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open) -> None:
     assert set(result.robots["decision"]) == {2}
     page = open_page("#t=150", of=result)
     assert "it says \u201ckind 2 is most common\u201d" in page.inner_text("#verdict-line")
-    assert "kind 0 is most common" in page.inner_text("#task")
+    answers = [f"\u201ckind {kind} is most common\u201d" for kind in range(3)]
+    assert page.inner_text("#task").startswith(f"{answers[0]}, {answers[1]} or {answers[2]}?")
     assert "read kind 2" in page.inner_text("body")
+    swatches = page.locator(".legend-item", has_text=re.compile("^kind")).all()
+    assert [swatch.evaluate(GREYS) > 1 for swatch in swatches] == [False, True, True]  # waves, and lines
+    pips = "[...document.querySelectorAll('#pips li')].map((pip) => getComputedStyle(pip).backgroundColor)"
+    page.evaluate("vibroswarm.seek(200)")
+    assert set(page.evaluate(pips)) == {"rgb(29, 122, 58)"}
+    marks = pips.replace("#pips li", "#scrub-marks i")
+    assert set(page.evaluate(marks)) == {"rgb(29, 122, 58)"}  # they had the colour of kind 0
     assert "of 5 say: \u201ckind 2" in page.inner_text("#facts")
     lead = page.inner_text("#belief-lead")  # without beliefs, the gate alone says why nobody decided before
     assert "report no belief" in lead
@@ -414,6 +431,8 @@ def test_a_task_that_asks_for_a_number_is_answered_by_estimates(open_page: Open)
     estimates = result.robots["estimate"]
     assert page.inner_text("#verdict-line") == f"The robots estimate {estimates[0]:.3f}."
     assert page.inner_text("#verdict-more").startswith(f"Mean error {(estimates - 0.52).abs().mean():.3g}")
+    of_decisions = page.locator("[data-fact=consensus], [data-fact=certainty]")
+    assert of_decisions.count() == 0
     cells = page.locator("#roster [data-column=estimate]").all_text_contents()
     assert [float(cell) for cell in cells] == [round(estimate, 3) for estimate in estimates]
     assert page.locator("#details div", has_text="Fill ratio").locator("dd").inner_text() == "0.48"

@@ -162,14 +162,19 @@ def test_each_of_three_kinds_has_its_colours_and_decisions_their_words() -> None
     }  # fmt: skip
     playback = Playback(simulate(preset("paper").with_values(three), 3, [0], segments=True), 0)
     shown = np.unique(floor_picture(playback, 0.0).reshape(-1, 3), axis=0)
-    assert {tuple(colour) for colour in shown.tolist()} == {kind_colours(kind)[0] for kind in range(3)}
+    lines = {kind_colours(2)[1]}
+    assert {tuple(colour) for colour in shown.tolist()} == lines | {
+        kind_colours(kind)[0] for kind in range(3)
+    }
     assert playback.looks(0, 0.0) == ("", UNSURE)
     assert playback.looks(0, 120.0) == ("decided kind 2 is most common", kind_colours(2)[1])
-    points = scene_xml(playback, 120.0).split('type="cylinder"')
-    for kind in range(3):  # samples are discs that are 1 mm high
+    points = scene_xml(playback, 120.0).split("<geom")
+    shapes = ('"cylinder" size="0.004 0.0005"', 'euler="0 0 45"', '"box" size="0.0033 0.0033 0.0005"')
+    for kind, shape in enumerate(shapes):  # discs, diamonds and squares that are 1 mm high
         rgba = " ".join(f"{part / 255.0:.6g}" for part in kind_colours(kind)[1])
-        drawn = sum('size="0.004 0.0005"' in one and rgba in one for one in points)
-        assert drawn == (playback.readings == kind).sum() > 0
+        drawn = [one for one in points if rgba in one and "0.0005" in one]
+        assert len(drawn) == (playback.readings == kind).sum() > 0
+        assert all(shape in one for one in drawn)
 
 
 def test_values_are_drawn_between_still_and_vibrating() -> None:
@@ -191,6 +196,9 @@ def test_the_server_is_for_this_machine_only_and_prints_nothing(
             server.step(step)
         assert server.time.value == pytest.approx(30.0)
         assert sum(server.scene.shown.values()) == server.playback.samples_by(30.0)
+        clouds = [cloud for chunk in server.scene.clouds.values() for cloud in chunk]
+        assert sum(len(cloud.points) for cloud in clouds) == server.playback.samples_by(30.0)
+        assert {cloud.point_shape for cloud in clouds} == {"circle", "diamond"}
         for robot, frame in enumerate(server.scene.frames):
             x_m, y_m, heading_rad = server.playback.poses(robot, 30.0)[0]
             w, x, y, z = frame.wxyz

@@ -468,6 +468,7 @@ def test_undecided_runs_are_never_dropped_in_silence():
         told = [words for words, _ in texts_of(picture.figure)]
         assert {"undecided", "100 %"} <= set(told)
         assert f"{lost} of 80 are undecided" in picture.caption
+        assert ("later than the end of the runs (shaded)" in picture.caption) == (t_end is not None)
         by_cell = picture.numbers.group_by("cell", maintain_order=True).first()
         assert by_cell["undecided"].sum() == lost
         assert by_cell["runs"].to_list() == [40, 40]

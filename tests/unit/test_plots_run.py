@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
 from vibroswarm.plots.picture import themed_svg
-from vibroswarm.plots.run import maps_figure, run_figure
+from vibroswarm.plots.run import floor_figure, maps_figure, run_figure
 from vibroswarm.plots.style import RUN, settings
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
@@ -54,6 +54,20 @@ def test_a_floor_that_changes_is_drawn_as_it_is_at_the_end_and_small_before() ->
     assert tiles[0] == 5 < tiles[1] == 25 - tiles[2]
     assert [axes.get_title() for axes in small] == ["from 0 s", "from 40 s", "from 80 s"]
     assert f"fill ratio {tiles[-1] / 25} at the end" in at_end.get_title()
+
+
+def test_kinds_are_told_apart_without_colour() -> None:
+    three = {"sensor.model": "confusion", "strategy.name": "dirichlet", "task.name": "majority"}
+    made = preset("paper").with_values(three | {"floor.source": "random:0.4,0.36,0.24", "run.t_end_s": 60.0})
+    result = simulate(made, 3, 1)
+    (axes,) = run_figure(result).axes
+    tiles = {patch.get_label(): patch.get_hatch() or "" for patch in axes.patches}
+    assert len({tiles[f"tile of kind {kind}"] for kind in range(3)}) == 3
+    assert "share of kind 1: 0.36" in axes.get_title()
+    floor = floor_figure(result.floor(0).tiles)
+    (hatched,) = [mesh for mesh in floor.axes[0].collections if mesh.get_hatch()]
+    assert hatched.get_array().count() == 6  # of kind 2; vibrating tiles are dark, still ones light
+    assert [bool(mark.get_hatch()) for mark in floor.legends[0].get_patches()] == [False, False, True]
 
 
 def test_the_title_tells_estimates_apart_from_the_fill_ratio() -> None:

@@ -60,6 +60,9 @@ def test_parameters_are_drawn_by_field() -> None:
     (axes,) = picture.figure.axes
     assert [tuple(line.get_ydata()) for line in axes.lines] == [(0.5, 0.75), (0.25, 1.0)]
     assert picture.numbers.columns == ["iteration", "series", "share"]
+    (alone,) = draw_parameters(SHARES.filter(series="tau")).figure.legends
+    assert [text.get_text() for text in alone.get_texts()] == ["tau"]
+    assert not draw_parameters(SHARES.filter(series="tau").drop("series")).figure.legends
 
 
 def test_iterations_are_whole_numbers() -> None:

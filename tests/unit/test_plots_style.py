@@ -359,11 +359,16 @@ def test_more_series_than_marks_are_refused():
 
 
 def test_the_page_has_the_colours_of_further_kinds() -> None:
-    import json
+    import re
     from importlib.resources import files
 
     from vibroswarm.plots.style import KINDS
 
-    text = files("vibroswarm.run_page").joinpath("assets", "theme.js").read_text(encoding="utf-8")
-    listed = text.partition("KIND_COLOURS = ")[2].partition(";")[0]
-    assert json.loads(listed) == [colour for _, colour in KINDS[2:]]
+    sheet = files("vibroswarm.run_page").joinpath("assets", "page.css").read_text(encoding="utf-8")
+    light, *dark = (
+        dict(re.findall(r"--kind-(\d): (#[0-9a-f]{6});", part)) for part in sheet.split("color-scheme: dark")
+    )
+    assert light == {str(kind): colour for kind, (_, colour) in enumerate(KINDS) if kind > 1}
+    assert len(dark) == 2
+    assert dark[0] == dark[1]
+    assert dark[0].keys() == light.keys()

@@ -75,19 +75,25 @@ def confirm_and_print(
 
 def _print_outcome(outcome: Outcome, output: Drawn) -> None:
     """Print a study; with ``--out``, also write its page, and pictures on request."""
-    print_document(outcome, as_json=output.json)
-    terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
-    if output.out is not None:
-        _write_page(outcome, output.out, output)
+    try:
+        print_document(outcome, as_json=output.json)
+        terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
+    except BrokenPipeError:  # the reader, such as `head`, has enough; the folder shall be complete
+        _write_page(outcome, output)
+        raise
+    _write_page(outcome, output)
     print_saved(output, None if output.no_pictures else REPORT)
 
 
-def _write_page(outcome: Outcome, folder: Path, output: Drawn) -> None:
+def _write_page(outcome: Outcome, output: Drawn) -> None:
     """Write the page of a study and its pictures, unless all that is wanted is there; remove pictures of another."""
     from vibroswarm.core.folders import PICTURES
     from vibroswarm.show.figures import remove_figures
     from vibroswarm.study.evaluation import has_report, write_report
 
+    folder = output.out
+    if folder is None:
+        return
     is_reported = has_report(outcome, folder)
     if output.no_pictures and not is_reported:
         remove_figures(folder / PICTURES)

@@ -83,7 +83,7 @@ def settings_document(comments: Sequence[str], settings: Settings) -> Document:
         title="Settings of strategies",
         answer=(f"Settings of {count(len(settings), 'strategy', 'strategies')}: {listed(settings)}.",),
         parts=(
-            Text(" ".join(comments)),
+            Text(" ".join(comments).replace(AIM, "Forced error")),
             *([Table(frame, columns, name="settings", names=1)] if rows else []),
             Text(f"{NO_FIELDS.capitalize()}: {listed(without)}." if without else ""),
         ),

@@ -243,13 +243,18 @@ def _outcome_table(outcome: Outcome) -> Table:
     if until := outcome.result.study.until:  # its interval is what was asked for
         figures, shown = (*figures, until.figure), (*shown, until.figure)
     names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *figures])
-    rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
+    rows = outcome.table.select("name", *with_limits_of(_given(names, outcome.table), outcome.table.columns))
     wide = [name for name in ("runs", *figures) if name not in shown]
     columns = {"name": Column("cell"), **figure_columns(wide)}
     caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t)."
     if "decision_time_s" in names:
         caption += f" Undecided robots count as {whole}."
     return Table(rows, columns, caption=caption, name="outcome")
+
+
+def _given(names: Iterable[str], table: pl.DataFrame) -> list[str]:
+    """Return the columns that have values: no swarm is right, for example, where no answer is."""
+    return [name for name in names if table[name].null_count() < table.height]
 
 
 def _figures_of(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -289,8 +294,8 @@ _OF_SOME_CELLS: Final = (
             has_them,
             (*agreed_on, "swarm_split", "swarm_incomplete", "agreement_lasted", "consensus_time_s"),
             "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over "
-            "runs. Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions "
-            "are final). Runs without agreement count with their whole time.",
+            "runs. Lasted: share of the agreements that held at the end; not given where decisions are final. Runs "
+            "without agreement count with their whole time.",
         )
         for name, has_them, agreed_on in (
             ("agreement", lambda one: _agrees(one, many=False), _AGREED_ON),
@@ -319,8 +324,9 @@ def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
     tables = []
     for kind in _OF_SOME_CELLS:
         if cells := [one.cell.number for one in outcome.cells if kind.has_them(one)]:
-            rows = outcome.table.filter(pl.col("cell").is_in(cells)).select(
-                "name", "runs", *with_limits_of(kind.figures, outcome.table.columns)
+            of_cells = outcome.table.filter(pl.col("cell").is_in(cells))
+            rows = of_cells.select(
+                "name", "runs", *with_limits_of(_given(kind.figures, of_cells), of_cells.columns)
             )
             columns = {"name": Column("cell"), **figure_columns(("runs",))}
             tables.append(Table(rows, columns, caption=kind.caption, name=kind.name))

@@ -194,7 +194,7 @@ def _counted(groups: Sequence[Group], end: float | None, missing: str) -> str:
     total, lost = sum(group.runs for group in groups), sum(group.undecided for group in groups)
     if not lost:
         return f"{counts}, none {missing}."
-    drawn = "not drawn" if end is None else f"counted as later than the end at {number(end, 6)} (shaded)"
+    drawn = "not drawn" if end is None else "counted as later than the end of the runs (shaded)"
     return f"{counts}; {lost} of {total} {verb(lost, 'are', 'is')} {missing}, {drawn}, with the share at the right."
 
 

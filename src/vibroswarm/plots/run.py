@@ -24,7 +24,7 @@ from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
-from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, WORDS, kind_colours
+from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, WORDS, kind_colours, kind_hatch
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -49,13 +49,18 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
         tiles: (rows, columns) of kinds: 0 (still), 1 (vibrating) and others.
         title: above the floor.
     """
+    from matplotlib import rc_context
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     rows, columns = tiles.shape
     more = range(2, int(tiles.max()) + 1)  # kinds beside still and vibrating
-    words = [("still", STILL), ("vibrating", VIBRATING), *((f"kind {k}", kind_colours(k)[1]) for k in more)]
+    words = [
+        ("still", STILL, ""),
+        ("vibrating", VIBRATING, ""),
+        *((f"kind {kind}", kind_colours(kind)[1], kind_hatch(kind)) for kind in more),
+    ]
     longer = max(rows, columns)
     width, height = 5.0 * columns / longer, 5.0 * rows / longer  # of the floor, inches
     # at least 3 in wide, for the legend; the margins, the title and the legend get 0.8 in and 1.2 in
@@ -63,21 +68,26 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
     axes = figure.add_subplot()
     axes.pcolormesh(
         tiles,
-        cmap=ListedColormap([colour for _, colour in words]),
+        cmap=ListedColormap([colour for _, colour, _ in words]),
         vmin=0,
         vmax=len(words) - 1,
         edgecolors="#8a8578" if longer <= _LINES_UP_TO else "none",
         linewidth=0.4,
         rasterized=tiles.size > _VECTORS_UP_TO,
     )
+    with rc_context({"hatch.color": STILL}):  # light lines, which tell dark kinds apart in grey
+        for kind in more if longer <= _LINES_UP_TO else ():
+            own = ListedColormap([kind_colours(kind)[1]])
+            tiles_of_kind = np.ma.array(tiles, mask=tiles != kind)
+            axes.pcolor(tiles_of_kind, cmap=own, edgecolors=STILL, linewidth=0, hatch=kind_hatch(kind))
+        marks = [
+            Patch(facecolor=colour, edgecolor="#8a8578", label=label, hatch=hatch)
+            for label, colour, hatch in [*words[1::-1], *words[2:]]
+        ]
     axes.set(aspect="equal", xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
     axes.spines[:].set_visible(True)  # the edges of the floor
     if title:
         axes.set_title(title, fontsize=10, parse_math=False)  # a file name may contain a dollar
-    marks = [
-        Patch(facecolor=colour, edgecolor="#8a8578", label=label)
-        for label, colour in [*words[1::-1], *words[2:]]
-    ]
     figure.legend(handles=marks, loc="outside lower center", ncols=min(len(words), 4), frameon=False)
     return figure
 
@@ -128,11 +138,14 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     width, height = scenario.arena.width_m, scenario.arena.height_m
     scale = 6.4 / max(width, height)  # inches per metre
     # Neither side of the arena gets less than 2.4 in, so that title and legend have room also with a narrow arena.
-    # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height.
+    # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height, more with many kinds.
     floor, end_s = result.floor(run), result.runs.filter(run=run)["end_s"][0]
     small = _small_floors(floor, end_s)
     figure = Figure(
-        figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + (2.8 if small else 1.2)),
+        figsize=(
+            max(width * scale, 2.4) + 0.4,
+            max(height * scale, 2.4) + (2.8 if small else 1.2) + 0.1 * max(scenario.sensor.kinds - 3, 0),
+        ),
         layout="constrained",
     )
     grid = figure.add_gridspec(1 + bool(small), max(len(small), 1), height_ratios=[4, 1][: 1 + bool(small)])
@@ -154,12 +167,13 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     fill_ratio = floor.at(end_s).fill_ratio_within(width, height)
+    share = "fill ratio" if scenario.sensor.kinds == 2 else "share of kind 1:"
     feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
     # A dollar in a name does not begin a formula. It is escaped, since matplotlib ignores parse_math=False in a title
     # that it wraps.
     floor_name = floor.name.replace("$", r"\$")
     axes.set_title(
-        f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, fill ratio {number(fill_ratio, digits=3)}"
+        f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, {share} {number(fill_ratio, digits=3)}"
         f"{' at the end' if small else ''}, "
         f"{feedback}, {origin}: {_outcome_in_words(result, run)}"
         + "".join(f"\n({text})" for text in edge_warnings(scenario)),
@@ -195,7 +209,7 @@ def _small_floors(floor: Floor, end_s: float) -> list[tuple[float, Floor]]:
 
 
 def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
-    """Draw the tiles of a floor, vibrating ones hatched, and the outline of the floor.
+    """Draw the tiles of a floor, all but still ones hatched by their kind, and the outline of the floor.
 
     Args:
         floor: does not change. labels: label of each kind of tile in the legend, of those that have one.
@@ -205,27 +219,23 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
 
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
     values = floor.surface.values
+    contrast = np.zeros(floor.tiles.shape) if values is None else values / STEPS
     # The first tile of each kind takes the label, so that the legend has each label once.
     labels = {} if values is not None else dict(labels)
-    # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
+    for kind in np.unique(floor.tiles).tolist():
+        lines = {0: LINE, VIBRATES: RUN["ripple"]}.get(kind, RUN["trail"])
+        looks: dict[str, Any] = {
+            "facecolor": kind_colours(kind)[0], "edgecolor": lines, "lw": 0 if kind else 0.4, "hatch": kind_hatch(kind)
+        }  # fmt: skip
+        # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
+        with rc_context({"hatch.color": lines}):
+            for row, column in np.argwhere(floor.tiles == kind).tolist():
+                corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)  # row 0 is at the top
+                tile = Rectangle(corner, tile_w, tile_h, label=labels.pop(kind, None), **looks)
+                if 0 < contrast[row, column] < 1:
+                    tile.set(facecolor=_between(contrast[row, column]), edgecolor=LINE, lw=0.4, hatch="")
+                axes.add_patch(tile)
     with rc_context({"hatch.color": RUN["ripple"]}):
-        for (row, column), kind in np.ndenumerate(floor.tiles):
-            corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)  # row 0 is at the top
-            looks: dict[str, Any] = {"facecolor": kind_colours(int(kind))[0], "edgecolor": LINE, "lw": 0.4}
-            if kind == VIBRATES:
-                looks = {
-                    "facecolor": RUN["tile-vibrating"],
-                    "edgecolor": RUN["ripple"],
-                    "lw": 0,
-                    "hatch": "////",
-                }
-            if values is not None and 0 < values[row, column] < STEPS:
-                looks = {
-                    "facecolor": _between(float(values[row, column]) / STEPS),
-                    "edgecolor": LINE,
-                    "lw": 0.4,
-                }
-            axes.add_patch(Rectangle(corner, tile_w, tile_h, label=labels.pop(int(kind), None), **looks))
         for patch in floor.surface.patches:
             axes.add_patch(_patch_artist(patch))
     outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
@@ -313,7 +323,7 @@ def _words_of_kinds(result: Result, vibrating: str, still: str, other: str) -> d
 
 
 def _marker(kind: int) -> str:
-    return "oDs^v<>P"[kind % 8]
+    return "oDs^v<>p"[kind % 8]
 
 
 def _draw_robots(axes: Axes, result: Result, run: int) -> None:

@@ -140,7 +140,7 @@ def draw_parameters(
     axes.autoscale_view()
     axes.set_ylim(-0.02, 1.02)
     _iterations(axes, frame)
-    if len(series) > 1:
+    if any(series):
         legend_below(figure, sizes, [series_handle(sizes, look(k)) for k in range(len(series))], series)
     caption = "Mean of each field over the candidates of an iteration: 0 is its lower bound, 1 its upper."
     return Picture(figure, frame.select("iteration", "series", "share"), caption)

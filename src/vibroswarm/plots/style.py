@@ -100,6 +100,15 @@ def kind_colours(kind: int) -> tuple[str, str]:
     return KINDS[kind % len(KINDS)]
 
 
+KIND_HATCHES: Final = ("", "////", "....", "xxxx", "\\\\\\\\", "||||", "----", "++++")
+"""Hatch of tiles of each kind, as matplotlib takes it."""
+
+
+def kind_hatch(kind: int) -> str:
+    """Return the hatch of tiles of a kind; further kinds use them again."""
+    return KIND_HATCHES[kind % len(KIND_HATCHES)]
+
+
 NAMES: Final[dict[str, str]] = {
     "ink": INK,
     "faint": FAINT,
@@ -109,6 +118,8 @@ NAMES: Final[dict[str, str]] = {
     **{f"series-{index}": colour for index, colour in enumerate(SERIES)},
     **{kind.replace("_", "-"): colour for kind, colour in OUTCOMES.items()},
     **RUN,
+    **{f"tile-kind-{kind}": tile for kind, (tile, _) in enumerate(KINDS) if kind > 1},
+    **{f"kind-{kind}": reading for kind, (_, reading) in enumerate(KINDS) if kind > 1},
 }
 """Name of each colour that a dark page may replace."""
 

@@ -220,8 +220,9 @@ def chosen(kind: str, text: str) -> str:
             field="--strategy",
         )
     if text not in known:
+        names = [*known, "grid"] if kind == "method" else known  # a grid is asked for as if it were a method
         raise InputError(
-            f"unknown {kind} '{text}'{nearest(text, known)} (known: {', '.join(known)}; or FILE.py:NAME)",
+            f"unknown {kind} '{text}'{nearest(text, names)} (known: {', '.join(names)}; or FILE.py:NAME)",
             field=f"--{kind}",
         )
     return text

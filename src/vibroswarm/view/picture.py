@@ -148,9 +148,7 @@ def scene_xml(playback: Playback, time_s: float) -> str:
         geoms += _robot(playback, robot, time_s)
     for k in range(playback.samples_by(time_s)):
         x_m, y_m = playback.places[k]
-        colour = kind_colours(playback.readings[k])[1]
-        # A flat disc on the floor, 1 mm high.
-        geoms.append(_geom("cylinder", (SAMPLE_M / 2, 0.0005), (x_m, y_m, 0.0005), colour))
+        geoms.append(_sample(x_m, y_m, playback.readings[k]))
     return f"""<mujoco>
   <visual>
     <global offwidth="{WIDTH}" offheight="{HEIGHT}"/>
@@ -168,6 +166,24 @@ def scene_xml(playback: Playback, time_s: float) -> str:
     {"".join(geoms)}
   </worldbody>
 </mujoco>"""
+
+
+BOXES: Final = {
+    1: (0.0033, 0.0033, 45.0),
+    2: (0.0033, 0.0033, 0.0),
+    3: (0.006, 0.0015, 90.0),
+    4: (0.006, 0.0015, 0.0),
+}
+"""Half lengths (m) and rotation (degrees) of samples by their reading; the others are discs."""
+
+
+def _sample(x_m: float, y_m: float, reading: int) -> str:
+    """Return a sample as MJCF, flat on the floor and 1 mm high, in the shape and colour of its reading."""
+    at, colour = (x_m, y_m, 0.0005), kind_colours(reading)[1]
+    if reading not in BOXES:
+        return _geom("cylinder", (SAMPLE_M / 2, 0.0005), at, colour)
+    ahead_m, left_m, turned_deg = BOXES[reading]
+    return _geom("box", (ahead_m, left_m, 0.0005), at, colour, turned_deg=turned_deg)
 
 
 def _robot(playback: Playback, robot: int, time_s: float) -> list[str]:

@@ -174,8 +174,10 @@ ROBOT_HEIGHT_M: Final = 0.025
 """Height of a robot that is a disc."""
 SAMPLE_M: Final = 0.008
 """Diameter of a sample."""
+POINTS: Final = ("circle", "diamond", "square", "sparkle", "rounded")
+"""Shapes of samples by their reading, as viser names them; further kinds use them again."""
 CHUNK: Final = 64
-"""Samples in one cloud of points: only the latest cloud changes when a sample is added."""
+"""Samples whose clouds of points are replaced together: only the latest change when a sample is added."""
 PIXELS: Final = 400
 """Pixels of the floor's picture along the longer side of the arena."""
 
@@ -248,8 +250,26 @@ def words_of(belief: float | None, decision: int, answers: tuple[str, ...]) -> s
     return words if decision < 0 else f"{words} decided {answers[decision]}".lstrip()
 
 
+LINES: Final = ((1, 1), (1, -1), (0, 1), (1, 0), (1, 2), (2, 1))
+"""The lines on tiles of kind 2, 3 and so on have one value of p * row + q * column, with these p and q, which are used
+again for further kinds."""
+LINES_APART: Final = 12
+"""The difference of that value from one line to the next, pixels."""
+
+
+def _on_line(kind: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return 1 for pixels on a line of their kind of tile, else 0, (rows, columns) as ``kind``."""
+    p, q = np.array(LINES)[(kind - 2) % len(LINES)].transpose(2, 0, 1)
+    row, column = np.indices(kind.shape)
+    is_on_line = (kind > 1) & ((p * row + q * column) % LINES_APART == 0)
+    return np.asarray(is_on_line, dtype=np.intp)
+
+
 def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:
-    """Return the floor of the arena at a time as RGB pixels, top row first, (rows, columns, 3); white off all tiles."""
+    """Return the floor of the arena at a time as RGB pixels, top row first, (rows, columns, 3); white off all tiles.
+
+    Tiles of kinds beside still and vibrating have lines in the colour of their readings.
+    """
     arena, floor = playback.result.scenario.arena, playback.floor.at(time_s)
     pixel_m = max(arena.width_m, arena.height_m) / PIXELS
     # Coordinates of the middles of pixels, and the tile that each lies on.
@@ -257,8 +277,9 @@ def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:
     y = arena.height_m - (np.arange(max(round(arena.height_m / pixel_m), 1)) + 0.5) * pixel_m
     x_m, y_m = np.meshgrid(x, y)
     tile = floor.tile_at(x_m, y_m)
-    kind = floor.tiles.ravel()[tile]  # pixels off all tiles get some tile here, and become white below
-    of_kind = np.array([kind_colours(one)[0] for one in range(kind.max() + 1)])[kind]
+    # Pixels off all tiles get some tile here, and become white below.
+    kind = floor.tiles.astype(np.intp).ravel()[tile]
+    of_kind = np.array([kind_colours(one) for one in range(kind.max() + 1)])[kind, _on_line(kind)]
     between = np.array(STILL) + floor.contrast_at(x_m, y_m)[..., None] * (
         np.array(VIBRATING) - np.array(STILL)
     )
@@ -303,10 +324,10 @@ class Scene:
                     font_screen_scale=0.7,
                 )
             )  # fmt: skip
-        # Samples are shown in chunks of ``CHUNK``. By index of a chunk: its cloud of points, and the number of samples
-        # that the cloud shows.
+        # Samples are shown in chunks of ``CHUNK``. By index of a chunk: its clouds of points, and the number of samples
+        # that they show.
         self.stage = 0  # number of changes of the floor that are shown
-        self.clouds: dict[int, Any] = {}
+        self.clouds: dict[int, list[Any]] = {}
         self.shown: dict[int, int] = {}
         # By robot: the pose and the text that are shown.
         self._poses: dict[int, tuple[float, ...]] = {}
@@ -349,10 +370,10 @@ class Scene:
             self.bodies[robot].color = colour
 
     def _show_samples(self, count: int) -> None:
-        """Show the first ``count`` samples in the colours of their readings.
+        """Show the first ``count`` samples in the colours and shapes of their readings.
 
-        Samples are shown in clouds of up to ``CHUNK`` points. A cloud cannot be changed once it is made, so each cloud
-        whose number of samples must change is replaced by a new one.
+        Samples are shown in chunks of up to ``CHUNK``, with a cloud of points for each reading. A cloud cannot be
+        changed once it is made, so the clouds of a chunk whose number of samples must change are replaced.
         """
         chunks = -(-len(self.playback.sample_s) // CHUNK)  # rounded up
         for chunk in range(chunks):
@@ -361,19 +382,24 @@ class Scene:
             if self.shown.get(chunk, 0) == shown:
                 continue
             self.shown[chunk] = shown
-            old = self.clouds.pop(chunk, None)
-            if old is not None:
+            for old in self.clouds.pop(chunk, ()):
                 old.remove()
-            if shown == 0:
-                continue
             rows = slice(first, first + shown)
-            heights = np.full((shown, 1), SAMPLE_M / 2)
-            self.clouds[chunk] = self.api.add_point_cloud(
-                f"/samples/{chunk}",
-                np.hstack([self.playback.places[rows], heights]).astype(np.float32),
-                np.array([kind_colours(one)[1] for one in self.playback.readings[rows]], dtype=np.uint8),
-                point_size=SAMPLE_M,
-                point_shape="circle",
-                point_shading="flat",
-                precision="float32",
-            )
+            readings = self.playback.readings[rows]
+            self.clouds[chunk] = [
+                self._cloud(f"/samples/{chunk}/{kind}", self.playback.places[rows][readings == kind], kind)
+                for kind in np.unique(readings).tolist()
+            ]
+
+    def _cloud(self, path: str, places: Floats, kind: int) -> Any:
+        """Add samples that were read as one kind at their places, (samples, 2); return viser's handle of them."""
+        heights = np.full((len(places), 1), SAMPLE_M / 2)
+        return self.api.add_point_cloud(
+            path,
+            np.hstack([places, heights]).astype(np.float32),
+            kind_colours(kind)[1],
+            point_size=SAMPLE_M,
+            point_shape=POINTS[kind % len(POINTS)],
+            point_shading="flat",
+            precision="float32",
+        )

@@ -78,15 +78,16 @@ def legend(playback: Playback) -> str:
     if max(sensor.kinds, sensor.readings) > 2:
         return (
             "Over each robot: its decision. Each kind has a colour: light of its tiles, dark of samples read as this "
-            "kind, and of robots that decided for it."
+            "kind, of robots that decided for it, and of the lines on tiles of kind 2 and above. Samples: discs of "
+            "kind 0, diamonds of kind 1, squares of kind 2, other shapes of others."
         )
     of_robot = "its decision"
     if playback.has_beliefs:
         of_robot = "its belief p that less than the boundary vibrates, and its decision"
     less, more = playback.answers
     return (
-        f"Over each robot: {of_robot} (blue: {less}, red: {more}). Points: samples read as still (blue) or vibrating "
-        "(red). Dark tiles vibrate."
+        f"Over each robot: {of_robot} (blue: {less}, red: {more}). Points: samples read as still (blue discs) or "
+        "vibrating (red diamonds). Dark tiles vibrate."
     )
 
 

@@ -102,11 +102,7 @@ const LEGEND = [
 ];
 
 function legendTile(context, kind) {
-  fillTile(context, kind, [2, 1, 18, 16]);
-  if (kind === VIBRATING) {
-    context.fillStyle = wavePattern(context, colours.ripple, 10, 4.5, 1.1);
-    context.fillRect(2, 1, 18, 16);
-  }
+  fillTile(context, kind, [2, 1, 18, 16], kindPattern(context, kind, 4.5));
   context.strokeStyle = colours["line-strong"];
   context.lineWidth = 1;
   context.strokeRect(2.5, 1.5, 17, 15);

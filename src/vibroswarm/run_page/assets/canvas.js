@@ -78,3 +78,14 @@ function wavePattern(context, colour, length, gap, weight) {
   pattern.setTransform(new DOMMatrix([length / canvas.width, 0, 0, gap / canvas.height, 0, 0]));
   return pattern;
 }
+
+// Straight lines at an angle, in degrees.
+function linePattern(context, colour, gap, angle) {
+  const { canvas, context: brush } = hiddenCanvas(gap, gap);
+  brush.strokeStyle = colour;
+  brush.globalAlpha = 0.5;
+  line(brush, 0, gap / 2, gap, gap / 2);
+  const pattern = context.createPattern(canvas, "repeat");
+  pattern.setTransform(new DOMMatrix().rotate(angle).scale(gap / canvas.width, gap / canvas.height));
+  return pattern;
+}

@@ -24,32 +24,41 @@ function tileEdges(view) {
 function drawTiles(context, view) {
   const f = run.floor, edges = tileEdges(view);
   const gap = Math.min(Math.max(f.tile_height_m * view.scale / 12, 4), 11);
-  const waves = wavePattern(context, colours.ripple, gap * 2.4, gap, 1.15);
+  const patterns = KINDS.map((kind) => kindPattern(context, kind, gap));
   for (let tile = 0; tile < f.rows * f.columns; tile++) {
     const column = tile % f.columns, row = (tile - column) / f.columns;
     const box = [edges.x[column], edges.y[row], edges.x[column + 1] - edges.x[column], edges.y[row + 1] - edges.y[row]];
     const kind = tileKind(tile, arena.t);
-    fillTile(context, kind, box);
-    if (kind !== VIBRATING) continue;
-    context.fillStyle = waves;
-    context.fillRect(...box);
+    fillTile(context, kind, box, patterns[kind]);
   }
   context.strokeStyle = colours.line;
   context.lineWidth = 1;
   for (const x of edges.x) line(context, crisp(x), edges.y[0], crisp(x), edges.y[f.rows]);
   for (const y of edges.y) line(context, edges.x[0], crisp(y), edges.x[f.columns], crisp(y));
-  drawPatches(context, view, waves);
+  drawPatches(context, view, patterns[VIBRATING]);
 }
 
-// The ground of a tile; kinds beside still and vibrating in a light shade of the colour of their readings.
-function fillTile(context, kind, box) {
+// What tells a kind of tile without colour: nothing on still ones, waves on vibrating ones, straight lines on others, which
+// are turned from kind to kind.
+function kindPattern(context, kind, gap) {
+  if (kind === STILL) return "transparent";
+  if (kind === VIBRATING) return wavePattern(context, colours.ripple, gap * 2.4, gap, 1.15);
+  const round = Math.floor((kind - 2) / 4);
+  return linePattern(context, colours.of[kind], gap / (1 + round), [45, 135, 90, 0][(kind - 2) % 4]);
+}
+
+// A tile; kinds beside still and vibrating have a light shade of the colour of their readings.
+function fillTile(context, kind, box, pattern) {
   context.fillStyle = kind === VIBRATING ? colours["tile-vibrating"] : colours["tile-still"];
   context.fillRect(...box);
-  if (kind <= VIBRATING) return;
-  context.globalAlpha = 0.25;
-  context.fillStyle = colours.of[kind];
+  if (kind > VIBRATING) {
+    context.globalAlpha = 0.25;
+    context.fillStyle = colours.of[kind];
+    context.fillRect(...box);
+    context.globalAlpha = 1;
+  }
+  context.fillStyle = pattern;
   context.fillRect(...box);
-  context.globalAlpha = 1;
 }
 
 // Patches of damage, which are not bound to tiles; the fainter, the lower their contrast.

@@ -1,5 +1,5 @@
 // The marks: a diamond says vibrating, a circle says still; filled or hollow as well, never colour alone. Further kinds
-// are polygons: a square, a triangle, and from kind 4 on one corner more than their number.
+// are a square, triangles that point up, down, left and right, and polygons from the pentagon on.
 
 function diamondPath(context, x, y, radius) {
   context.moveTo(x, y - radius);
@@ -9,12 +9,13 @@ function diamondPath(context, x, y, radius) {
   context.closePath();
 }
 
-const CORNERS = { 2: 4, 3: 3 };
+// The way that a corner of kinds 2 (a square) to 6 (triangles) points, in degrees clockwise from the right.
+const CORNER_AT = { 2: 45, 3: -90, 4: 90, 5: 180, 6: 0 };
 
-function polygonPath(context, corners, x, y, radius) {
-  const turn = corners === 4 ? Math.PI / 4 : -Math.PI / 2; // a square lies flat
+function polygonPath(context, kind, x, y, radius) {
+  const corners = kind === 2 ? 4 : kind < 7 ? 3 : kind - 2, first = (CORNER_AT[kind] ?? -90) * Math.PI / 180;
   for (let i = 0; i < corners; i++) {
-    const angle = turn + 2 * Math.PI * i / corners;
+    const angle = first + 2 * Math.PI * i / corners;
     context.lineTo(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
   }
   context.closePath();
@@ -24,7 +25,7 @@ function polygonPath(context, corners, x, y, radius) {
 function bitPath(context, bit, x, y, radius) {
   context.beginPath();
   if (bit === VIBRATING) diamondPath(context, x, y, radius * 1.22);
-  else if (bit > VIBRATING) polygonPath(context, CORNERS[bit] ?? bit + 1, x, y, radius * 1.22);
+  else if (bit > VIBRATING) polygonPath(context, bit, x, y, radius * 1.22);
   else context.arc(x, y, radius, 0, 2 * Math.PI);
 }
 

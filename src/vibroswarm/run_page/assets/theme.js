@@ -4,8 +4,6 @@ const COLOUR_NAMES = [
   "paper", "panel", "ink", "ink-2", "ink-3", "line", "line-strong", "still", "vibrating", "still-soft",
   "vibrating-soft", "tile-still", "tile-vibrating", "ripple", "alert", "bare",
 ];
-// Of readings of kinds beside still and vibrating, from kind 2 on; those of pictures (plots/style.py).
-const KIND_COLOURS = ["#1d7a3a", "#7a3fa0", "#8a6d00", "#00707f", "#a8295c", "#4d4d4d"];
 const colours = {};
 const themeListeners = [];
 const systemDark = matchMedia("(prefers-color-scheme: dark)");
@@ -18,8 +16,8 @@ function themeName() {
 function readColours() {
   const style = getComputedStyle(document.documentElement);
   for (const name of COLOUR_NAMES) colours[name] = style.getPropertyValue(`--${name}`).trim();
-  colours.of = KINDS.map((kind) => (kind < 2 ? [colours.still, colours.vibrating][kind]
-    : KIND_COLOURS[(kind - 2) % KIND_COLOURS.length]));
+  colours.of = KINDS.map((kind) => [colours.still, colours.vibrating][kind]
+    ?? style.getPropertyValue(`--kind-${2 + (kind - 2) % 6}`).trim()); // six colours for all further kinds
   colours.soft = [colours["still-soft"], colours["vibrating-soft"]];
 }
 

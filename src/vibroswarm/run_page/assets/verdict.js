@@ -35,7 +35,8 @@ function taskLine() {
   if (ANSWERS) {
     const vibrates = KIND_COUNT > 2 ? "" : ` (${percent(fill)} of the floor vibrates)`;
     const none = SIDES.length > 2 ? "none" : "neither";
-    return `${SIDES.map((side) => DECISION_WORDS[side]).join(" or ")}? `
+    const choices = new Intl.ListFormat("en-GB", { type: "disjunction" }).format(SIDES.map((side) => DECISION_WORDS[side]));
+    return `${choices}? `
       + `Truth: ${right !== null ? DECISION_WORDS[right] : run.rule.asked_anew ? "depends on the last answer of each robot" : none}${vibrates}.`;
   }
   const truth = right === null ? "neither" : right === VIBRATING ? "yes" : "no";
@@ -46,7 +47,7 @@ function verdictMore() {
   if (run.estimates) return run.estimates.told && run.estimates.sure;
   if (run.rule.asked_anew) return "Each robot is asked again after it has answered, so some answers may be right.";
   if (run.truth.decision !== null) return rightAndWrong();
-  return ANSWERS ? `${SIDES.length > 2 ? "No" : "Neither"} answer is right.` : "The share is exactly the boundary, so there is no majority to be right about.";
+  return ANSWERS ? `${SIDES.length > 2 ? "No" : "Neither"} answer is right.` : "The share is exactly the boundary, so neither answer is right.";
 }
 
 // Where there is no consensus: how those that decided did.
@@ -70,11 +71,14 @@ function verdictFacts() {
   const votes = SIDES.map((decision) => [byDecision(decision).length, DECISION_WORDS[decision]])
     .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} ${count === 1 ? "says" : "say"}: ${word}`);
   const open = byDecision(-1).length, undecided = open ? `${open} of ${robots.length} undecided` : "";
-  return [
+  const ofDecisions = [
     [apart ? "Last decision after" : "Consensus after", when === null ? "none" : exactSeconds(when), "consensus",
       when === null || when < 60 ? "" : minutes(when)],
     ["Confidence", sure.length ? probability(mean) : "none",
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
+  ];
+  return [
+    ...(run.estimates ? [] : ofDecisions), // where a number is asked for, no decision is
     ["Robots", votes.join(", ") || undecided, "votes", votes.length ? undecided : ""],
     ["Samples", whole(count), "samples", count && !run.floor.has_values ? `${percent(misread / count)} misread` : ""],
   ];
