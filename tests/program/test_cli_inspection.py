@@ -6,6 +6,7 @@ import errno
 import re
 import shutil
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -445,6 +446,22 @@ def test_what_is_odd_about_a_file_is_said(capsys: pytest.CaptureFixture[str], tm
     said = words_of(capsys, "inspect", *given)
     assert "129 of them outside of it" in said
     assert "outside the surface" not in said
+
+
+def test_times_may_be_timestamps(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """They count from the first; without a column of robots they also stood for the robots' numbers."""
+    begin = datetime(2026, 5, 1, 10, 0)
+    rows = [[f"{begin + timedelta(seconds=float(time_s))}Z", *rest] for _, time_s, *rest in ROWS]
+    csv = saved(tmp_path / "plate.csv", rows, HEAD.partition(",")[2])
+    assert "after 596 s" in words_of(
+        capsys, "inspect", *small(csv, "--tiles", "5x5")
+    )  # of 599 s, less the first 3
+
+
+def test_a_header_in_the_middle_is_called_one(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Its name of the robot was refused as no number."""
+    csv = saved(tmp_path / "two.csv", [*ROWS[:9], HEAD.split(","), *ROWS[9:]])
+    assert "two.csv, row 11: is the header again" in error_of(capsys, *small(csv))
 
 
 def test_the_order_of_rows_does_not_matter(tmp_path: Path) -> None:

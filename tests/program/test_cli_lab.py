@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import runpy
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import polars as pl
@@ -79,6 +80,42 @@ def test_a_csv_of_ones_own(tmp_path, capsys):
     known = [*arguments, "--set", "sensor.rms_threshold=1.33", "--out", str(tmp_path / "known")]
     assert "threshold of these robots" not in output_of(capsys, "lab", "import", *known)
     assert "beliefs replayed, not logged" in (tmp_path / "known" / "run.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("empty_pictures")
+@pytest.mark.parametrize(("sep", "zone"), [("T", "Z"), ("T", ""), (" ", "+02:00")])
+def test_times_may_be_timestamps(tmp_path, capsys, sep, zone):
+    """Each was refused as no number, though loggers write them."""
+    head, *rows = (SHIPPED / "camera.csv").read_text().splitlines()
+    begin = datetime(2026, 5, 1, 23, 59)
+    stamped = [
+        (begin + timedelta(milliseconds=int(t_ms))).isoformat(sep) + f"{zone},{rest}"
+        for t_ms, _, rest in (row.partition(",") for row in rows)
+    ]
+    assert {len(row.partition(",")[0]) for row in stamped} == {
+        19 + len(zone),
+        26 + len(zone),
+    }  # mixed precision
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join([head, *stamped]))
+    command = [
+        "lab",
+        "import",
+        str(log),
+        "--columns",
+        str(SHIPPED / "columns.toml"),
+        *FLOOR,
+        "--out",
+        "{out}",
+    ]
+    assert main([word.format(out=tmp_path / "stamped") for word in command]) == 0
+    times_s = Recording.read(tmp_path / "stamped").motion["time_s"].sort()
+    assert times_s.to_numpy() == pytest.approx(sorted((int(row.split(",")[0]) - 3040) / 1000 for row in rows))
+    for wrong in (f"2026-05-01T23:59:05{'' if zone else 'Z'}", f"2026-02-30T10:00:00{zone}", "7"):
+        stamped[5] = ",".join([wrong, rows[5].partition(",")[2]])
+        log.write_text("\n".join([head, *stamped]))
+        refusal = refusal_of(capsys, *command)
+        assert f"log.csv, row 7: '{wrong}' in column 't_ms' is not a time such as 2026-05-01T10" in refusal
 
 
 @pytest.mark.usefixtures("empty_pictures")

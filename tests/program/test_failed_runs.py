@@ -90,7 +90,7 @@ def test_a_run_that_fails_after_the_end_of_a_shorter_cell_has_not_failed_there(f
 def test_a_failed_run_that_two_shards_hold_is_listed_once(failing: str, tmp_path: Path) -> None:
     study = Study(base={"run": {"t_end_s": 30.0}, "swarm": {"robots": 2}}, runs=6, motion=failing)
     result = study.run(tmp_path / "study")
-    result.store.shards *= 2
+    result.store.by_group[0] *= 2
     assert result.failed_runs()["run"].to_list() == list(FAILED)
 
 

@@ -18,6 +18,7 @@ from vibroswarm.recordings.log_readers import (
     read_log,
 )
 from vibroswarm.recordings.recording import Recording
+from vibroswarm.tracking.track import read_robot_log
 
 
 def log_of(seed: int, robots: int = 2) -> Log:
@@ -57,6 +58,14 @@ def test_a_log_is_read_back(tmp_path: Path) -> None:
             else:
                 assert table[name].to_numpy() == pytest.approx(written[name].to_numpy(), abs=1e-6)
     assert not looks_like_camera("robot,time_s,x_m\n")
+
+
+def test_the_robots_log_may_have_timestamps(tmp_path: Path) -> None:
+    """Its clock is found from the stops, so that its times may begin anywhere."""
+    (tmp_path / "log.csv").write_text(
+        "robot,time_s,energy\n4,2026-05-01 10:00:00.250+02:00,1.5\n4,2026-05-01 10:00:03+02:00,1.6\n"
+    )
+    assert read_robot_log(tmp_path / "log.csv")["time_s"].to_list() == [0.0, 2.75]
 
 
 def test_sessions_of_several_folders_become_one_recording(

@@ -353,6 +353,12 @@ def test_a_column_may_be_named_line(tmp_path: Path) -> None:
     assert log.samples["energy"].to_list() == [1.25]
 
 
+def test_a_log_may_begin_with_an_empty_line(tmp_path: Path) -> None:
+    """It was taken for the header: "5 cells, but the header has 0"."""
+    log = read_plain(tmp_path, "\n" + PLAIN.format("note") + "1,2.0,0.5,0.5,1.25,a\n")
+    assert log.samples["line"].to_list() == [3]
+
+
 def test_a_header_whose_repeated_names_cannot_be_told_apart_is_refused(tmp_path: Path) -> None:
     """The second of two columns "note" is named "note (7)", after its number."""
     text = PLAIN.format("note,note") + "1,2.0,0.5,0.5,1.25,a,b\n"

@@ -436,7 +436,7 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
     robots = [name for name, word in lower.items() if word == "robot"]
     _refuse_two("robot", robots, path)
     # Without a column of robots, any column of numbers stands for it, times 0: all samples are of robot 0.
-    found["robot"] = Column(robots[0]) if robots else Column(found["time_s"].name, times=0.0)
+    found["robot"] = Column(robots[0]) if robots else Column(found["x_m"].name, times=0.0)
     return ColumnMap("places and values", found)
 
 

@@ -20,13 +20,15 @@ names a column with the marker on the robot, of which each robot has only one. E
 
 A number in the file is multiplied by ``times``, then ``plus`` is added; a text is looked up in ``values``. ``wraps_at``
 is the number at which a counter starts again from 0. ``first`` of ``time_s`` is the time of the file's earliest row, s,
-for clocks that do not begin with the session, such as seconds since 1970. A map may also have the keys ``name``, the
-name of the format, and ``about``, its description, which is for people only.
+for clocks that do not begin with the session, such as seconds since 1970. Timestamps (``seconds_of``) count from
+the earliest row, which is at ``first``, or else at ``plus``; ``times`` has no effect on them. A map may also have the
+keys ``name``, the name of the format, and ``about``, its description, which is for people only.
 """
 
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -53,7 +55,8 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "time_s": (
         0.0,
         1e7,
-        "a time since the start of the session, from 0 to 1e7 s (in a column map: first = 0, for other clocks)",
+        "a time since the start of the session, from 0 to 1e7 s; of other clocks subtract the first time (in a column "
+        "map: first = 0)",
     ),
     "belief_below": (0.0, 1.0, "a probability"),
     "observation": (0, 1, "0 or 1: recordings have two kinds of tile"),
@@ -108,7 +111,8 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     lines: list[int] = []
     rows: list[list[str]] = []
     try:
-        head = [cell.strip() for cell in next(reader)]
+        header = next(filter(None, reader))
+        head = [cell.strip() for cell in header]
         if len(head) == 1 and (mark := next((one for one in ";\t" if one in head[0]), "")):
             mark = "tabs" if mark == "\t" else f"'{mark}'"
             raise InputError(f"has {mark} between columns; use ',' there, and '.' in numbers", field=name)
@@ -121,6 +125,11 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     except (csv.Error, StopIteration) as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
     for number, row in zip(lines, rows, strict=True):
+        if row == header:
+            raise InputError(
+                "is the header again; leave it out, or if the file holds two sessions, give each its own file",
+                field=f"{name}, row {number}",
+            )
         if len(row) != len(head):
             raise InputError(
                 f"{count(len(row), 'cell')}, but the header has {len(head)}", field=f"{name}, row {number}"
@@ -182,6 +191,35 @@ def numbers_of(
     return pl.select(pl.when(~empty).then(numbers)).to_series()
 
 
+TIMESTAMP: Final = r"^\s*\d{4}-\d\d-\d\d[T ]"
+"""Pattern of the beginning of a timestamp of ISO 8601, which a time may be instead of a number."""
+
+
+def seconds_of(
+    cells: pl.Series, lines: pl.Series, name: str, column: str, missing: tuple[str, ...]
+) -> pl.Series:
+    """Convert a column of timestamps of ISO 8601 to seconds since the earliest; null where a cell is missing.
+
+    They have a date and seconds, with "T" or a space between; all have a zone, or none has.
+
+    Args:
+        cells, lines, name, column, missing: as for ``numbers_of``. At least one cell matches ``TIMESTAMP``.
+    Raises:
+        InputError: a cell is neither such a timestamp nor one of ``missing``; the error names the row.
+    """
+    stripped = cells.str.strip_chars()
+    first = stripped.filter(stripped.str.contains(TIMESTAMP))[0]
+    # The dash of a date is no sign of a zone.
+    has_zone = re.search(r"(Z|[+-]\d\d(:?\d\d)?)$", first[len("2026-05-01") :]) is not None
+    texts = stripped.str.replace(" ", "T", literal=True)
+    times = texts.str.to_datetime("%FT%T%.f%#z" if has_zone else "%FT%T%.f", time_unit="us", strict=False)
+    wrong = times.is_null() & ~stripped.is_in(list(missing))
+    like = "2026-05-01T10:00:00.250Z" if has_zone else "2026-05-01T10:00:00.250"
+    words = f"in column '{column}' is not a time such as {like} (all times have a zone, or none has)"
+    _refuse_first(wrong, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
+    return (times - times.min()).dt.total_microseconds() / 1e6
+
+
 def _refuse_first(wrong: pl.Series, lines: pl.Series, name: str, words: Callable[[int], str]) -> None:
     """Raise an error about the first row that is wrong, if there is one.
 
@@ -227,6 +265,11 @@ def plain_number(value: Any, what: str, name: str) -> float:
     return float(number_of(value, f"{name}, {what}", -MAX_NUMBER, MAX_NUMBER))
 
 
+_HINTS: Final = {
+    "robot": "; give robots numbers (in a column map: values = { ada = 0, bob = 1 })",
+    "time_s": ", and not a time such as 2026-05-01T10:00:00.250Z",
+}
+"""What would be right in place of a text, by use."""
 USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")
 """Keys of ``[columns]`` in a column map."""
 
@@ -416,9 +459,11 @@ def _converted(
     Raises:
         InputError: a cell is not a number, not one of ``values``, or out of range; the error names the row.
     """
-    if column.values is None:
-        hint = "; number names by values = { ada = 0, bob = 1 }" if use == "robot" else ""
-        numbers = numbers_of(cells, lines, name, column.name, missing, hint)
+    if use == "time_s" and column.values is None and cells.str.contains(TIMESTAMP).any():
+        numbers = seconds_of(cells, lines, name, column.name, missing)
+        numbers += column.plus if column.first is None else column.first
+    elif column.values is None:
+        numbers = numbers_of(cells, lines, name, column.name, missing, _HINTS.get(use, ""))
         if column.first is not None:
             numbers = (numbers - numbers.min()) * column.times + column.first
         elif (column.times, column.plus) != (1.0, 0.0):

@@ -218,7 +218,7 @@ def plan_of(study: Study) -> Plan:
     # readings, and the hash of the whole scenario.
     motions: dict[str, dict[str, dict[str, list[Cell]]]] = {}
     for cell in study.cells:
-        scenario_hash = cell.scenario.hash
+        scenario_hash = cell.hash
         motion = _motion_key(cell.scenario)
         if cell.scenario.run.stop == "all_decided" or steers(cell.scenario):
             motion = scenario_hash  # shared by equal scenarios only, since decisions change the motion

@@ -73,9 +73,9 @@ def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:
             raise InputError(
                 "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
             )
-    # All shards are put in one store in memory, to compare their versions.
+    # All shards are put in one store in memory, as of one group, to compare their versions.
     all_shards = [shard for store in stores for shard in store.shards]
-    Store(stores[0].folder, stores[0].study, shards=all_shards).check_alike()
+    Store(stores[0].folder, stores[0].study, by_group={0: all_shards}).check_alike()
     return stores
 
 

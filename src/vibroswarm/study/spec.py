@@ -131,6 +131,11 @@ class Cell(NotebookView):
     def __repr__(self) -> str:
         return f"Cell({self.number}, {shown(self.name)})"
 
+    @cached_property
+    def hash(self) -> str:
+        """Hash of the scenario."""
+        return self.scenario.hash
+
     def words_of(self, fields: Iterable[str]) -> str:
         """Write the cell's values of these fields: ``random:0.44, soft, eta 1250``; fields not varied are left out."""
         return fields_in_words({name: self.words[name] for name in fields if name in self.words})
@@ -489,7 +494,7 @@ class Study(NotebookView):
         They depend on the cells (scenarios, varied values and labels), seed, source of motion and saved tables, but not
         on the number of runs, the precision and the study's name.
         """
-        data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]
+        data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.hash for c in self.cells]]
         points = [sorted((k, repr(v)) for k, v in c.point.items()) for c in self.cells]
         if len({cell.scenario.run.t_end_s for cell in self.cells}) > 1:
             # The runs of the cells end at different times. Earlier versions put such cells into different groups, so

@@ -99,8 +99,8 @@ class Store:
     folder: Path
     """As given, for messages."""
     study: Study
-    shards: list[Shard] = field(default_factory=list)
-    """The stored batches that can be used."""
+    by_group: dict[int, list[Shard]] = field(default_factory=dict)
+    """The stored batches that can be used, by group."""
     hash: str = ""
     """Hash of the study, as the version of this program that made the folder computed it; all shards name it."""
     broken: dict[str, str] = field(default_factory=dict)
@@ -113,6 +113,11 @@ class Store:
     def __post_init__(self) -> None:
         self.hash = self.hash or self.study.hash
         self.root = self.folder.absolute()
+
+    @property
+    def shards(self) -> list[Shard]:
+        """The stored batches that can be used."""
+        return [shard for shards in self.by_group.values() for shard in shards]
 
     @property
     def damaged(self) -> list[str]:
@@ -209,12 +214,12 @@ class Store:
         return str(error).replace(str(self.root), str(self.folder))
 
     def refresh(self) -> None:
-        """Read the descriptions of all shards again, and set ``shards``, ``broken`` and ``left_over``.
+        """Read the descriptions of all shards again, and set ``by_group``, ``broken`` and ``left_over``.
 
         Files left over are temporary files, and tables without a description: their writer was killed before it wrote
         the description, which is written last.
         """
-        self.shards, self.broken, self.left_over = [], {}, 0
+        self.by_group, self.broken, self.left_over = {}, {}, 0
         described = set()  # the tables of all shards that can be used
         for path in matching(self.root / SHARDS, "*"):
             if path.name.startswith("."):  # a temporary file
@@ -227,7 +232,7 @@ class Store:
                 except OSError as error:  # its message does not say that a shard is damaged
                     self.broken[path.stem] = f"is damaged: {error}"
                 else:
-                    self.shards.append(shard)
+                    self.by_group.setdefault(shard.group, []).append(shard)
                     described |= set(shard.files.values())
         # A table that no usable shard has is not left over if its description exists: the description is broken, or
         # another writer has just written it.
@@ -272,7 +277,7 @@ class Store:
             files=files,
             made_by=done.versions,
         )
-        self.shards.append(shard)
+        self.by_group.setdefault(work.group, []).append(shard)
         self._failure(work).unlink(missing_ok=True)
 
     def add_failure(self, work: Batch, why: str) -> None:
@@ -311,7 +316,7 @@ class Store:
 
     def ranges(self, group: int) -> list[Range]:
         """List the stored runs of a group as ranges, which may overlap."""
-        return [(s.first, s.last) for s in self.shards if s.group == group]
+        return [(s.first, s.last) for s in self.by_group.get(group, [])]
 
     def missing(self, group: Group, runs: int) -> list[tuple[int, int, int]]:
         """List which of the first ``runs`` runs of a group are missing, block by block.
@@ -336,12 +341,13 @@ class Store:
         Returns: None if none of these runs is stored, or no shard has this table.
         """
         check_threads()
-        shards = [shard for shard in self.shards if shard.group == group]
         # Runs below ``low`` are no longer taken: an earlier shard has given them.
         frames, low = [], start
         # Of shards that begin at the same run, the longest comes first: it makes the others needless. The name decides
         # between shards of the same runs, so that the choice does not depend on the order of the files.
-        for shard in sorted(shards, key=lambda shard: (shard.first, -shard.last, shard.name)):
+        for shard in sorted(
+            self.by_group.get(group, []), key=lambda shard: (shard.first, -shard.last, shard.name)
+        ):
             first, last = max(low, shard.first), min(shard.last, runs)  # the part of the shard that is taken
             if last <= low:
                 continue

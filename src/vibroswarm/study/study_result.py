@@ -133,7 +133,7 @@ class StudyResult(NotebookView):
             requested = self.runs_of(cell.number)
             gaps = missing((0, requested), self.store.ranges(group.number))
             stored = requested - sum(last - first for first, last in gaps)
-            rows.append((cell.number, cell.name, cell.scenario.hash, group.number, requested, stored))
+            rows.append((cell.number, cell.name, cell.hash, group.number, requested, stored))
         schema = {
             "cell": pl.UInt32,
             "name": pl.String,

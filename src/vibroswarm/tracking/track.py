@@ -19,7 +19,15 @@ from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, percent, stated
 from vibroswarm.core.tables import csv_bytes, write_frame
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
+from vibroswarm.recordings.column_map import (
+    TIMESTAMP,
+    check_columns,
+    check_values,
+    numbers_of,
+    seconds_of,
+    table_of,
+    text_of,
+)
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.tracking.camera import Camera, Lens, fit_camera, square_of
 from vibroswarm.tracking.marker_detection import Detections, detect
@@ -314,7 +322,8 @@ def read_robot_log(path: Path) -> pl.DataFrame:
     for use in SAMPLES:
         if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
             continue
-        numbers = numbers_of(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
+        read = seconds_of if use == "time_s" and table[use].str.contains(TIMESTAMP).any() else numbers_of
+        numbers = read(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
         check_values(numbers, lines, name, use=use, column=use)
         columns[use] = numbers
     found = log_frame(columns, SAMPLES).filter(pl.col("energy").is_not_null())
