@@ -605,6 +605,7 @@ def measure_differ(count: int) -> None:
         (0.2, 2000, 0.17, 0.12, 1.0),
         (0.2, 2000, 0.17, 0.12, 0.5),
         (0.2, 2000, 0.0, 0.12, 0.5),
+        (0.1, 2000, 0.17, 0.12, 1.0),
     ]
     for (side_m, number, tiles, robots, contrast), strict in itertools.product(cases, (False, True)):
         law = overlapping_law(tile_spread=tiles or None, robot_spread=robots or None)

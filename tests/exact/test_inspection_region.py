@@ -136,13 +136,13 @@ def test_factors_that_samples_share_make_a_region_wider() -> None:
     samples = damaged(3, 1.0)
     patches = declared(samples.size_m, [0.2])
     shares = shares_of(samples, patches)
-    assert design_effects(samples, shares)[0, 0] == 1.0
+    assert design_effects(samples, shares)[0] == 1.0
     differ = replace(LAW, sensor=LAW.sensor.model_copy(update={"robot_spread": 0.3}))
     alone = replace(samples, law=differ, frame=samples.frame.with_columns(robot=pl.lit(0, pl.UInt16)))
     log_value = np.log(energy_of(LAW.sensor, 1, (np.arange(20_000) + 0.5) / 20_000))
     rho = 0.3**2 / (0.3**2 + log_value.var())
     m = float(shares.share[: shares.first[1]].sum())
-    assert design_effects(alone, shares)[0, 0] == pytest.approx(1.0 + rho * (m - 1.0), rel=0.01)
+    assert design_effects(alone, shares)[0] == pytest.approx(1.0 + rho * (m - 1.0), rel=0.01)
 
 
 def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_values() -> None:
@@ -152,13 +152,13 @@ def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_valu
     effects = [
         design_effects(
             replace(samples, law=law_of_measured(unit * vibrating, unit * still, "", (0.1, 0.1))), shares
-        )[0, 0]
+        )[0]
         for unit in (1.0, 1e-6, 1e6)
     ]
     assert effects[0] > 1.01
     assert effects == pytest.approx([effects[0]] * 3, rel=1e-6)
     saturated = law_of_measured(np.full(100, 5.0), still, "")  # at its limit where it vibrates
-    assert design_effects(replace(samples, law=saturated), shares)[0, 0] == 1.0
+    assert design_effects(replace(samples, law=saturated), shares)[0] == 1.0
 
 
 def test_measured_values_fit_their_own_contrast_best() -> None:

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.special import logit, logsumexp
+from scipy.stats import binom, gamma, norm
 
 from helpers.inspections import drawn_samples
 from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.damage import (
     contrast_ratios,
     drawn_values,
@@ -20,14 +22,15 @@ from vibroswarm.inspection.damage import (
     values_at,
 )
 from vibroswarm.inspection.laws import law_of_measured
-from vibroswarm.inspection.patches import PARTS, declared, log_likelihoods, shares_of
+from vibroswarm.inspection.patches import Form, declared, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.scan import looks_of
-from vibroswarm.inspection.stopping import LOOKS, Question, _heard, _in_worst_block, rule_of, stopping
+from vibroswarm.inspection.stopping import LOOKS, Question, Rule, _heard, _in_worst_block, rule_of, stopping
 from vibroswarm.scenario.scenario import preset
 
 SIDES_M = (0.1, 0.2)
 LAW = Law(preset("paper").sensor, "preset paper")
+QUESTION = Question(0.2, (1.0,))
 
 
 def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
@@ -42,18 +45,42 @@ def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
     assert told[0, 0] == pytest.approx(0.2 * ratio / (0.8 + 0.2 * ratio), rel=1e-3)
 
 
-def test_samples_that_share_a_tile_count_as_fewer() -> None:
-    """By the design effect: at exact places a reported risk of 0.5 % was truly 4.9 %, where robots and tiles differ."""
+@pytest.mark.parametrize("on_damage", [25, 9])
+def test_samples_share_the_factor_of_their_tile(on_damage: int) -> None:
+    """Against the integral over the factor: samples beside the damage, on the same tile, show it."""
     samples = drawn_samples(5, count=25, spread_m=0.0)
-    inside = samples.with_columns(x_m=np.full(25, 0.3), y_m=np.full(25, 0.3))
-    differ = replace(LAW, sensor=LAW.sensor.model_copy(update={"tile_spread": 0.1}))
-    value = values_at(LAW, np.linspace(0.7, 0.9, 25), False)[:, None]
-    rule = rule_of(replace(inside, law=differ), declared(samples.size_m, [0.6]), Question(0.6, (1.0,)))
-    effect = rule.effect[0, 0]
-    assert 1.2 < effect < 3.0
-    power = np.floor(PARTS / effect) / PARTS
-    ratio = np.exp(ratios_at(differ, value).sum() * power)
-    assert rule.told(value)[0, 0] == pytest.approx(ratio / (1.0 + ratio), rel=1e-2)
+    x_m = np.where(np.arange(25) < on_damage, 0.05, 0.35)
+    inside = samples.with_columns(x_m=x_m, y_m=np.full(25, 0.3))
+    one_tile = Floor(np.zeros((1, 1), np.uint8), 0.6, 0.6)
+    differ = replace(LAW, sensor=LAW.sensor.model_copy(update={"tile_spread": 0.4}))
+    value = 1.5 * values_at(LAW, np.linspace(0.2, 0.8, 25), False)
+    patches = replace(declared((0.6, 0.6), [0.6]), forms=(Form(0.2, 0.6),))
+    shares = shares_of(inside, patches)
+    rule = Rule(
+        replace(inside, law=differ, floor=one_tile),
+        patches,
+        shares,
+        QUESTION,
+        np.zeros(25, int),
+        1,
+        np.zeros(25, int),
+    )
+    laws = [
+        gamma(*(getattr(LAW.sensor, f"{kind}_{name}") for name in ("shape", "location", "scale")))
+        for kind in ("still", "vibrating")
+    ]
+    log_factor = np.linspace(-2.5, 2.5, 3001)[:, None]
+    still, vibrating = (law.logpdf(value * np.exp(-log_factor)) - log_factor for law in laws)
+    vibrating = still + np.clip(vibrating - still, -8.0, 8.0)  # no value may decide alone
+    prior = norm.logpdf(log_factor[:, 0], -0.08, 0.4)
+    is_on = np.arange(25) < on_damage
+    true = logsumexp(prior + np.where(is_on, vibrating, still).sum(axis=1)) - logsumexp(
+        prior + still.sum(axis=1)
+    )
+    told = rule.told(value[:, None])[0, 0]
+    assert logit(told) == pytest.approx(true, abs=0.05)
+    # The control: samples as if independent, each by a law that has the spread of tiles.
+    assert abs(ratios_at(differ, value)[is_on].sum() - true) > 1.0
 
 
 def test_damage_that_does_not_fit_is_refused() -> None:

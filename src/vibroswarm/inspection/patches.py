@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibroswarm.core.jit import inner, kernel
+from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, check_kind, number_of, shown
 from vibroswarm.inspection.samples import Floats, Samples
@@ -44,9 +44,6 @@ LARGEST: Final = 1e300
 """Limit of likelihoods over those of an intact surface."""
 SMALLEST: Final = 1e-300
 """Smaller ones count as 0: processors multiply numbers that are smaller still a hundred times slower."""
-PARTS: Final = 64
-"""Powers of likelihoods are whole numbers of so many parts, rounded down: samples of a larger design effect say
-nothing."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
@@ -361,79 +358,122 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
         yield logs
 
 
-@inner
-def _to_power(value: Floats, power: int, root: Floats, out: Floats) -> None:
-    """Write values to a power in ``PARTS``, at most 1, to ``out``: by square roots, far faster than ``**``."""
-    for b in range(out.size):
-        root[b], out[b] = value[b], 1.0
-    part = PARTS
-    while power > 0:
-        if power >= part:
-            for b in range(out.size):
-                out[b] *= root[b]
-            power -= part
-        for b in range(out.size):
-            root[b] = math.sqrt(root[b])
-        part //= 2
+@kernel
+def _node_weights(still: NDArray[np.float32], look: NDArray[np.int64], tile: NDArray[np.int64], prior: Floats,
+                  out: Floats) -> None:  # fmt: skip
+    """Write the probability of each node of a tile's factor at each look to ``out``, (looks, tiles, nodes, replicates).
+
+    Args:
+        still: log likelihood of each sample on an intact tile of each node, (samples, nodes, replicates).
+        look, tile: of each sample. prior: of each node. out: all 0 at first.
+    """
+    looks, tiles, nodes, replicates = out.shape
+    for s in range(look.size):
+        node = out[look[s], tile[s]]
+        for m in range(nodes):
+            for b in range(replicates):
+                node[m, b] += still[s, m, b]
+    for now in range(1, looks):
+        for t in range(tiles):
+            for m in range(nodes):
+                for b in range(replicates):
+                    out[now, t, m, b] += out[now - 1, t, m, b]
+    for now in range(looks):
+        for t in range(tiles):
+            node = out[now, t]
+            for b in range(replicates):
+                most, total = node[0, b], 0.0
+                for m in range(nodes):
+                    most = max(most, node[m, b])
+                for m in range(nodes):
+                    node[m, b] = prior[m] * math.exp(node[m, b] - most)
+                    total += node[m, b]
+                for m in range(nodes):
+                    node[m, b] /= total
 
 
 @kernel
 def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
                      place: NDArray[np.int32], more: NDArray[np.float32], look: NDArray[np.int64],
-                     form: NDArray[np.int64], weight: Floats, power: NDArray[np.int64], largest: bool, work: Floats,
-                     out: Floats) -> None:  # fmt: skip
-    """Add weight times L_j^power of each patch, at each look and replicate, to ``out``, (looks, forms, replicates).
+                     tile: NDArray[np.int64], node: Floats, form: NDArray[np.int64], weight: Floats, largest: bool,
+                     product: Floats, work: Floats, met: NDArray[np.int64], out: Floats) -> None:  # fmt: skip
+    """Add weight times L_j of each patch, at each look and replicate, to ``out``, (looks, forms, replicates).
 
     Args:
-        more: as for ``_log_likelihoods``. look: of each sample, ascending. form, weight: of each patch.
-        power: of each look and patch, in ``PARTS``. largest: write the largest instead. work: (3, ``AT_ONCE``), room.
+        more: r - 1 of each sample at each node, in the rows ``place``, (samples, nodes, replicates).
+        look, tile: of each sample, looks ascending. node: of ``_node_weights``. form, weight: of each patch.
+        largest: write the largest L_j instead. product, work: room, (tiles, nodes, replicates) and (2, replicates).
+        met: (2, tiles), all 0.
     """
-    replicates = more.shape[1]
-    product, found, root = work[0, :replicates], work[1, :replicates], work[2, :replicates]
+    _, nodes, replicates = product.shape
+    found, mean, of_patch, is_met = work[0], work[1], met[0], met[1]
     for j in range(first.size - 1):
-        product[:] = 1.0
-        found[:] = 1.0
-        k = first[j]
+        number, k = 0, first[j]
         for now in range(out.shape[0]):
-            before = k
             while k < first[j + 1] and look[sample[k]] <= now:
-                row, q = more[place[sample[k]]], share[k]
-                for b in range(replicates):
-                    product[b] *= 1.0 + q * row[b]
+                t, rows, q = tile[sample[k]], more[place[sample[k]]], share[k]
+                if is_met[t] == 0:
+                    is_met[t], of_patch[number] = 1, t
+                    product[t] = 1.0
+                    number += 1
+                for m in range(nodes):
+                    for b in range(replicates):
+                        product[t, m, b] *= 1.0 + q * rows[m, b]
                 k += 1
-            if k > before:
+            found[:] = 1.0
+            for i in range(number):
+                t = of_patch[i]
+                mean[:] = 0.0
+                for m in range(nodes):
+                    for b in range(replicates):
+                        one = min(product[t, m, b], LARGEST)
+                        product[t, m, b] = one if one > SMALLEST else 0.0
+                        mean[b] += node[now, t, m, b] * product[t, m, b]
                 for b in range(replicates):
-                    product[b] = product[b] if product[b] > SMALLEST else 0.0
-                _to_power(product, power[now, j], root, found)
+                    found[b] *= mean[b]
             into = out[now, form[j]]
-            if largest:
-                for b in range(replicates):
-                    into[b] = max(into[b], found[b])
-            else:
-                for b in range(replicates):
-                    into[b] += weight[j] * found[b]
+            for b in range(replicates):
+                into[b] = max(into[b], found[b]) if largest else into[b] + weight[j] * found[b]
+        for i in range(number):
+            is_met[of_patch[i]] = 0
+
+
+@viewed
+class OnTiles(NamedTuple):
+    """What is known of the factors of tiles, of which each has one of a few (nodes)."""
+
+    tile: NDArray[np.int64]
+    """Of each sample, from 0."""
+    prior: Floats
+    """Of each node."""
+    still: NDArray[np.float32]
+    """Log likelihood of each sample on an intact tile of each node, (nodes, samples, replicates)."""
 
 
 def ratios_at_looks(
-    patches: Patches, shares: Shares, log_ratio: Floats, look: NDArray[np.int64], effect: Floats,
-    *, strict: bool = False,
+    patches: Patches, shares: Shares, more: NDArray[np.float32], look: NDArray[np.int64], looks: int,
+    on_tiles: OnTiles, *, strict: bool = False,
 ) -> Floats:  # fmt: skip
-    """Return the mean of L_j^(1/d) over the places of each form, at each look, (looks, forms, replicates).
+    """Return the mean of L_j over the places of each form, at each look, (looks, forms, replicates).
+
+    L_j is the product over tiles of the mean over nodes of their samples' product: samples of a tile share its factor.
 
     Args:
-        log_ratio: of each sample and replicate, (samples, replicates). look: from which look on each sample counts,
-            from 0, ascending. effect: d of each look and patch (``region.design_effects``); 1 / d is rounded down to
-            ``PARTS``. strict: return the largest in place of the mean.
+        more: r - 1 of each sample at each node, (nodes, samples, replicates). look: from which look on each sample
+            counts, from 0, ascending. strict: return the largest in place of the mean.
     """
-    looks = effect.shape[0]
-    out = np.zeros((looks, len(patches.forms), log_ratio.shape[1]))
-    weight = patches.weights * len(patches.forms)
-    power = np.floor(PARTS / effect + 1e-9).astype(np.int64)
-    for part, more in _parts(shares, log_ratio):
-        some = np.zeros((looks, out.shape[1], more.shape[1]))
-        room = np.empty((3, AT_ONCE))
-        _ratios_at_looks(*shares, more, look, patches.form, weight, power, strict, room, some)
-        out[..., part] = np.minimum(some, LARGEST)
+    out = np.zeros((looks, len(patches.forms), more.shape[2]))
+    weight, tiles = patches.weights * len(patches.forms), int(on_tiles.tile.max()) + 1
+    for begin in range(0, out.shape[2], AT_ONCE):
+        part = np.s_[..., begin : begin + AT_ONCE]
+        still = np.ascontiguousarray(on_tiles.still[part].swapaxes(0, 1))
+        rows, some = np.empty_like(still), np.zeros(out[part].shape)
+        rows[shares.place] = more[part].swapaxes(0, 1)
+        node = np.zeros((looks, tiles, *rows.shape[1:]))
+        _node_weights(still, look, on_tiles.tile, on_tiles.prior, node)
+        room = np.empty(node.shape[1:]), np.empty((2, rows.shape[2])), np.zeros((2, tiles), dtype=np.int64)
+        _ratios_at_looks(*shares, rows, look, on_tiles.tile, node, patches.form, weight, strict, *room, some)
+        out[part] = np.minimum(some, LARGEST)
     return out
 
 

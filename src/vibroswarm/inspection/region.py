@@ -181,7 +181,7 @@ def _probabilities(
         ratios = [np.where(there, contrast_ratios(law, value, c), 0.0) for c in strengths]
         return log_likelihoods(shares, np.stack(ratios, axis=1))
 
-    effect = design_effects(samples, shares)[0, int(logs_by(samples.law).max(axis=1).argmax())]
+    effect = design_effects(samples, shares)[int(logs_by(samples.law).max(axis=1).argmax())]
 
     def probabilities_by(law: Law) -> Floats:
         logs = logs_by(law)
@@ -191,17 +191,11 @@ def _probabilities(
     return over_laws(samples.law, probabilities_by)
 
 
-def design_effects(
-    samples: Samples, shares: Shares, look: NDArray[np.int64] | None = None, looks: int = 1
-) -> Floats:  # fmt: skip
-    """Return by how much factors that samples share raise the variance of their mean log value (Kish 1965).
+def design_effects(samples: Samples, shares: Shares) -> Floats:
+    """Return by how much factors that samples share raise the variance of their mean log value (Kish 1965), (patches,).
 
     It is 1 + rho_t (m_t - 1) + rho_r (m_r - 1): rho is the share of the variance of tiles or of robots in that of the
     logarithm of a vibrating value, and m how many samples on the patch share a tile, or a robot, with a sample.
-
-    Args:
-        look: from which look on each sample counts, from 0, ascending; None: from the only one.
-    Returns: of each look and patch, (looks, patches).
     """
     sensor, table = samples.law.sensor, tables_of(samples.law)
     weight = np.gradient(table.u)
@@ -212,35 +206,32 @@ def design_effects(
     alone = float(np.average((log_value - mean) ** 2, weights=weight))
     of_tile, of_robot = ((spread or 0.0) ** 2 for spread in (sensor.tile_spread, sensor.robot_spread))
     robot = np.unique(samples.frame["robot"].to_numpy(), return_inverse=True)[1]
-    at_look = np.zeros(robot.size, dtype=np.int64) if look is None else look
-    effect = np.ones((looks, shares.first.size - 1))
+    effect = np.ones(shares.first.size - 1)
     for group, shared in ((tiles_below(samples), of_tile), (robot, of_robot)):
         if shared:
             together = np.empty_like(effect)
-            _together(*shares[:3], at_look, group, np.empty(group.max() + 1), together)
+            _together(*shares[:3], group, np.empty(group.max() + 1), together)
             effect += shared / (alone + of_tile + of_robot) * np.maximum(together - 1.0, 0.0)
     return effect
 
 
 @kernel
 def _together(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
-              look: NDArray[np.int64], group: NDArray[np.int64], work: Floats, out: Floats) -> None:  # fmt: skip
-    """Write m of each patch at each look, how many samples share a group with a sample, to ``out``, (looks, patches).
+              group: NDArray[np.int64], work: Floats, out: Floats) -> None:  # fmt: skip
+    """Write m of each patch, how many samples share a group with a sample, to ``out``, (patches,).
 
     Args:
-        look, group: of each sample. work: (groups,), room.
+        group: of each sample. work: (groups,), room.
     """
-    for j in range(first.size - 1):
+    for j in range(out.size):
         work[:] = 0.0
-        total, squared, k = 0.0, 0.0, first[j]
-        for now in range(out.shape[0]):
-            while k < first[j + 1] and look[sample[k]] <= now:
-                q, own = share[k], group[sample[k]]
-                squared += q * (q + 2.0 * work[own])
-                total += q
-                work[own] += q
-                k += 1
-            out[now, j] = squared / max(total, 1e-9)
+        total, squared = 0.0, 0.0
+        for k in range(first[j], first[j + 1]):
+            q, own = share[k], group[sample[k]]
+            squared += q * (q + 2.0 * work[own])
+            total += q
+            work[own] += q
+        out[j] = squared / max(total, 1e-9)
 
 
 def _size_ends(form: Form, forms: tuple[Form, ...]) -> Floats:

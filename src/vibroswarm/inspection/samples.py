@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from vibroswarm.floors.place import Place
 from vibroswarm.observation.energy_model import (
     claimed_rates,
     energy_of,
+    factors_differ,
     log_ratios_of_bits,
     log_ratios_of_classes,
     log_ratios_of_energies,
@@ -84,6 +86,14 @@ class Law(NotebookView):
     """Grid of the floor, if the scenario states the law: that of a sensor that measures at each place depends on it."""
     camera: Camera = RIGHT
     """The camera that saw the reference."""
+
+    @cached_property
+    def typical(self) -> Law:
+        """The law on a typical tile by a typical robot; itself, if they do not differ."""
+        if not factors_differ(self.sensor):
+            return self
+        alike = self.sensor.model_copy(update={"tile_spread": None, "robot_spread": None})
+        return replace(self, sensor=alike, draws=())
 
 
 @viewed

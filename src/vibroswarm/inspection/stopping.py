@@ -4,7 +4,6 @@
 |---|---|---|
 | told risk | - | pi Lambda / (1 - pi + pi Lambda), Lambda the mean of L_j over places, of the worst size and \
 contrast; the mean over the laws (``damage.over_laws``) |
-| design effect | d | samples that share tiles and robots count as fewer: each L_j is L_j^(1/d) |
 | strict | - | the largest L_j of these sizes, places and contrasts; its prior odds bound the risk at every place |
 | rule | - | inspection ends, and the surface is cleared, at the first of ``LOOKS`` looks that tolerates the risk |
 | missed | - | share of drawn damage that the rule clears all the same, on average and at the worst place |
@@ -13,10 +12,8 @@ The risk is that of the worst size and contrast, because an average over them pr
 just the least size was there in 12 % of cleared surfaces (squares of 10 cm, those of 10 to 28 cm averaged). Squares of
 the least size are always among the sizes, declared or not: without them it was there in 19 % (squares of 15 cm).
 
-Samples that share the factors of their tiles and robots count as fewer (``region.design_effects``), and values are
-read without the factors of their robots, as far as these are known by then (``robot_factors``). Without either, told
-0.5 % was 4.9 % (squares of 20 cm, 2,000 exact places, tiles that differ by 17 %, robots by 12 %). Where tiles differ it
-is still too small, 4.3 % for 9.0 % (squares of 15 cm): the mean over places takes them as independent.
+What samples share by their tiles and robots is part of L_j (``factors``). Taken as independent, told 0.5 % was 4.9 %
+(squares of 20 cm, 2,000 exact places, tiles that differ by 17 %, robots by 12 %).
 
 Damage lies between the declared places: the places of samples have as much more spread (``BETWEEN``). Without it, by
 exact places, told 0.7 % was 2.4 %.
@@ -51,8 +48,11 @@ from vibroswarm.inspection.damage import (
     over_laws,
     patch_of,
     random_places,
+    tiles_below,
 )
+from vibroswarm.inspection.factors import nodes_of, of_typical_robots, ratios_at_node, still_at_node
 from vibroswarm.inspection.patches import (
+    OnTiles,
     Patches,
     Shares,
     declared,
@@ -61,8 +61,6 @@ from vibroswarm.inspection.patches import (
     shares_of,
     told_risk,
 )
-from vibroswarm.inspection.region import design_effects
-from vibroswarm.inspection.robot_factors import of_typical_robots
 from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import EVIDENCE, Box, box_of, looks_of
 
@@ -127,8 +125,9 @@ class Rule(NotebookView):
     question: Question
     look: NDArray[np.int64]
     """From which look on each sample counts, (samples,)."""
-    effect: Floats
-    """Design effect of each look and patch, (looks, patches)."""
+    looks: int
+    tile: NDArray[np.int64]
+    """Of each sample, (samples,)."""
 
     def told(self, values: Floats, heard: NDArray[np.bool_] | None = None, *, drawn: bool = False) -> Floats:
         """Return the told risk of each replicate at each look, (looks, replicates).
@@ -139,27 +138,41 @@ class Rule(NotebookView):
             drawn: whether values are drawn, so that one of the laws judges each replicate (``damage.judged``); else the
                 risk is the mean over the laws.
         """
-        law, looked = self.samples.law, (self.look, self.effect)
-
-        def typical(one: Law, measured: Floats) -> Floats:
-            return of_typical_robots(self.samples, one, measured, self.look, self.effect.shape[0])
-
-        def risk_by(ratios_of: Callable[[float], Floats]) -> Floats:
-            ratio = np.zeros((self.effect.shape[0], values.shape[1]))
-            for contrast in self.question.contrasts:
-                log_ratio = ratios_of(contrast)
-                if heard is not None:
-                    log_ratio = np.where(heard, log_ratio, 0.0)
-                of_sizes = ratios_at_looks(
-                    self.patches, self.shares, log_ratio, *looked, strict=self.question.strict
-                )
-                ratio = np.maximum(ratio, of_sizes.max(axis=1))
-            return told_risk(ratio, self.question.prior)
-
+        law = self.samples.law
         if drawn:
-            read = judged(law, values, typical)
-            return risk_by(lambda c: judged(law, read, partial(contrast_ratios, contrast=c)))
-        return over_laws(law, lambda one: risk_by(partial(contrast_ratios, one, typical(one, values))))
+            return self._risk_by(partial(judged, law), values, heard)
+        return over_laws(law, lambda one: self._risk_by(lambda each, judge: judge(one, each), values, heard))
+
+    def _risk_by(
+        self,
+        judged_by: Callable[[Floats, Callable[[Law, Floats], Floats]], Floats],
+        values: Floats,
+        heard: NDArray[np.bool_] | None,
+    ) -> Floats:
+        """Return the told risk of each replicate at each look, (looks, replicates), by the law that judges it.
+
+        Args:
+            judged_by: returns what a function of a law and of values says of all of them.
+        """
+        nodes, prior = nodes_of(self.samples.law)
+        tile = self.tile if nodes.size > 1 else np.zeros_like(self.tile)
+        read = judged_by(
+            values, lambda law, each: of_typical_robots(self.samples, law, each, self.look, self.looks)
+        )
+
+        def at_nodes(judge: Callable[..., Floats]) -> Floats:
+            found = np.stack([judged_by(read, partial(judge, node=node)) for node in nodes])
+            return found if heard is None else np.where(heard, found, 0.0)
+
+        on_tiles = OnTiles(tile, prior, at_nodes(still_at_node).astype(np.float32))
+        ratio = np.zeros((self.looks, values.shape[1]))
+        for contrast in self.question.contrasts:
+            more = np.expm1(at_nodes(partial(ratios_at_node, contrast=contrast))).astype(np.float32)
+            of_sizes = ratios_at_looks(
+                self.patches, self.shares, more, self.look, self.looks, on_tiles, strict=self.question.strict
+            )
+            ratio = np.maximum(ratio, of_sizes.max(axis=1))
+        return told_risk(ratio, self.question.prior)
 
     def suspected(self, value: Floats) -> tuple[Box, float] | None:
         """Return the patch and the contrast that values, (samples,), fit best; None: T is not even ``EVIDENCE``."""
@@ -189,7 +202,7 @@ def rule_of(samples: Samples, patches: Patches, question: Question, looks: int =
     _, look = looks_of(samples, looks)
     seen = samples.with_more_spread(BETWEEN * wanted.forms[0].step_m)
     shares = shares_of(seen, wanted)
-    return Rule(samples, wanted, shares, question, look, design_effects(samples, shares, look, looks))
+    return Rule(samples, wanted, shares, question, look, looks, tiles_below(samples))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from scipy.stats import binom, gamma
 from helpers.inspections import drawn_samples
 from vibroswarm.inspection import stopping
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
+from vibroswarm.inspection.factors import of_typical_robots
 from vibroswarm.inspection.patches import declared
-from vibroswarm.inspection.robot_factors import of_typical_robots
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.stopping import LOOKS, Question, rule_of
 from vibroswarm.scenario.scenario import preset
