@@ -328,6 +328,10 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     assert rows[1]["samples"] > rows[0]["samples"]
     assert rows[1]["sweep_a90_m"] is None or rows[1]["sweep_a90_m"] > 0
     assert "25 cm" in document["answer"][0]
+    assert document["robots_were_told"] == ["Places: estimated by the robots."]
+    few = ["--plan", "3", "--minutes", "1", "--runs", "4", "--plates", "10"]
+    told = "Places: true places, which no real robot knows: an upper bound."
+    assert output_of(capsys, "inspect", *few, "--preset", "paper").startswith(told)
     assert "leave out the result or file" in error_of(capsys, "plate.csv", "--plan", "3")
     for option, value in (("--minutes", "5"), ("--want-cm", "10"), ("--plates", "20"), ("--runs", "10")):
         assert f"{option}: needs --plan" in error_of(capsys, "--floor", "random:0.48", option, value)
@@ -339,6 +343,7 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     for words, *asked in (
         ("--minutes: 0 is not", "--minutes", "0"),
         ("arena: is 0.2 m x 1 m; a plan draws", "--set", "arena.width_m=0.2"),
+        ("faults.stuck: a plan draws energies of sensors that work", "--set", "faults.stuck=0.4"),
         (
             "not all inspections have a sample after 0.6 s",
             "--minutes",
@@ -560,6 +565,15 @@ def test_the_map_of_a_floor_that_changes_is_scored_by_the_floor_at_each_time_and
     said = words_of(capsys, "inspect", tmp_path / "run", "--damage", "--contrasts", "1", "--replicates", "19")
     assert "Not certified" in said
     assert "the floor changed at 150 s, but is presumed to stay as it is" in said
+
+
+def test_energies_of_sensors_that_fail_are_those_of_sensors_that_work() -> None:
+    """All sensors were stuck at 1, and the map was right, without a word."""
+    result = simulate(preset("paper").with_values({"run.t_end_s": 60.0, "faults.stuck_at_1": 1.0}), seed=2)
+    assert "(stuck_at_1) are in readings, not in the energies" in inspect(result).samples.warning
+    of_bits = inspect(result, bits=True).samples
+    assert of_bits.warning == ""
+    assert of_bits.column("value").all()
 
 
 @pytest.mark.usefixtures("empty_pictures", "few_draws")

@@ -241,6 +241,8 @@ def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, 
     """Plan inspections of the scenario that the options name."""
     from vibroswarm.documents.damage import plan_document
     from vibroswarm.inspection.missed import SIDES_M, plan
+    from vibroswarm.inspection.sources import ESTIMATED, TRUE_PLACES
+    from vibroswarm.localisation.locate import is_estimated
 
     assert planned.plan is not None
     made = scenario_from(_with_default(scenario))
@@ -252,7 +254,8 @@ def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, 
             each=each, level=damage.level, progress=progress,
         )  # fmt: skip
     want_m = None if planned.want_cm is None else planned.want_cm / 100.0
-    return plan_document(table, want_m, planned.runs, each * damaged * len(SIDES_M), f"{made}, seed {seed}")
+    plates, places = each * damaged * len(SIDES_M), ESTIMATED if is_estimated(made) else TRUE_PLACES
+    return plan_document(table, want_m, planned.runs, plates, f"{made}, seed {seed}", places)
 
 
 def _with_default(scenario: ScenarioOptions) -> ScenarioOptions:

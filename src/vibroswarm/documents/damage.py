@@ -366,12 +366,15 @@ def raster_figure(found: Inspection) -> Figure:
     return Figure("damage", draw, "Damage")
 
 
-def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: int, source: str) -> Document:
+def plan_document(
+    table: pl.DataFrame, want_m: float | None, runs: int, plates: int, source: str, places: str
+) -> Document:
     """Return what robots and time buy (``missed.plan``), and what is enough for a wanted size.
 
     Args:
         want_m: size that should be found in 90 % of inspections; None: none is asked for. runs: simulated inspections.
-        plates: drawn surfaces of all sizes. source: of the inspections, in words.
+        plates: drawn surfaces of all sizes.
+        source, places: of the inspections, in words.
     """
     lengths = ("a50_m", "a90_m", "a90_95_m", "sweep_a90_m")
     shown = table.with_columns(pl.col("until_s") / 60.0, *(pl.col(name) * 100.0 for name in lengths))
@@ -393,6 +396,7 @@ def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: 
     return Document(
         title="Plan of an inspection",
         answer=(_planned(table, want_m),),
+        knew=(f"Places: {places}.",),
         parts=(Table(shown, columns, name="plan"), Text(words)),
         made_by={"scenario": source, **versions()},
     )

@@ -34,9 +34,12 @@ from vibroswarm.recordings.assemble_recording import inside, rows_apart_s
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
+from vibroswarm.scenario.fault_fields import SENSOR_FAULTS
 from vibroswarm.sensors.confusion import confusion
 
 KEY: Final = ("run", "robot", "sample")
+ESTIMATED: Final = "estimated by the robots"
+TRUE_PLACES: Final = "true places, which no real robot knows: an upper bound"
 
 
 def samples_of_result(
@@ -99,9 +102,20 @@ def samples_of_result(
         own=hash_of_run(result, run),
         changed_s=floor.changes.times_s.tolist(),
     )
+    faulty = [kind for kind in SENSOR_FAULTS if getattr(result.scenario.faults, kind)]
+    if faulty and not (bits or many):
+        found = replace(found, warning=f"{found.warning} {_not_in_energies(faulty)}".strip())
     if not isinstance(result, Recording):
         return found
     return _with_doubts(found, *_doubt_of_times(result.sessions[run]["told"].get("rows_apart_s", 0.0)))
+
+
+def _not_in_energies(faulty: Sequence[str]) -> str:
+    """Return a warning that some kinds of faults are not in what is inspected."""
+    return (
+        f"The faults of the scenario ({', '.join(faulty)}) are in readings, not in the energies that are inspected: "
+        "these are those of sensors that work. Inspect readings (--bits)."
+    )
 
 
 def _place_errors(frame: pl.DataFrame, motion: pl.DataFrame) -> PlaceErrors:
@@ -151,9 +165,9 @@ def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr, spread_m
 def _known_from(result: Result, run: int) -> tuple[str, bool]:
     """Return how places are known, in words, and whether those of motion are taken as the true ones."""
     if result.places is not None:
-        return "estimated by the robots", not isinstance(result, Recording) or result.is_tracked(run)
+        return ESTIMATED, not isinstance(result, Recording) or result.is_tracked(run)
     if not isinstance(result, Recording):
-        return "true places, which no real robot knows: an upper bound", True
+        return TRUE_PLACES, True
     if result.is_tracked(run):
         return "seen by a camera", False
     if result.sessions[run]["reader"] == "webots":

@@ -32,7 +32,8 @@ Shift = Annotated[float, Field(ge=-1, le=1)]
 Drift = Annotated[float, Field(ge=-1000, le=1000)]
 
 MOTION_FAULTS: Final = ("stopped", "battery_empty")
-OTHER_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "stuck", "biased", "opposite", "radio_dead")
+SENSOR_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "stuck", "biased")
+OTHER_FAULTS: Final = (*SENSOR_FAULTS, "opposite", "radio_dead")
 FAULTS: Final = (*OTHER_FAULTS, *MOTION_FAULTS)
 """Kinds of faults, each the name of a field."""
 SINCE: Final = {
