@@ -387,6 +387,16 @@ def test_only_smooth_scores_are_corrected() -> None:
     assert limits.estimate(counts)[0] == limits.score(counts) >= float(100.0 * rows.mean())
 
 
+def test_scores_are_paired_by_the_number_of_the_run() -> None:
+    random, objective = np.random.default_rng(3), Objective("intended", "mean")
+    cost, runs = random.gamma(2.0, 1.0, 60), np.arange(60)
+    first, other = (
+        scored_of("cell", {}, objective, (cost[kept] + more)[:, None, None], runs[kept])
+        for kept, more in ((runs[10:], 0.5), (runs[:50], 0.0))
+    )
+    assert paired_score(objective, first, other)[:3] == pytest.approx((0.5, 0.5, 0.5))
+
+
 def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() -> None:
     """One cell of 8 at least was called higher in 9 of 15 grids, by the interval of each pair alone.
 
@@ -402,3 +412,9 @@ def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() 
         assert above[8].low > 0.0, "the control"
         called += any(one.low > 0.0 for one in above[:8])
     assert called == 0
+    # Of a cell without some runs, all are compared over the others.
+    cells[0] = scored_of("cell", {}, objective, costs_of_runs[10:, 0, None, None], runs[10:])
+    scores = [objective.score(row[10:, None, None]) for row in costs_of_runs.T]
+    assert [one.estimate for one in _above_best(objective, cells)] == pytest.approx(
+        np.array(scores) - min(scores)
+    )

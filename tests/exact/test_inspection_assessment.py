@@ -15,8 +15,9 @@ from vibroswarm.inspection import missed
 from vibroswarm.inspection.assessment import assess
 from vibroswarm.inspection.damage import ratios_at, values_at
 from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.patches import Form
 from vibroswarm.inspection.samples import Law
-from vibroswarm.inspection.scan import MOST_CALLED
+from vibroswarm.inspection.scan import MOST_CALLED, near
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.show.document import Section, Table, Text
 
@@ -88,3 +89,34 @@ def test_a_check_that_could_not_be_made_is_told_with_its_reason(found: Inspectio
     assert found.assessment is not None
     words = " ".join(found.assessment.refusals)
     assert "robots against each other could not be checked: at most one robot has 10 samples" in words
+
+
+@pytest.mark.parametrize("robots", [1, 2])
+@pytest.mark.usefixtures("few_draws")
+def test_all_that_is_drawn_is_looked_at_as_often_and_false_calls_are_drawn_anew(
+    robots: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two damaged squares, seen by one of the robots. 9 of the 199 surfaces that give the threshold reach it."""
+    monkeypatch.setattr(missed, "WEAKEST_M", ())
+    monkeypatch.setitem(missed.false_calls.__kwdefaults__, "intact", 199)
+    law = Law(preset("paper").sensor, "preset paper")
+    samples = replace(drawn_samples(3, count=300, spread_m=0.0), law=law, floor=None)
+    x_m, y_m = (samples.column(name) for name in ("x_m", "y_m"))
+    damaged = (np.maximum(x_m, y_m) < 0.2) | (np.minimum(x_m, y_m) > 0.4)
+    value = values_at(law, np.random.default_rng(4).random(300), damaged)
+    robot = np.where(damaged, 0.0, robots - 1.0)
+    samples = samples.with_columns(value=value, log_ratio=ratios_at(law, value), robot=robot)
+    question = Question(least_m=0.2, contrasts=(1.0, 0.4))
+    found = assess(samples, question, sides_m=(0.2,), replicates=199, looks=6, shapes=("square", "disc"))
+    false = round(199 * found.pods[1.0].false_calls)
+    assert false != 9
+    assert 5 <= false <= 20
+    assert found.shaped["disc"].at(0.2) > found.pods[0.4].at(0.2) + 0.3
+    assert len(found.scan.called_m) == 2
+    sure = [cells.max() > 0.9 for cells in found.own_rasters.values()]
+    assert sure == ([] if robots == 1 else [True, False])
+    for box, region in zip(found.scan.called_m, found.scan.regions, strict=True):
+        assert region.holds(Form(box.width_m, box.height_m), *box.centre_m)
+    away = np.all([~near(samples, box) for box in found.scan.called_m], axis=0)
+    assert 20 < found.checks["samples"][0] <= away.sum()
+    assert any(why.startswith("one robot took all samples") for why in found.refusals) == (robots == 1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from helpers.documents import ROOT
 from helpers.inspections import drawn_samples
@@ -95,6 +95,35 @@ def test_a_drift_that_all_robots_share_is_found_by_all_together() -> None:
     assert noticed["drifting"] >= 7
 
 
+def test_statistics_of_the_checks_are_those_of_their_definitions() -> None:
+    """Robots with unequal numbers of samples at unequal times, on three still and two vibrating tiles."""
+    samples, random = replace(drawn_samples(1, count=400, spread_m=0.0), law=LAW), np.random.default_rng(3)
+    robot, time_s = (
+        random.choice(6, 400, p=[0.5, 0.3, 0.13, 0.05, 0.01, 0.01]),
+        np.sort(random.gamma(2.0, 99.0, 400)),
+    )
+    samples = samples.with_columns(robot=robot.astype(float), time_s=time_s)
+    tile = tiles_below(samples)
+    vibrates, rank = tile % 3 == 0, random.beta(1.2, 0.8, 400)
+    found = _statistics(samples, rank[:, None], vibrates)[:, 0]
+    score = ndtri(rank)
+    for place in [~vibrates, *(vibrates & (tile == one) for one in range(9))]:  # still tiles are alike
+        score[place] -= score[place].mean() if place.any() else 0.0
+    for own in (vibrates, ~vibrates):
+        score[own] /= score[own].std()
+    between, drift, slopes, squares = [], [], 0.0, 0.0
+    for one in range(6):
+        own = robot == one
+        if own.sum() >= 10:
+            between.append(abs(score[own].mean()) * np.sqrt(own.sum()))
+            when = time_s[own] - time_s[own].mean()
+            drift.append(abs(when @ score[own]) / np.sqrt(when @ when))
+            slopes, squares = slopes + when @ score[own], squares + when @ when
+    assert len(drift) == 4
+    largest = max(abs(np.sort(rank[~vibrates]) - (np.arange((~vibrates).sum()) + 0.5) / (~vibrates).sum()))
+    assert found == pytest.approx([largest, max(between), max(*drift, abs(slopes) / np.sqrt(squares))])
+
+
 def test_robots_and_times_are_compared_on_the_same_tile_where_the_law_says_that_tiles_differ() -> None:
     samples = drawn_samples(1, count=400, spread_m=0.0)
     score, vibrates = np.random.default_rng(1).normal(size=(400, 1)), np.zeros(400, dtype=bool)
@@ -118,7 +147,7 @@ def test_a_robot_of_twice_the_gain_is_found_where_tiles_have_a_sample_or_two() -
 
 @pytest.mark.parametrize("reach_m", [0.0, 0.03])
 def test_samples_feel_what_is_drawn(reach_m: float) -> None:
-    samples = drawn_samples(3, count=60, spread_m=0.04)
+    samples = drawn_samples(3, count=60, spread_m=0.04).with_columns(spread_y_m=np.full(60, 0.01))
     sensor = samples.law.sensor.model_copy(update={"edge_reach_m": reach_m})
     samples = replace(samples, law=replace(samples.law, sensor=sensor))
     p = np.random.default_rng(2).random(9)
@@ -130,6 +159,49 @@ def test_samples_feel_what_is_drawn(reach_m: float) -> None:
     )  # places beyond the grid are off it
     assert drawn[within] == pytest.approx(felt[within], abs=0.04)
     assert felt_on(samples, np.ones(9)) == pytest.approx(np.ones(60))
+
+
+def test_a_gain_that_shows_on_vibrating_places_only_is_found_there() -> None:
+    samples, nine = replace(drawn_samples(7, count=600, spread_m=0.0), law=LAW), np.arange(9)
+    vibrates = tiles_below(samples) % 2 == 1
+    right = values_at(LAW, np.random.default_rng(5).random(600), vibrates)
+    louder = np.where(vibrates & (samples.frame["robot"].to_numpy() == 0), 2.0, 1.0) * right
+    for value, outcome in ((right, "not refused"), (louder, "refused")):
+        read = with_values(samples, value)
+        others = Others(read, dict.fromkeys(range(5), (nine % 2).astype(float)), vibrates.astype(float))
+        checks = law_checks(read, others, drawn=199)
+        assert checks["outcome"][1] == outcome
+        assert checks["samples"].to_list() == [(~vibrates).sum(), 600, 600, 600]
+        known = checks.drop_nulls("p_value").sort("p_value")
+        assert known.height == 4
+        holm = np.maximum.accumulate(known["p_value"].to_numpy() * [4, 3, 2, 1])
+        assert known["corrected"].to_list() == pytest.approx(np.minimum(holm, 1.0))
+
+
+def test_what_a_robot_measures_does_not_change_the_map_of_the_others() -> None:
+    samples = drawn_samples(7, count=300, spread_m=0.02)
+    own, ratio = samples.frame["robot"].to_numpy() == 0, samples.column("log_ratio")
+    patches = declared(samples.size_m, (0.2,))
+    shares, maps = shares_of(samples, patches), []
+    for one in (ratio, np.where(own, -ratio, ratio)):
+        read = samples.with_columns(log_ratio=one)
+        maps += [by_tiles(read).maps, by_patches(read, patches, shares, critical=0.3, prior=0.5).maps]
+    for before, after in (maps[::2], maps[1::2]):
+        assert (before[0] == after[0]).all()
+        assert before[0].max() > 0.5
+        assert abs(before[1] - after[1]).max() > 0.1
+
+
+def test_places_that_say_little_have_little_power() -> None:
+    """A single sure tile that nobody visits; of the others each vibrates nearly as likely as not."""
+    samples = replace(drawn_samples(7, count=600, spread_m=0.0), law=LAW)
+    power = []
+    for p in (np.tile([0.49, 0.51], 5)[:9], np.tile([0.05, 0.95], 5)[:9]):
+        away = with_values(samples, values_at(LAW, np.random.default_rng(5).random(600), True))
+        others = Others(away, dict.fromkeys(range(5), np.append(p[:8], 0.95)), p[tiles_below(away)])
+        power.append(law_checks(away, others, drawn=199).row(3, named=True))
+    assert power[0]["power"] < 0.15 < 0.9 < power[1]["power"]
+    assert power[0]["outcome"] == "not testable"
 
 
 def test_a_robot_whose_places_are_mirrored_is_found_where_something_vibrates_only() -> None:

@@ -13,7 +13,7 @@ from vibroswarm.documents.inspection import inspection_document
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.stopping import Question
-from vibroswarm.inspection.tile_map import kind_map, tile_map
+from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
 from vibroswarm.observation.energy_model import rates
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Text
@@ -98,6 +98,9 @@ def test_damage_is_any_kind_but_0() -> None:
         p_values[name] = found.assessment.scan.p_value
     assert p_values["two motors"] <= 0.02
     assert p_values["intact"] > 0.1
+    unequal = {"sensor.confusion.rates": [[0.8, 0.1, 0.1], [0.3, 0.6, 0.1], [0.1, 0.1, 0.8]]}
+    samples = v.inspect(v.simulate(Scenario().with_values(CONFUSION | unequal), 1, 1)).samples
+    assert rates(any_but_still(samples).law.sensor) == pytest.approx(np.array([[0.8, 0.2], [0.2, 0.8]]))
 
 
 def test_what_means_nothing_for_many_kinds_is_refused() -> None:

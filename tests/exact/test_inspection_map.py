@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,8 +18,8 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.patches import declared, shares_of
-from vibroswarm.inspection.samples import Samples, check_law, ratios_of_values
-from vibroswarm.inspection.sources import grid_of
+from vibroswarm.inspection.samples import Law, Samples, check_law, ratios_of_values
+from vibroswarm.inspection.sources import grid_of, samples_of_csv
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies.place_evidence import add_evidence
@@ -138,17 +139,51 @@ def test_scores_of_known_maps() -> None:
     x = samples.floor.tiles.ravel().astype(float)
     perfect, nothing = map_scores(x, samples.floor), map_scores(np.full(9, 0.5), samples.floor)
     assert (perfect["brier"], perfect["auc"], perfect["right"], perfect["location_error_m"]) == (0, 1, 1, 0)
-    assert (nothing["brier"], nothing["auc"]) == (0.25, 0.5)
+    assert (nothing["brier"], nothing["auc"], nothing["right"]) == (0.25, 0.5, 0)
     assert nothing["log_score"] == pytest.approx(np.log(2))
-    assert map_scores(1 - x, samples.floor)["surely_wrong"] == 9
+    for most, wrong in ((0.94, 0), (0.96, 9), (1.0, 9)):
+        assert map_scores(np.where(x == 1, 1.0 - most, most), samples.floor)["surely_wrong"] == wrong
     wide = Floor(np.array([[1, 0], [0, 0]], dtype=np.uint8), 0.2, 0.1)
     apart_m = [map_scores(p, wide)["location_error_m"] for p in np.eye(4)]
     assert apart_m == pytest.approx([0.0, 0.2, 0.1, np.hypot(0.2, 0.1)])
 
 
+def test_maps_over_time_are_scored_by_the_floor_at_each_time() -> None:
+    changing = {"run.t_end_s": 300.0, "change.at_s": 200, "change.to": "invert", "floor.source": "random:0.2"}
+    found = inspect(preset("paper").with_values(changing))
+    assert found.pooled is not None
+    assert found.vibrates is not None
+    assert found.scores["brier"].to_list() == pytest.approx(
+        ((found.pooled - found.vibrates) ** 2).mean(axis=1)
+    )
+    assert found.vibrates[0].sum() + found.vibrates[-1].sum() == 25
+    p = found.maps["vibrating"]
+    assert found.maps["spread"].to_list() == pytest.approx((p * (1.0 - p)).sqrt().to_list())
+    x = found.vibrates.astype(float)
+    for wrong, right_from_s in (([], found.times_s[0]), ([0, 4], found.times_s[5]), ([0, len(x) - 1], None)):
+        pooled = x.copy()
+        pooled[wrong] = 0.5
+        assert replace(found, pooled=pooled).right_from_s == right_from_s
+
+
+def test_samples_of_a_file_are_the_same_in_all_units(tmp_path: Path) -> None:
+    x_m, time_s = np.random.default_rng(1).random(30), np.arange(30.0)
+    lengths = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+    times = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
+    for (length, in_m), (time, in_s) in itertools.product(lengths.items(), times.items()):
+        rows = [f"{t / in_s},{x / in_m},{0.5 / in_m},1" for t, x in zip(time_s, x_m, strict=True)]
+        path = tmp_path / "plate.csv"
+        path.write_text("\n".join([f"time_{time},x_{length},y_{length},value", *rows]))
+        found = samples_of_csv(path, Law(preset("paper").sensor, ""), (1.0, 1.0))
+        assert found.column("time_s") == pytest.approx(time_s)
+        assert found.column("x_m") == pytest.approx(x_m)
+        assert found.column("y_m") == pytest.approx(np.full(30, 0.5))
+
+
 def test_calibration_counts_tiles_by_bin() -> None:
-    table = calibration(np.array([0.01, 0.5, 0.5, 0.99]), np.array([0, 1, 0, 1]))
-    assert table["tiles"].to_list() == [1, 2, 1]
+    """A probability at an edge is in the bin above it, and 1 in the last."""
+    table = calibration(np.array([0.01, 0.4, 0.5, 0.95, 1.0]), np.array([0, 1, 0, 1, 1]))
+    assert table["tiles"].to_list() == [1, 2, 2]
     assert table["vibrating"].to_list() == [0.0, 0.5, 1.0]
 
 

@@ -42,9 +42,11 @@ from vibroswarm.inspection.patches import (
 from vibroswarm.inspection.samples import Draw, Floats, Law, Samples, ratios_of_values
 from vibroswarm.inspection.scan import (
     CELLS,
+    Box,
     critical_value,
     intact_statistics,
     looks_of,
+    near,
     p_value,
     rasters,
     scan,
@@ -112,13 +114,17 @@ def test_no_place_lies_between_those_of_narrow_damage() -> None:
         declared((1.0, 1.0), [(0.3, 0.001)])
 
 
-@pytest.mark.parametrize("spread_m", [0.0, 0.03])
-def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
+@pytest.mark.parametrize(
+    ("spread_m", "reach_m", "blur_m"), [(0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.03, 0.02, 0.05)]
+)
+def test_log_likelihoods_are_direct_sums(spread_m: float, reach_m: float, blur_m: float) -> None:
     samples = drawn_samples(1, count=80, spread_m=spread_m)
+    edges = samples.law.sensor.model_copy(update={"edge_reach_m": reach_m, "edge_blur_m": blur_m})
+    samples = replace(samples, law=Law(edges, "with edges"))
     patches = declared(samples.size_m, SIDES_M)
     ratios = np.stack([samples.column("log_ratio"), -samples.column("log_ratio")], axis=1)
     found = log_likelihoods(shares_of(samples, patches), ratios)
-    spread = max(spread_m, 1e-9)
+    spread = max(np.hypot(spread_m, blur_m), 1e-9)
     for j in (0, 17, patches.left_m.size - 1):
         q = np.ones(80)
         for axis, low, side in (
@@ -126,7 +132,7 @@ def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
             ("y", patches.bottom_m[j], patches.height_m[j]),
         ):
             at = samples.column(f"{axis}_m")
-            q *= ndtr((low + side - at) / spread) - ndtr((low - at) / spread)
+            q *= ndtr((low + side + reach_m - at) / spread) - ndtr((low - reach_m - at) / spread)
         q[q <= LEAST_SHARE] = 0.0
         assert found[j] == pytest.approx(np.log1p(q[:, None] * np.expm1(ratios)).sum(axis=0), abs=2e-4)
 
@@ -313,6 +319,7 @@ def test_false_calls_of_repeated_looks_are_those_of_their_own_threshold() -> Non
     repaired = samples.with_columns(value=value, log_ratio=ratios_at(LAW, value))
     at_looks, at_end = (scan(repaired, patches, shares, replicates=99, looks=looks) for looks in (8, 1))
     assert (len(at_looks.called_m), len(at_end.called_m)) == (1, 0)
+    assert at_looks.p_value <= 0.05 < at_end.p_value
 
 
 def test_a_place_without_samples_is_not_called() -> None:
@@ -347,10 +354,28 @@ def test_values_are_exchanged_within_a_robots_block_of_two_minutes_only() -> Non
     samples = replace(drawn_samples(7, count=600, spread_m=0.0), law=LAW)
     time_s, patches = samples.column("time_s"), declared(samples.size_m, SIDES_M)
     place_m, ratio = (np.where(time_s < 120.0, early, later) for early, later in ((0.1, 0.5), (1.0, -1.0)))
-    for slower, p in ((1.0, 1.0), (0.1, 0.01)):  # then all is one block
+    early = (time_s >= 120.0).astype(float)
+    for slower, robot, p in ((1.0, 0.0, 1.0), (0.1, 0.0, 0.01), (0.1, early, 1.0)):  # 0.1: all is one block
         drawn = samples.with_columns(x_m=place_m, y_m=place_m, log_ratio=ratio, time_s=slower * time_s)
+        drawn = drawn.with_columns(robot=np.zeros(600) + robot)
         found = scan(drawn, patches, shares_of(drawn, patches), replicates=99)
         assert found.permuted_p_value == pytest.approx(p)
+
+
+def test_exchanged_values_are_looked_at_as_often_as_the_samples() -> None:
+    """Within each block of time all values are the same; damage was most evident at the first look."""
+    samples = drawn_samples(7, count=600, spread_m=0.0)
+    ratio, place_m = np.where(samples.column("time_s") < 120.0, 1.0, -1.0), np.full(600, 0.1)
+    samples = samples.with_columns(x_m=place_m, y_m=place_m, log_ratio=ratio, robot=np.zeros(600))
+    patches = declared(samples.size_m, SIDES_M)
+    assert scan(samples, patches, shares_of(samples, patches), replicates=19, looks=5).permuted_p_value == 1.0
+
+
+def test_samples_near_a_patch_are_within_5_cm_and_three_standard_deviations() -> None:
+    samples = drawn_samples(7, count=400, spread_m=0.0).with_columns(spread_x_m=np.linspace(0.0, 0.1, 400))
+    x_m, y_m, spread_m = (samples.column(name) for name in ("x_m", "y_m", "spread_x_m"))
+    wide = (x_m > 0.15 - 3.0 * spread_m) & (x_m < 0.35 + 3.0 * spread_m) & (y_m > 0.25) & (y_m < 0.38)
+    assert (near(samples, Box(0.2, 0.3, 0.1, 0.03)) == wide).all()
 
 
 def test_half_of_a_wide_surface_is_visited() -> None:
@@ -364,6 +389,7 @@ def test_looks_are_evenly_spaced_over_the_samples_whenever_the_clock_was_started
     times_s, look = looks_of(samples, 8)
     assert (np.bincount(look, minlength=8) > 0).all()
     assert times_s[0] == pytest.approx(times_s[-1] / 8)
+    assert samples.with_columns(time_s=samples.column("time_s") + 30.0).began_s == 0.0
     later = samples.with_columns(time_s=samples.column("time_s") + 36_000.0)  # seconds of the day
     times_s, look = looks_of(later, 8)
     assert (np.bincount(look, minlength=8) > 0).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,7 +18,7 @@ from vibroswarm.documents.damage import plan_document
 from vibroswarm.errors import InputError
 from vibroswarm.inspection import missed
 from vibroswarm.inspection.damage import patch_of, random_places
-from vibroswarm.inspection.missed import Trials, weakest_found
+from vibroswarm.inspection.missed import Trials, false_calls, own_trials, plan, pooled_trials, weakest_found
 from vibroswarm.inspection.patches import declared, shares_of
 from vibroswarm.inspection.pod import fit_pod
 from vibroswarm.inspection.samples import Law, Samples
@@ -173,6 +174,79 @@ def test_lengths_and_sweeps_fit_a_narrow_surface(monkeypatch: pytest.MonkeyPatch
         assert np.diff(np.unique(sweeps[0].column(axis))) == pytest.approx(np.full(number - 1, 0.03))
 
 
+def test_trials_of_many_inspections_are_pooled_and_each_surface_is_drawn_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seeds: list[int] = []
+    called: list[tuple[int, int]] = []
+
+    def seeded(*given: Any, **how: Any) -> Any:
+        seeds.append(given[4])
+        return intact_statistics(*given, **how)
+
+    def counted(*given: Any, **how: Any) -> tuple[int, int]:
+        called.append(false_calls(*given, **how))
+        return called[-1]
+
+    monkeypatch.setattr(missed, "INTACT", 400)
+    monkeypatch.setattr(missed, "intact_statistics", seeded)
+    monkeypatch.setattr(missed, "false_calls", counted)
+    law = Law(preset("paper").sensor, "preset paper")
+    places = [replace(drawn_samples(seed, count=60, spread_m=0.0), law=law) for seed in range(4)]
+    trials = pooled_trials(places[:2], places[2:], until_s=60.0, sides_m=[0.1, 0.2, 0.3], each=4, level=0.2)
+    assert len(set(seeds)) == len(seeds) == 4
+    assert (trials.false, trials.intact) == tuple(map(sum, zip(*called, strict=True)))
+    assert trials.intact == 400
+    assert 0.1 < trials.false / trials.intact < 0.3
+    assert np.unique(trials.size_m, return_counts=True)[1].tolist() == [8, 8, 8]
+
+
+def test_a_row_of_a_plan_does_not_depend_on_what_else_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    pooled: list[tuple[Any, Any, dict[str, Any]]] = []
+
+    def kept(damaged: Any, fresh: Any, **how: Any) -> Trials:
+        pooled.append((damaged, fresh, how))
+        return pooled_trials(damaged, fresh, **how)
+
+    monkeypatch.setattr(missed, "INTACT", 200)
+    monkeypatch.setattr(missed, "pooled_trials", kept)
+    asked: dict[str, Any] = {"runs": 4, "each": 2, "level": 0.2}
+    alone = plan(preset("paper"), [2], [120.0], **asked)
+    both = plan(preset("paper"), [2], [120.0, 240.0], **asked)
+    assert both.row(0) == alone.row(0)
+    sizes = both.select("a50_m", "a90_m", "a90_95_m").drop_nulls()
+    assert sizes.height
+    assert all(row == tuple(sorted(row)) for row in sizes.iter_rows())
+    for damaged, fresh, how in pooled:
+        assert not {one.hash for one in damaged} & {
+            one.hash for one in fresh
+        }  # the threshold is of other motion
+        assert how["level"] == 0.2
+        assert how["each"] * len(damaged) == (
+            4 if how["until_s"] > 1.0 else 40
+        )  # sweeps: as of 20 inspections
+
+
+def test_looking_more_often_finds_more_and_calls_more_falsely() -> None:
+    """By the same threshold and the same drawn surfaces, none is called at the end only."""
+    law = Law(preset("paper").sensor, "preset paper")
+    samples = replace(drawn_samples(7, count=200, spread_m=0.0), law=law)
+    patches = declared(samples.size_m, (0.1, 0.2))
+    known = samples, patches, shares_of(samples, patches), 1.5
+    once, often = (
+        (
+            false_calls(*known, intact=200, looks=looks)[0],
+            own_trials(*known, (10, 200), sides_m=[0.05, 0.1, 0.2], each=20, contrast=0.5, looks=looks).found,
+            weakest_found(*known, (10, 200), looks=looks)["c90"][-1],
+        )
+        for looks in (1, 8)
+    )
+    assert once[0] < often[0]
+    assert (once[1] <= often[1]).all()
+    assert once[1].sum() < often[1].sum()
+    assert once[2] > often[2]
+
+
 def test_too_few_inspections_are_refused() -> None:
     with pytest.raises(InputError, match="at least 20"):
         fit_pod(np.repeat(SIDES_M[:2], 20), np.zeros(40), 0, 2000)
@@ -187,6 +261,7 @@ def test_places_that_are_not_visited_are_an_asymptote_below_one() -> None:
     trials = Trials(size_m, found.astype(float), 200, 2000)
     fit = trials.fit(asymptote=True)
     assert fit.top == pytest.approx(0.8, abs=0.03)
+    assert fit.at([1e-9, 9.0]) == pytest.approx([fit.false_calls, fit.top], abs=0.01)
     assert np.isnan(fit.a90_m)
     assert np.isnan(fit.a90_95_m)
     assert fit.a50_m == pytest.approx((logit(0.4 / 0.7) + 6.0) / 80.0, rel=0.06)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,16 @@ import polars as pl
 import pytest
 
 from helpers.inspections import drawn_samples
-from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, ratios_at, values_at
+from vibroswarm.inspection.damage import (
+    contrast_ratios,
+    drawn_values,
+    patch_of,
+    ratios_at,
+    tiles_below,
+    values_at,
+)
 from vibroswarm.inspection.laws import law_of_measured
-from vibroswarm.inspection.patches import Form, declared, raster, shares_of, strips_of
+from vibroswarm.inspection.patches import Form, declared, log_likelihoods, raster, shares_of, strips_of
 from vibroswarm.inspection.region import HELD, STRENGTHS, between, design_effects, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.scan import scan
@@ -143,6 +151,31 @@ def test_factors_that_samples_share_make_a_region_wider() -> None:
     rho = 0.3**2 / (0.3**2 + log_value.var())
     m = float(shares.share[: shares.first[1]].sum())
     assert design_effects(alone, shares)[0] == pytest.approx(1.0 + rho * (m - 1.0), rel=0.01)
+
+
+def test_design_effects_are_those_of_all_groups_at_each_look_and_widen_a_region() -> None:
+    samples = damaged(3, 1.0)
+    spreads = {"tile_spread": 0.3, "robot_spread": 0.15}
+    seen = replace(samples, law=replace(LAW, sensor=LAW.sensor.model_copy(update=spreads)))
+    patches = declared(samples.size_m, [0.14, 0.3])
+    shares, look = shares_of(seen, patches), np.arange(500) // 200
+    found = design_effects(seen, shares, look, 3)
+    alone = np.log(energy_of(LAW.sensor, 1, (np.arange(20_000) + 0.5) / 20_000)).var()
+    for now, j in itertools.product(range(3), (0, 40, patches.form.size - 1)):
+        own = slice(shares.first[j], shares.first[j + 1])
+        sample, q = shares.sample[own], shares.share[own] * (look[shares.sample[own]] <= now)
+        effect = 1.0
+        for group, spread in ((tiles_below(seen), 0.3), (seen.frame["robot"].to_numpy(), 0.15)):
+            together = (np.bincount(group[sample], q) ** 2).sum() / q.sum()
+            effect += spread**2 / (alone + 0.3**2 + 0.15**2) * max(together - 1.0, 0.0)
+        assert found[now, j] == pytest.approx(effect, rel=0.01)
+    ratios = np.stack([contrast_ratios(seen.law, seen.column("value"), c) for c in STRENGTHS], axis=1)
+    logs = log_likelihoods(shares, ratios)
+    p = patches.weights[:, None] * np.exp((logs - logs.max()) / found[2, logs.max(axis=1).argmax()])
+    posterior = posterior_of(seen, patches, shares, np.ones(500, dtype=bool))
+    assert np.sort(posterior.p)[-9:] == pytest.approx(np.sort(p / p.sum(), axis=None)[-9:], rel=1e-3)
+    left, top, right = posterior.triangles[:2].swapaxes(0, 1)
+    assert right - top == pytest.approx(top - left)  # places may lie on all sides
 
 
 def test_the_design_effect_does_not_depend_on_the_unit_and_exists_for_equal_values() -> None:

@@ -22,6 +22,7 @@ from vibroswarm.analysis.intervals import (
     generator,
     mean_interval,
     mean_share_interval,
+    pseudo_values,
     quantile_interval,
     quantile_rank,
     rate_interval,
@@ -126,10 +127,10 @@ def test_quantile_limits_are_those_of_binomial_sums(share: float) -> None:
     assert (found.low, found.high) == (lower, upper)
 
 
-@given(st.integers(1, 99), st.integers(1, 400))
-def test_a_quantile_is_the_value_that_fractions_name(percent: int, n: int) -> None:
+def test_a_quantile_is_the_value_that_fractions_name() -> None:
     """As .55 of 100, which is 55.00000000000001 in binary numbers."""
-    assert quantile_rank(percent / 100, n) + 1 == math.ceil(Fraction(percent, 100) * n)
+    for percent, n in itertools.product(range(1, 100), range(1, 201)):
+        assert quantile_rank(percent / 100, n) + 1 == math.ceil(Fraction(percent, 100) * n)
 
 
 def test_quantiles_by_hand() -> None:
@@ -195,6 +196,25 @@ def test_shares_of_robots_of_few_runs_hold_the_truth(runs: int, share: float, sa
     a, b = share * (1.0 - same) / same, (1.0 - share) * (1.0 - same) / same
     counts = random.binomial(20, random.beta(a, b, (600, runs)))
     assert coverage(share, [cluster_share(count, np.full(runs, 20)) for count in counts]) >= 0.92
+
+
+def test_few_runs_count_as_the_robots_that_give_the_share_its_variance() -> None:
+    """Of 7 runs three have wrong robots: Wilson's limits of p (1 - p) / Var(p) robots, by Student's factor squared."""
+    shares = np.array([0, 0, 1, 0, 4, 2, 0]) / 20
+    share, factor = shares.mean(), stats.t.ppf(0.975, 6) / stats.norm.ppf(0.975)
+    robots = share * (1.0 - share) / (shares.var(ddof=1) / 7 * factor**2)
+    found = cluster_share(20 * shares, np.full(7, 20))
+    assert found[:3] == pytest.approx((share, *map(float, wilson_limits(share * robots, robots))))
+
+
+def test_pseudo_values_are_those_of_the_jackknife() -> None:
+    pairs = np.random.default_rng(1).random((5, 5))
+    pairs += pairs.T
+    off = ~np.eye(5, dtype=bool)
+    means = (pairs * off).sum(axis=1) / 4
+    without = [np.delete(np.delete(pairs, k, 0), k, 1)[~np.eye(4, dtype=bool)].mean() for k in range(5)]
+    assert pseudo_values(means) == pytest.approx(5 * pairs[off].mean() - 4 * np.array(without))
+    assert pseudo_values([0.3, 0.3]).tolist() == [0.3]
 
 
 def test_a_share_of_those_that_decided_holds_the_truth_though_their_number_varies() -> None:

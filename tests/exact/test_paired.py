@@ -202,6 +202,7 @@ def test_confirmed_only_by_two_blocks_on_one_side() -> None:
         assert not confirmed(up, second).confirmed
         assert word in confirmed(up, second).says
     assert not confirmed(none, up).confirmed
+    assert not confirmed(none, none).confirmed
     json.dumps(confirmed(up, again).as_dict(), allow_nan=False)
     with pytest.raises(InputError, match="the same figure twice"):
         confirmed(up, compare(zero, zero, ["right_share"])[0])

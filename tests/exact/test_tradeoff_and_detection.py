@@ -170,9 +170,21 @@ def test_needed_by_hand() -> None:
     assert needed([cell([1.0] * 80)], 100.0, 0.05)["needed_s"].to_list() == [1.0]
 
 
+def test_false_alarms_are_too_many_when_their_upper_limit_is_not_below_the_rate_wanted_of_them() -> None:
+    """That of 6 in 100 is above 0.12."""
+    robots, runs = cell([float(t) for t in range(1, 101)])
+    consensus = pl.lit("wrong").cast(RUNS["consensus"])
+    wrong = robots.with_columns(decision=pl.lit(1, pl.Int8)), runs.with_columns(consensus=consensus)
+    found = needed([wrong], 100.0, 0.5, false_alarms=0.12).row(0, named=True)
+    assert (found["needed_s"], found["clear_until_s"], found["false_alarm"]) == (None, 6.0, 1.0)
+
+
 def test_pairs_by_hand() -> None:
     """If false alarms become too many at the very time at which misses become few enough, no time is left."""
     rows = [
+        (0.6, 1, 3, 20.0, None),
+        (0.4, 0, 3, None, None),
+        (0.2, 0, 3, None, None),
         (0.6, 1, 2, 50.0, None),
         (0.4, 0, 2, None, 50.0),
         (0.3, 0, 2, None, 50.5),
@@ -180,7 +192,9 @@ def test_pairs_by_hand() -> None:
     ]
     names = ["fill_ratio", "truth", "robots", "needed_s", "clear_until_s"]
     found = pairs(pl.DataFrame(rows, schema=names, orient="row"))
-    assert found.select("fill_ratio_below", "time_s").rows() == [(0.2, 50.0), (0.3, 50.0), (0.4, None)]
+    assert found.select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
+        (0.2, 2, 50.0, True), (0.2, 3, 20.0, False), (0.3, 2, 50.0, True), (0.4, 2, None, False), (0.4, 3, 20.0, True),
+    ]  # fmt: skip
 
 
 def test_on_the_boundary_nothing_can_be_missed() -> None:

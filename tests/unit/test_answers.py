@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +16,10 @@ from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.core.numbers import count_of, listed
 from vibroswarm.documents.study import study_document
 from vibroswarm.documents.study_words import at_equal_error, question, sentence, title_of, warnings_of
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.strategies import known
 from vibroswarm.study.cell_comparison import Answer, Compared, answers_of
+from vibroswarm.study.equal_error import at_equal_error as at_equal_error_of
 from vibroswarm.study.equal_error import reached
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of
@@ -180,6 +183,36 @@ def test_replays_are_those_of_the_scenario_and_its_settings() -> None:
     time_s = one.robots(0)["decision_time_s"].fill_null(200.0).mean()
     assert found.time_s[0].mean() == pytest.approx(time_s)
     assert found.time_s.shape == (25, 25)  # as it is, and 6 x 4 settings
+
+
+def test_pairs_are_compared_at_equal_error_by_the_runs_that_all_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From run 0 to the first that is missing, and 5,000 robots or 300 runs at most; cell less reference."""
+    asked: list[int] = []
+
+    def made(scenarios: list[Scenario], seed: int, runs: int, **how: Any) -> list[Reached]:
+        asked.append(runs)
+        early_s = [60.0 * (one.strategy.name == "soft") for one in scenarios]
+        return [
+            reached_of([(300.0 - s, 0.2), (100.0 - s, 0.4), (500.0 - s, 0.0)], NOISE[:runs]) for s in early_s
+        ]
+
+    monkeypatch.setattr("vibroswarm.study.equal_error.reached", made)
+    one_missing = [*range(40), *range(41, 2000)]
+    for robots, there, runs in (
+        (5, one_missing, 40),
+        (5, list(range(2000)), 1000),
+        (50, list(range(2000)), 300),
+    ):
+        study = Study.of(
+            preset("paper").with_values({"swarm.robots": robots}), 1, strategy__name=["none", "soft"]
+        )
+        of_cells = (list(range(2000)), there)
+        result: Any = SimpleNamespace(study=study, runs_there=lambda k, most, kept=of_cells: kept[k][:most])
+        none, soft = study.cells
+        compared = [Compared(soft, none, "strategy.name", paired("decision_time_s", *PUBLISHED[0]), None)]
+        found = at_equal_error_of(result, compared)
+        assert asked.pop() == runs
+        assert found[1, 0].time_difference_s.estimate == pytest.approx(-60.0)
 
 
 def test_settings_are_of_strategies_that_exist() -> None:

@@ -36,7 +36,16 @@ from vibroswarm.optimize.search_files import made_by, write_grid, write_search
 from vibroswarm.optimize.sensitivity import indices
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import LUCK, Front, Member, Truth, front_of, is_too_short, truth_of
+from vibroswarm.optimize.validation import (
+    LUCK,
+    Front,
+    Member,
+    Truth,
+    front_of,
+    is_too_short,
+    score_fresh,
+    truth_of,
+)
 from vibroswarm.plots.labels import setting_words
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.cells import written
@@ -387,6 +396,9 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
         for name, believed, true in zip(front.names, member.believed, member.true, strict=True):
             assert row[f"{name}, believed"] == believed
             assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (true.low, plain(true.high))
+    second = replace(found.search, objectives=found.search.objectives[::-1])
+    (alone,) = score_fresh(second, [("", front.members[0].values)], front.runs)
+    assert front.members[0].true[1].estimate == pytest.approx(alone.score.estimate)
     assert front.words in seen(page_html(report))
     beaten = replace(front, members=(replace(front.members[0], stays=False, failed=3), *front.members[1:]))
     told = page_of(found, None, beaten)
@@ -410,6 +422,11 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     assert (true["score"], true["runs"]) == (truth.winner.score.estimate, 50)
     cells = rows_of(report, "grid")
     assert [row["score"] for row in cells] == [node.scored.score.estimate for node in nodes.nodes]
+    assert [node.as_good for node in nodes.nodes] == [node.above_best.low <= 0.0 for node in nodes.nodes]
+    result = run_study(nodes.grid.study)
+    for node in nodes.nodes:
+        decided = result.robots(node.cell.number)["decision"] != -1
+        assert node.undecided == pytest.approx(1.0 - decided.mean())
     standing = [row["standing"] for row in cells]
     assert standing.count("the lowest") == 1
     assert standing.count("not significant") == sum(node.as_good for node in nodes.nodes) - 1
@@ -457,7 +474,7 @@ def test_a_front_with_scores_of_0_has_no_share_of_them() -> None:
 
     members = tuple(
         Member(k, {}, (1.0, 10.0), (scored(errors), scored(12.5)), True, 0)
-        for k, errors in enumerate((0.0, 2.0))
+        for k, errors in enumerate((0.0, 2.0, 2.0, 40.0))
     )
     front = Front(("errors", "time"), ("", "s"), members, 300)
     assert front.too_little == [0.5, pytest.approx(0.2)]

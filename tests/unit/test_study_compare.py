@@ -97,6 +97,8 @@ def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, S
     assert one.first.pairs == 60
     assert one.replicate is not None
     assert one.replicate.second.pairs == 60
+    again = [replicate.robots(cell.number).select(capped).item() for cell in (one.cell, one.reference)]
+    assert one.replicate.second.difference.estimate == pytest.approx(again[0] - again[1])
     assert one.first.wins + one.first.ties + one.first.losses == 60
 
 

@@ -68,6 +68,7 @@ def test_points_between_bounds_lie_there_and_come_again(kind, count, seed, low, 
     }
     points = points_of({kind: block})
     assert points == points_of({kind: dict(block)})
+    assert points != points_of({kind: block | {"seed": seed + 1}})
     assert len(points) == count
     for point in points:
         assert isinstance(point[ROBOTS], int)
@@ -98,6 +99,10 @@ def test_whole_numbers_are_drawn_on_a_logarithmic_scale_too(kind: str) -> None:
     robots = sorted(p[ROBOTS] for p in points)
     assert (robots[0], robots[-1] <= 500) == (1, True)
     assert 14 <= robots[200] <= 32, "three standard errors about the middle, sqrt(501)"
+    few = [
+        p[ROBOTS] for p in points_of({kind: {"points": 400, ROBOTS: {"from": 2, "to": 3, "scale": "log"}}})
+    ]
+    assert 133 <= few.count(3) <= 200, "three standard errors about ln(4 / 3) / ln(4 / 2) of them"
 
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
