@@ -35,7 +35,7 @@ STEP: Final = 0.05
 """Change of the log factor over which kappa is computed."""
 WIDEST: Final = 3.0
 """The outermost nodes of a tile, in standard deviations of its log factor."""
-APART: Final = 0.1
+APART: Final = 0.15
 """Largest distance between nodes: a hundred samples tell the log factor to half of it."""
 
 

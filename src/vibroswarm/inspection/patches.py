@@ -418,7 +418,8 @@ def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share:
                     number += 1
                 for m in range(nodes):
                     for b in range(replicates):
-                        product[t, m, b] *= 1.0 + q * rows[m, b]
+                        one = min(product[t, m, b] * (1.0 + q * rows[m, b]), LARGEST)
+                        product[t, m, b] = one if one > SMALLEST else 0.0
                 k += 1
             found[:] = 1.0
             for i in range(number):
@@ -426,8 +427,6 @@ def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share:
                 mean[:] = 0.0
                 for m in range(nodes):
                     for b in range(replicates):
-                        one = min(product[t, m, b], LARGEST)
-                        product[t, m, b] = one if one > SMALLEST else 0.0
                         mean[b] += node[now, t, m, b] * product[t, m, b]
                 for b in range(replicates):
                     found[b] *= mean[b]
