@@ -17,7 +17,9 @@ at its edge: where it said more than 95 %, 86 % were damaged.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -463,7 +465,8 @@ def ratios_at_looks(
     """
     out = np.zeros((looks, len(patches.forms), more.shape[2]))
     weight, tiles = patches.weights * len(patches.forms), int(on_tiles.tile.max()) + 1
-    for begin in range(0, out.shape[2], AT_ONCE):
+
+    def fill(begin: int) -> None:
         part = np.s_[..., begin : begin + AT_ONCE]
         still = np.ascontiguousarray(on_tiles.still[part].swapaxes(0, 1))
         rows, some = np.empty_like(still), np.zeros(out[part].shape)
@@ -473,6 +476,9 @@ def ratios_at_looks(
         room = np.empty(node.shape[1:]), np.empty((2, rows.shape[2])), np.zeros((2, tiles), dtype=np.int64)
         _ratios_at_looks(*shares, rows, look, on_tiles.tile, node, patches.form, weight, strict, *room, some)
         out[part] = np.minimum(some, LARGEST)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(fill, range(0, out.shape[2], AT_ONCE)))
     return out
 
 
