@@ -570,7 +570,9 @@ def test_the_map_of_a_floor_that_changes_is_scored_by_the_floor_at_each_time_and
 def test_energies_of_sensors_that_fail_are_those_of_sensors_that_work() -> None:
     """All sensors were stuck at 1, and the map was right, without a word."""
     result = simulate(preset("paper").with_values({"run.t_end_s": 60.0, "faults.stuck_at_1": 1.0}), seed=2)
-    assert "(stuck_at_1) are in readings, not in the energies" in inspect(result).samples.warning
+    assert "Faults (stuck_at_1) change readings only" in inspect(result).samples.warning
+    nobody = simulate(preset("paper").with_values({"run.t_end_s": 60.0, "faults.stuck_at_1": 0.01}), seed=2)
+    assert inspect(nobody).samples.warning == ""
     of_bits = inspect(result, bits=True).samples
     assert of_bits.warning == ""
     assert of_bits.column("value").all()

@@ -116,6 +116,15 @@ def test_times_may_be_timestamps(tmp_path, capsys, sep, zone):
         log.write_text("\n".join([head, *stamped]))
         refusal = refusal_of(capsys, *command)
         assert f"log.csv, row 7: '{wrong}' in column 't_ms' is not a time such as 2026-05-01T10" in refusal
+    stamped[5] = ",".join([f"2027-05-01T23:59:05{zone}", rows[5].partition(",")[2]])
+    log.write_text("\n".join(["", head, *stamped]))
+    refusal = refusal_of(capsys, *command)
+    assert (
+        f"log.csv, row 8: '2027-05-01T23:59:05{zone}' in column 't_ms' is more than 116 days after" in refusal
+    )
+    log.write_text("\n".join([head, *stamped[:5]]))
+    refusal = refusal_of(capsys, *command, "--acceleration", str(log))
+    assert "times have to be those of the acceleration: numbers, not timestamps" in refusal
 
 
 @pytest.mark.usefixtures("empty_pictures")

@@ -151,7 +151,10 @@ def _wait_for_pools() -> None:
     """
     until_s = time.monotonic() + POOLS_S
     for thread in threading.enumerate():
-        if thread not in (threading.current_thread(), threading.main_thread()) and not thread.daemon:
+        own = thread in (threading.current_thread(), threading.main_thread())
+        if thread.is_alive() and not (
+            own or thread.daemon
+        ):  # one that is only being started cannot be joined
             thread.join(max(until_s - time.monotonic(), 0.0))
 
 

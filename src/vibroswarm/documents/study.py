@@ -294,7 +294,7 @@ _OF_SOME_CELLS: Final = (
             has_them,
             (*agreed_on, "swarm_split", "swarm_incomplete", "agreement_lasted", "consensus_time_s"),
             "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over "
-            "runs. Lasted: share of the agreements that held at the end; not given where decisions are final. Runs "
+            "runs. Lasted: share of the agreements that held at the end, where opinions may change. Runs "
             "without agreement count with their whole time.",
         )
         for name, has_them, agreed_on in (

@@ -95,7 +95,7 @@ def nodes_of(law: Law) -> tuple[Floats, Floats]:
     return node, density / density.sum()
 
 
-def still_at_node(law: Law, value: Floats, node: float) -> Floats:
+def intact_at_node(law: Law, value: Floats, node: float) -> Floats:
     """Return the log likelihood of values, by a typical robot, on an intact tile of a node, in the shape of value."""
     factor = _factor(law, node)
     if law.bits:

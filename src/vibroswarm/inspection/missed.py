@@ -23,7 +23,7 @@ from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
 from vibroswarm.inspection.samples import SAMPLES, Floats, Samples
 from vibroswarm.inspection.scan import critical_value, drawn_statistics, intact_statistics
 from vibroswarm.inspection.sources import samples_of_result
-from vibroswarm.scenario.fault_fields import SENSOR_FAULTS
+from vibroswarm.scenario.fault_fields import failing_sensors
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
@@ -201,11 +201,8 @@ def plan(
     whole_number_of(runs, "runs", 4, 10**6)
     whole_number_of(each, "each", 1, 10**6)
     level = number_of(level, "level", 0.0, 1.0)
-    for kind in SENSOR_FAULTS:
-        if getattr(scenario.faults, kind):
-            raise InputError(
-                "a plan draws energies of sensors that work; leave it out", field=f"faults.{kind}"
-            )
+    for kind in failing_sensors(scenario.faults, max(robots, default=0)):
+        raise InputError("a plan draws energies of sensors that work; leave it out", field=f"faults.{kind}")
     largest_m, arena = max(*sides_m, *SIZES_M), scenario.arena
     if largest_m > min(arena.size_m):
         raise InputError(

@@ -361,12 +361,12 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
 
 
 @kernel
-def _node_weights(still: NDArray[np.float32], look: NDArray[np.int64], tile: NDArray[np.int64], prior: Floats,
+def _node_weights(intact: NDArray[np.float32], look: NDArray[np.int64], tile: NDArray[np.int64], prior: Floats,
                   out: Floats) -> None:  # fmt: skip
     """Write the probability of each node of a tile's factor at each look to ``out``, (looks, tiles, nodes, replicates).
 
     Args:
-        still: log likelihood of each sample on an intact tile of each node, (samples, nodes, replicates).
+        intact: log likelihood of each sample on an intact tile of each node, (samples, nodes, replicates).
         look, tile: of each sample. prior: of each node. out: all 0 at first.
     """
     looks, tiles, nodes, replicates = out.shape
@@ -374,7 +374,7 @@ def _node_weights(still: NDArray[np.float32], look: NDArray[np.int64], tile: NDA
         node = out[look[s], tile[s]]
         for m in range(nodes):
             for b in range(replicates):
-                node[m, b] += still[s, m, b]
+                node[m, b] += intact[s, m, b]
     for now in range(1, looks):
         for t in range(tiles):
             for m in range(nodes):
@@ -447,7 +447,7 @@ class OnTiles(NamedTuple):
     """Of each sample, from 0."""
     prior: Floats
     """Of each node."""
-    still: NDArray[np.float32]
+    intact: NDArray[np.float32]
     """Log likelihood of each sample on an intact tile of each node, (nodes, samples, replicates)."""
 
 
@@ -468,11 +468,11 @@ def ratios_at_looks(
 
     def fill(begin: int) -> None:
         part = np.s_[..., begin : begin + AT_ONCE]
-        still = np.ascontiguousarray(on_tiles.still[part].swapaxes(0, 1))
-        rows, some = np.empty_like(still), np.zeros(out[part].shape)
+        intact = np.ascontiguousarray(on_tiles.intact[part].swapaxes(0, 1))
+        rows, some = np.empty_like(intact), np.zeros(out[part].shape)
         rows[shares.place] = more[part].swapaxes(0, 1)
         node = np.zeros((looks, tiles, *rows.shape[1:]))
-        _node_weights(still, look, on_tiles.tile, on_tiles.prior, node)
+        _node_weights(intact, look, on_tiles.tile, on_tiles.prior, node)
         room = np.empty(node.shape[1:]), np.empty((2, rows.shape[2])), np.zeros((2, tiles), dtype=np.int64)
         _ratios_at_looks(*shares, rows, look, on_tiles.tile, node, patches.form, weight, strict, *room, some)
         out[part] = np.minimum(some, LARGEST)

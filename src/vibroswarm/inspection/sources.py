@@ -34,7 +34,7 @@ from vibroswarm.recordings.assemble_recording import inside, rows_apart_s
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.scenario.fault_fields import SENSOR_FAULTS
+from vibroswarm.scenario.fault_fields import failing_sensors
 from vibroswarm.sensors.confusion import confusion
 
 KEY: Final = ("run", "robot", "sample")
@@ -102,19 +102,17 @@ def samples_of_result(
         own=hash_of_run(result, run),
         changed_s=floor.changes.times_s.tolist(),
     )
-    faulty = [kind for kind in SENSOR_FAULTS if getattr(result.scenario.faults, kind)]
-    if faulty and not (bits or many):
-        found = replace(found, warning=f"{found.warning} {_not_in_energies(faulty)}".strip())
     if not isinstance(result, Recording):
-        return found
+        faulty = failing_sensors(result.scenario.faults, result.scenario.swarm.robots)
+        return found if bits or many or not faulty else replace(found, warning=_not_in_energies(faulty))
     return _with_doubts(found, *_doubt_of_times(result.sessions[run]["told"].get("rows_apart_s", 0.0)))
 
 
 def _not_in_energies(faulty: Sequence[str]) -> str:
     """Return a warning that some kinds of faults are not in what is inspected."""
     return (
-        f"The faults of the scenario ({', '.join(faulty)}) are in readings, not in the energies that are inspected: "
-        "these are those of sensors that work. Inspect readings (--bits)."
+        f"Faults ({', '.join(faulty)}) change readings only; the energies that are inspected are those of working "
+        "sensors. To inspect readings, add --bits."
     )
 
 

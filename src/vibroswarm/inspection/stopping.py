@@ -50,7 +50,7 @@ from vibroswarm.inspection.damage import (
     random_places,
     tiles_below,
 )
-from vibroswarm.inspection.factors import nodes_of, of_typical_robots, ratios_at_node, still_at_node
+from vibroswarm.inspection.factors import intact_at_node, nodes_of, of_typical_robots, ratios_at_node
 from vibroswarm.inspection.patches import (
     OnTiles,
     Patches,
@@ -164,7 +164,7 @@ class Rule(NotebookView):
             found = np.stack([judged_by(read, partial(judge, node=node)) for node in nodes])
             return found if heard is None else np.where(heard, found, 0.0)
 
-        on_tiles = OnTiles(tile, prior, at_nodes(still_at_node).astype(np.float32))
+        on_tiles = OnTiles(tile, prior, at_nodes(intact_at_node).astype(np.float32))
         ratio = np.zeros((self.looks, values.shape[1]))
         for contrast in self.question.contrasts:
             more = np.expm1(at_nodes(partial(ratios_at_node, contrast=contrast))).astype(np.float32)

@@ -284,6 +284,11 @@ def with_energies(
         return logs, []
     if len(files) != len(logs):
         raise InputError(f"{len(files)} files for {len(logs)} logs; give one per log", field="--acceleration")
+    for log in logs:
+        if log.has_timestamps:
+            raise InputError(
+                "times have to be those of the acceleration: numbers, not timestamps", field=log.name
+            )
     program = sense_program(scenario)
     computed = [
         (samples_found if log.samples.is_empty() else energies_from)(log, path, program)

@@ -47,6 +47,8 @@ from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TR
 LARGEST_BYTES: Final = 64 * 2**20
 """Size of the largest log file. Reading takes some 25 times as much memory; an hour of ten robots has 10 MB."""
 
+MOST_S: Final = 1e7
+"""Longest session."""
 _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "robot": (0, 2**31, "a whole number from 0 on"),
     "energy": (0.0, 1e9, "a number from 0 to 1e9"),
@@ -54,7 +56,7 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "y_m": (-1e4, 1e4, "a length within 10 km, in metres"),
     "time_s": (
         0.0,
-        1e7,
+        MOST_S,
         "a time since the start of the session, from 0 to 1e7 s; of other clocks subtract the first time (in a column "
         "map: first = 0)",
     ),
@@ -125,7 +127,7 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     except (csv.Error, StopIteration) as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
     for number, row in zip(lines, rows, strict=True):
-        if row == header:
+        if [cell.strip(" \ufeff") for cell in row] == head:
             raise InputError(
                 "is the header again; leave it out, or if the file holds two sessions, give each its own file",
                 field=f"{name}, row {number}",
@@ -213,11 +215,17 @@ def seconds_of(
     has_zone = re.search(r"(Z|[+-]\d\d(:?\d\d)?)$", first[len("2026-05-01") :]) is not None
     texts = stripped.str.replace(" ", "T", literal=True)
     times = texts.str.to_datetime("%FT%T%.f%#z" if has_zone else "%FT%T%.f", time_unit="us", strict=False)
-    wrong = times.is_null() & ~stripped.is_in(list(missing))
+    is_missing = stripped.is_in(list(missing))
+    wrong = times.is_null() & ~is_missing
     like = "2026-05-01T10:00:00.250Z" if has_zone else "2026-05-01T10:00:00.250"
     words = f"in column '{column}' is not a time such as {like} (all times have a zone, or none has)"
     _refuse_first(wrong, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
-    return (times - times.min()).dt.total_microseconds() / 1e6
+    seconds = pl.select(pl.when(~is_missing).then(times)).to_series()
+    seconds = (seconds - seconds.min()).dt.total_microseconds() / 1e6
+    first_row = lines[seconds.arg_min() or 0]
+    words = f"in column '{column}' is more than {MOST_S / 86400:.0f} days after the time of row {first_row}"
+    _refuse_first(seconds > MOST_S, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
+    return seconds
 
 
 def _refuse_first(wrong: pl.Series, lines: pl.Series, name: str, words: Callable[[int], str]) -> None:
@@ -444,7 +452,14 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
         wraps_at=wraps_at,
         settings=by.settings,
         counts={"rows": table.height},
+        has_timestamps=by.columns["time_s"].values is None
+        and has_timestamps(table[by.columns["time_s"].name]),
     )
+
+
+def has_timestamps(cells: pl.Series) -> bool:
+    """Return whether any of these texts is a timestamp."""
+    return bool(cells.str.contains(TIMESTAMP).any())
 
 
 def _converted(
@@ -459,7 +474,7 @@ def _converted(
     Raises:
         InputError: a cell is not a number, not one of ``values``, or out of range; the error names the row.
     """
-    if use == "time_s" and column.values is None and cells.str.contains(TIMESTAMP).any():
+    if use == "time_s" and column.values is None and has_timestamps(cells):
         numbers = seconds_of(cells, lines, name, column.name, missing)
         numbers += column.plus if column.first is None else column.first
     elif column.values is None:

@@ -131,6 +131,8 @@ class Log(NotebookView):
     """Fields of the scenario stated in the log."""
     counts: Mapping[str, float] = field(default_factory=dict)
     """Counts by key of ``COUNTED``."""
+    has_timestamps: bool = False
+    """Whether times are counted from the first row, as those of timestamps are."""
 
 
 def log_frame(columns: Mapping[str, Any], schema: Mapping[str, Any]) -> pl.DataFrame:

@@ -249,7 +249,7 @@ def read_log(
     if reader is not None:
         check_choice(reader, "--reader", _READERS)
         return _READERS[reader].read(path)
-    head = text_of(path)[:HEAD]
+    head = text_of(path).lstrip("\r\n")[:HEAD]
     for candidate in _READERS.values():
         if candidate.recognises(head):
             return candidate.read(path)

@@ -196,6 +196,11 @@ def count_of(affected: Affected, robots: int) -> int:
     return len(affected) if isinstance(affected, tuple) else robots_of_share(affected, robots)
 
 
+def failing_sensors(faults: Faults, robots: int) -> list[str]:
+    """Return the kinds of sensor faults that at least one of so many robots has."""
+    return [kind for kind in SENSOR_FAULTS if count_of(getattr(faults, kind), robots)]
+
+
 def check_faults(faults: Faults, robots: int) -> None:
     """Refuse faults of robots that do not exist, and robots stuck at 0 and at 1 at once.
 

@@ -20,9 +20,9 @@ from vibroswarm.core.numbers import count, number, percent, stated
 from vibroswarm.core.tables import csv_bytes, write_frame
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.column_map import (
-    TIMESTAMP,
     check_columns,
     check_values,
+    has_timestamps,
     numbers_of,
     seconds_of,
     table_of,
@@ -322,7 +322,7 @@ def read_robot_log(path: Path) -> pl.DataFrame:
     for use in SAMPLES:
         if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
             continue
-        read = seconds_of if use == "time_s" and table[use].str.contains(TIMESTAMP).any() else numbers_of
+        read = seconds_of if use == "time_s" and has_timestamps(table[use]) else numbers_of
         numbers = read(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
         check_values(numbers, lines, name, use=use, column=use)
         columns[use] = numbers
