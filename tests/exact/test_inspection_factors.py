@@ -12,6 +12,7 @@ from helpers.inspections import drawn_samples
 from vibroswarm.inspection import stopping
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
 from vibroswarm.inspection.factors import of_typical_robots
+from vibroswarm.inspection.laws import law_of_measured
 from vibroswarm.inspection.patches import declared
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.stopping import LOOKS, Question, rule_of
@@ -58,6 +59,56 @@ def test_values_stay_where_robots_do_not_differ_or_only_say_yes_or_no():
     value, _, look = drawn(400, 0.0)
     for law in (ALIKE, replace(DIFFER, bits=True)):
         assert of_typical_robots(samples, law, value, look, 8) is value
+
+
+@pytest.mark.parametrize("damaged", [0.0, 0.04])
+def test_they_are_found_where_damage_measures_less(damaged):
+    swapped = {
+        f"{kind}_{name}": getattr(SENSOR, f"{other}_{name}")
+        for kind, other in (("still", "vibrating"), ("vibrating", "still"))
+        for name in ("shape", "scale", "location")
+    }
+    law = Law(DIFFER.sensor.model_copy(update=swapped), "damage measures less")
+    samples = drawn_samples(5, count=20_000, spread_m=0.0)
+    value, factor, look = drawn(20_000, 1.0 - damaged)
+    found = (value / of_typical_robots(samples, law, value, look, 8))[:, 0]
+    last = look == 7
+    np.testing.assert_allclose(np.log(found[last] / factor[last]), -0.5 * damaged, atol=0.05)
+
+
+@pytest.mark.parametrize("still", [np.full(100, 5.0), np.repeat([0.0, 1.0, 2.0], [70, 15, 15])])
+def test_where_still_values_show_no_factor_it_counts_as_that_of_tiles(still):
+    vibrating = np.random.default_rng(1).gamma(9.0, 1.0, 100) + 2.0
+    samples = drawn_samples(5, count=200, spread_m=0.0)
+    values = np.random.default_rng(2).choice(still, (200, 1))
+    told = []
+    for spreads in ((0.0, 0.0), (0.0, 0.5), (0.5, 0.0)):
+        law = law_of_measured(vibrating, still, "measured", spreads)
+        rule = rule_of(
+            replace(samples, law=replace(law, draws=())), declared(samples.size_m, [0.2]), Question(0.2), 4
+        )
+        told.append(rule.told(values))
+    assert (told[1] == told[2]).all()
+    assert (told[1][-1] != told[0][-1]).all()
+
+
+def test_a_robot_knows_no_factor_by_what_it_has_not_heard():
+    samples = replace(drawn_samples(5, count=400, spread_m=0.0), law=DIFFER)
+    value, _, _ = drawn(400, 0.0)
+    heard = (samples.frame["robot"].to_numpy() == 0)[:, None]
+    rule = rule_of(samples, declared(samples.size_m, [0.2]), Question(0.2), 4)
+    other = np.where(heard, value, 5.0 * value)
+    np.testing.assert_array_equal(rule.told(value, heard), rule.told(other, heard))
+
+
+def test_evidence_beyond_all_numbers_is_a_risk_of_one():
+    law = replace(DIFFER, sensor=DIFFER.sensor.model_copy(update={"tile_spread": 0.15}))
+    samples = replace(drawn_samples(5, count=10_000, spread_m=0.0), law=law)
+    x_m, y_m = samples.column("x_m"), samples.column("y_m")
+    value = np.where((x_m < 0.4) & (y_m < 0.4), 4.0, 0.3)[:, None]
+    told = rule_of(samples, declared(samples.size_m, [0.2, 0.6]), Question(0.2), 4).told(value)
+    assert told[-1] == pytest.approx(1.0)
+    assert np.isfinite(told).all()
 
 
 @pytest.mark.slow

@@ -22,7 +22,6 @@ INSIDE = {
     "inference.outcomes": "cells are summed up from arrays, since frames of a million runs took most of the time",
     "study.batch_table.WALK": "the columns of how robots walked that a study saves",
     "study.cell_comparison.second_seed": "fresh runs have the seed that a study's own confirmation has",
-    "study.executors.processors": "the number of threads that studies use by default",
     "observation.decision_boundary.expected_ones": "the mean over random floors, where decidability takes one floor",
     "networks.loss_by_size.MOST": "the largest swarm for which the fitted network holds",
     "floors.difficulty.paper_table": "printed difficulties beside the right ones, as 'floors list' has them",

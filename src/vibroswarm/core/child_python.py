@@ -1,4 +1,4 @@
-"""Python processes that import no file of the working folder.
+"""Python processes that import no file of the working folder, and how many processors there are for them.
 
 ``python -c`` and ``python -m`` put the working folder first on the search path, so that a file ``signal.py`` in a
 folder of somebody else's data would be executed. Every process that this package starts leaves it out.
@@ -19,6 +19,11 @@ MOST_WORKERS: Final = 4096
 """Largest number of workers, threads or processes, that is accepted."""
 _lock: Final = threading.Lock()
 """Held while ``VARIABLE`` is set, so that threads which start processes at once do not reset it for each other."""
+
+
+def processors() -> int:
+    """Return the number of processors that this process may use; a batch system may grant fewer than there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def command(*arguments: str) -> list[str]:

@@ -66,7 +66,7 @@ class Table(NamedTuple):
     """``index_of`` u and value."""
 
 
-@lru_cache(maxsize=160)
+@lru_cache(maxsize=512)
 def tables_of(law: Law) -> Table:
     """Return the tables of a law."""
     # Denser at the ends of (0, 1), where quantiles change most.

@@ -9,7 +9,7 @@ The factor of a tile is one of a few nodes, whose probabilities follow from all 
 
 | name | symbol | equation |
 |---|---|---|
-| score of a value | - | min(F(v), 1/2), F the law of still places: damage scores hardly more than its median |
+| score of a value | - | min(F(v), 1/2), F the law of still places; max, if values on damage are smaller |
 | rise of the mean score with the log factor | kappa | numerically |
 | log factor that a value shows | y | (score - mean score of the law) / kappa |
 | factors of robots and tiles | g_r, h_t | y = g_r + h_t + error, g_r and h_t normal with the spreads of the law |
@@ -20,9 +20,10 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,43 @@ WIDEST: Final = 3.0
 """The outermost nodes of a tile, in standard deviations of its log factor."""
 APART: Final = 0.15
 """Largest distance between nodes: a hundred samples tell the log factor to half of it."""
+MOST_NODES: Final = 25
+"""More would take too long; tiles differ by less than half."""
+
+
+class _Score(NamedTuple):
+    """How values of typical robots on still places score, by a law."""
+
+    of: Callable[[Floats], Floats]
+    mean: float
+    variance: float
+    kappa: float
+
+
+@lru_cache(maxsize=256)
+def _score_of(law: Law) -> _Score:
+    """Return how values score: those on damage hardly more, or less, than the median of still places."""
+    table = tables_of(law.typical)
+    is_lower = np.interp(0.5, table.u, table.vibrating) < np.interp(0.5, table.u, table.still)
+    beyond = np.maximum if is_lower else np.minimum
+    weight = np.gradient(table.u)
+
+    def score(of: Floats) -> Floats:
+        return np.asarray(beyond(interpolated(of, table.still, table.u), 0.5))
+
+    typical = score(table.still)
+    mean = np.average(typical, weights=weight)
+    variance = np.average((typical - mean) ** 2, weights=weight)
+    less, more = (np.average(score(table.still * np.exp(by)), weights=weight) for by in (-STEP, STEP))
+    return _Score(score, float(mean), float(variance), float(more - less) / (2.0 * STEP))
+
+
+def _shows_robots(law: Law) -> bool:
+    """Return whether values show the factors of robots: readings hardly do, nor do still values that are all equal."""
+    if law.bits:
+        return False
+    score = _score_of(law)
+    return score.kappa > 0.0 and score.variance > 1e-12
 
 
 def of_typical_robots(
@@ -44,40 +82,30 @@ def of_typical_robots(
 ) -> Floats:
     """Return values without the factors of their robots, as known when each sample counts, (samples, replicates).
 
-    Readings stay as they are, as do values by a law whose robots do not differ.
+    They stay as they are if robots do not differ by the law, or values do not show it.
 
     Args:
         law: by which values are judged. values: (samples, replicates). look: from which look on each sample counts,
             from 0, ascending.
     """
-    spread, table = law.sensor.robot_spread or 0.0, tables_of(law)
-
-    def score(of: Floats) -> Floats:
-        return np.minimum(interpolated(of, table.still, table.u), 0.5)
-
-    weight = np.gradient(table.u)
-    typical = score(table.still)
-    mean = np.average(typical, weights=weight)
-    variance = np.average((typical - mean) ** 2, weights=weight)
-    less, more = (np.average(score(table.still * np.exp(by)), weights=weight) for by in (-STEP, STEP))
-    kappa = (more - less) / (2.0 * STEP)
-    if law.bits or not spread or kappa <= 0.0:
+    if not law.sensor.robot_spread or not _shows_robots(law):
         return values
-    error, of_robots, of_tiles = variance / kappa**2, spread**2, (law.sensor.tile_spread or 0.0) ** 2
-    log_factors = (score(values) - mean) / kappa + 0.5 * (of_robots + of_tiles)
+    score, of_robots, of_tiles = (
+        _score_of(law),
+        law.sensor.robot_spread**2,
+        (law.sensor.tile_spread or 0.0) ** 2,
+    )
+    error = score.variance / score.kappa**2
+    log_factors = (score.of(values) - score.mean) / score.kappa + 0.5 * (of_robots + of_tiles)
     robot = np.unique(samples.frame["robot"].to_numpy(), return_inverse=True)[1]
     factor, tile = np.empty_like(values), tiles_below(samples)
     number = np.zeros((robot.max() + 1, tile.max() + 1))
     robot_sum, tile_sum = (np.zeros((groups, values.shape[1])) for groups in number.shape)
     ends = np.searchsorted(look, np.arange(looks), side="right")
     for new in itertools.starmap(slice, itertools.pairwise([0, *ends])):
-        on_robot, on_tile = (
-            (group[new] == np.arange(groups)[:, None]).astype(np.float64)
-            for group, groups in zip((robot, tile), number.shape, strict=True)
-        )
-        number += on_robot @ on_tile.T
-        robot_sum += on_robot @ log_factors[new]
-        tile_sum += on_tile @ log_factors[new]
+        np.add.at(number, (robot[new], tile[new]), 1.0)
+        np.add.at(robot_sum, robot[new], log_factors[new])
+        np.add.at(tile_sum, tile[new], log_factors[new])
         share = number * of_tiles / (number.sum(axis=0) * of_tiles + error)
         matrix = np.diag(number.sum(axis=1) + error / of_robots) - share @ number.T
         estimate = np.linalg.solve(matrix, robot_sum - share @ tile_sum)
@@ -90,7 +118,7 @@ def nodes_of(law: Law) -> tuple[Floats, Floats]:
     spread = max(map(_tile_spread, (law, *(replace(law, sensor=one.judge) for one in law.draws))))
     if spread == 0.0:
         return np.zeros(1), np.ones(1)
-    node = np.linspace(-WIDEST, WIDEST, 2 * math.ceil(WIDEST * spread / APART) + 1)
+    node = np.linspace(-WIDEST, WIDEST, min(2 * math.ceil(WIDEST * spread / APART) + 1, MOST_NODES))
     density = np.exp(-0.5 * node**2)
     return node, density / density.sum()
 
@@ -106,19 +134,20 @@ def intact_at_node(law: Law, value: Floats, node: float) -> Floats:
     return logs - math.log(factor)
 
 
-def ratios_at_node(law: Law, value: Floats, node: float, contrast: float) -> Floats:
-    """Return the log likelihood ratio of values for damage of a contrast on a tile of a node, in the shape of value."""
+def excess_at_node(law: Law, value: Floats, node: float, contrast: float) -> Floats:
+    """Return r - 1 of values, r the likelihood ratio for damage of a contrast on a tile of a node, in their shape."""
     factor = _factor(law, node)
     if not law.bits or law.typical is law:
-        return contrast_ratios(law.typical, value / factor, contrast)
+        return np.asarray(np.expm1(contrast_ratios(law.typical, value / factor, contrast)))
     still, vibrating = _rates_at(law, factor)
     of_zero, of_one = math.log((1.0 - vibrating) / (1.0 - still)), math.log(vibrating / still)
-    return np.asarray(np.clip(np.where(value == 1.0, of_one, of_zero), -MOST, MOST))
+    return np.asarray(np.expm1(np.clip(np.where(value == 1.0, of_one, of_zero), -MOST, MOST)))
 
 
 def _tile_spread(law: Law) -> float:
-    """Return how much tiles differ; readings hardly show a robot's factor, which counts as that of their tiles."""
-    return math.hypot(law.sensor.tile_spread or 0.0, (law.bits and law.sensor.robot_spread) or 0.0)
+    """Return how much tiles differ; what values do not show of robots counts as differences of their tiles."""
+    hidden = 0.0 if _shows_robots(law) else law.sensor.robot_spread or 0.0
+    return math.hypot(law.sensor.tile_spread or 0.0, hidden)
 
 
 def _factor(law: Law, node: float) -> float:
@@ -134,7 +163,8 @@ def _still_table(law: Law) -> Floats:
 
 
 def _rates_at(law: Law, factor: float) -> tuple[float, float]:
-    """Return the probability of a reading of 1 on still and on vibrating tiles of a factor."""
+    """Return the probability of a reading of 1 on still and on vibrating tiles of a factor, true also where robots
+    claim others."""
     table = tables_of(law.typical)
     still, vibrating = (
         np.average(read_by(law, factor * each), weights=np.gradient(table.u))

@@ -17,7 +17,6 @@ at its edge: where it said more than 95 %, 86 % were damaged.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from vibroswarm.core.child_python import processors
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, check_kind, number_of, shown
@@ -46,6 +46,8 @@ LARGEST: Final = 1e300
 """Limit of likelihoods over those of an intact surface."""
 SMALLEST: Final = 1e-300
 """Smaller ones count as 0: processors multiply numbers that are smaller still a hundred times slower."""
+MOST_NUMBERS: Final = 2**23
+"""Probabilities of nodes that a core holds."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
@@ -431,7 +433,7 @@ def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share:
                     for b in range(replicates):
                         mean[b] += node[now, t, m, b] * product[t, m, b]
                 for b in range(replicates):
-                    found[b] *= mean[b]
+                    found[b] = min(found[b] * mean[b], LARGEST)
             into = out[now, form[j]]
             for b in range(replicates):
                 into[b] = max(into[b], found[b]) if largest else into[b] + weight[j] * found[b]
@@ -465,9 +467,10 @@ def ratios_at_looks(
     """
     out = np.zeros((looks, len(patches.forms), more.shape[2]))
     weight, tiles = patches.weights * len(patches.forms), int(on_tiles.tile.max()) + 1
+    at_once = max(1, min(AT_ONCE, MOST_NUMBERS // (looks * tiles * on_tiles.prior.size)))
 
     def fill(begin: int) -> None:
-        part = np.s_[..., begin : begin + AT_ONCE]
+        part = np.s_[..., begin : begin + at_once]
         intact = np.ascontiguousarray(on_tiles.intact[part].swapaxes(0, 1))
         rows, some = np.empty_like(intact), np.zeros(out[part].shape)
         rows[shares.place] = more[part].swapaxes(0, 1)
@@ -477,8 +480,8 @@ def ratios_at_looks(
         _ratios_at_looks(*shares, rows, look, on_tiles.tile, node, patches.form, weight, strict, *room, some)
         out[part] = np.minimum(some, LARGEST)
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        list(threads.map(fill, range(0, out.shape[2], AT_ONCE)))
+    with ThreadPoolExecutor(processors()) as threads:
+        list(threads.map(fill, range(0, out.shape[2], at_once)))
     return out
 
 

@@ -50,7 +50,7 @@ from vibroswarm.inspection.damage import (
     random_places,
     tiles_below,
 )
-from vibroswarm.inspection.factors import intact_at_node, nodes_of, of_typical_robots, ratios_at_node
+from vibroswarm.inspection.factors import excess_at_node, intact_at_node, nodes_of, of_typical_robots
 from vibroswarm.inspection.patches import (
     OnTiles,
     Patches,
@@ -156,23 +156,37 @@ class Rule(NotebookView):
         """
         nodes, prior = nodes_of(self.samples.law)
         tile = self.tile if nodes.size > 1 else np.zeros_like(self.tile)
-        read = judged_by(
-            values, lambda law, each: of_typical_robots(self.samples, law, each, self.look, self.looks)
-        )
+        read = judged_by(values, self._of_typical_robots if heard is None else self._of_each_robot)
 
-        def at_nodes(judge: Callable[..., Floats]) -> Floats:
-            found = np.stack([judged_by(read, partial(judge, node=node)) for node in nodes])
-            return found if heard is None else np.where(heard, found, 0.0)
+        def at_nodes(judge: Callable[..., Floats]) -> NDArray[np.float32]:
+            found = np.empty((nodes.size, *read.shape), dtype=np.float32)
+            for k, node in enumerate(nodes):
+                of_node = judged_by(read, partial(judge, node=node))
+                found[k] = of_node if heard is None else np.where(heard, of_node, 0.0)
+            return found
 
-        on_tiles = OnTiles(tile, prior, at_nodes(intact_at_node).astype(np.float32))
+        on_tiles = OnTiles(tile, prior, at_nodes(intact_at_node))
         ratio = np.zeros((self.looks, values.shape[1]))
         for contrast in self.question.contrasts:
-            more = np.expm1(at_nodes(partial(ratios_at_node, contrast=contrast))).astype(np.float32)
+            more = at_nodes(partial(excess_at_node, contrast=contrast))
             of_sizes = ratios_at_looks(
                 self.patches, self.shares, more, self.look, self.looks, on_tiles, strict=self.question.strict
             )
             ratio = np.maximum(ratio, of_sizes.max(axis=1))
         return told_risk(ratio, self.question.prior)
+
+    def _of_typical_robots(self, law: Law, values: Floats) -> Floats:
+        return of_typical_robots(self.samples, law, values, self.look, self.looks)
+
+    def _of_each_robot(self, law: Law, values: Floats) -> Floats:
+        """Return values without the factors of their robots, as each knows its own: it sends them so."""
+        robots, read = self.samples.frame["robot"].to_numpy(), np.empty_like(values)
+        for robot in self.samples.robots:
+            own = robots == robot
+            read[own] = of_typical_robots(
+                self.samples.of(robot), law, values[own], self.look[own], self.looks
+            )
+        return read
 
     def suspected(self, value: Floats) -> tuple[Box, float] | None:
         """Return the patch and the contrast that values, (samples,), fit best; None: T is not even ``EVIDENCE``."""

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms, figures_of, interval
 from vibroswarm.analysis.intervals import columns_of, mean_interval
+from vibroswarm.core.child_python import processors
 from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.scenario.scenario import Scenario, differences, preset
 from vibroswarm.study.batch_table import WALK
 from vibroswarm.study.cell_comparison import second_seed
-from vibroswarm.study.executors import processors
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study

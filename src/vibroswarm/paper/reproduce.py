@@ -17,6 +17,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.child_python import processors
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
@@ -36,7 +37,6 @@ from vibroswarm.paper.item import (
     save_tables,
 )
 from vibroswarm.paper.items import all_items
-from vibroswarm.study.executors import processors
 
 SWITCH_S: Final = 5e-4
 """Interval at which Python's global lock may pass to a waiting thread. Kernels run for some ms without this lock, so

@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core import numbers
-from vibroswarm.core.child_python import MOST_WORKERS, safe_start
+from vibroswarm.core.child_python import MOST_WORKERS, processors, safe_start
 from vibroswarm.core.user_code import interrupt_in
 from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
@@ -144,11 +144,6 @@ def check_executor(executor: str | Executor) -> None:
             "Dask scheduler file (.json)",
             field="executor",
         )
-
-
-def processors() -> int:
-    """Return the number of processors that this process may use; a batch system may grant fewer than there are."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _width(executor: Executor) -> int:
