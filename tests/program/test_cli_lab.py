@@ -120,7 +120,8 @@ def test_times_may_be_timestamps(tmp_path, capsys, sep, zone):
     log.write_text("\n".join(["", head, *stamped]))
     refusal = refusal_of(capsys, *command)
     assert (
-        f"log.csv, row 8: '2027-05-01T23:59:05{zone}' in column 't_ms' is more than 116 days after" in refusal
+        f"log.csv, row 8: '2027-05-01T23:59:05{zone}' in column 't_ms' is more than 10000000 s after"
+        in refusal
     )
     log.write_text("\n".join([head, *stamped[:5]]))
     refusal = refusal_of(capsys, *command, "--acceleration", str(log))

@@ -223,7 +223,7 @@ def seconds_of(
     seconds = pl.select(pl.when(~is_missing).then(times)).to_series()
     seconds = (seconds - seconds.min()).dt.total_microseconds() / 1e6
     first_row = lines[seconds.arg_min() or 0]
-    words = f"in column '{column}' is more than {MOST_S / 86400:.0f} days after the time of row {first_row}"
+    words = f"in column '{column}' is more than {stated(MOST_S)} s after the time of row {first_row}"
     _refuse_first(seconds > MOST_S, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
     return seconds
 
