@@ -167,6 +167,11 @@ def test_ctrl_c_ends_a_function_that_never_returns():
     assert (process.returncode, said) == (130, "vibroswarm: interrupted\n")
 
 
+def ends_with_one_line(code: str) -> None:
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "vibroswarm: interrupted\n")
+
+
 def test_a_second_ctrl_c_does_not_interrupt_the_message():
     code = (
         "import os, signal, vibroswarm.cli as cli\n"
@@ -175,8 +180,7 @@ def test_a_second_ctrl_c_does_not_interrupt_the_message():
         "cli._code = terminal.plain = press\n"
         "cli.main()\n"
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr) == (130, "vibroswarm: interrupted\n")
+    ends_with_one_line(code)
 
 
 def test_a_pool_that_is_being_ended_is_waited_for():
@@ -194,8 +198,7 @@ def test_a_pool_that_is_being_ended_is_waited_for():
         "cli._code = stop\n"
         "cli.main()\n"
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr) == (130, "vibroswarm: interrupted\n")
+    ends_with_one_line(code)
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])

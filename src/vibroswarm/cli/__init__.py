@@ -150,11 +150,9 @@ def _wait_for_pools() -> None:
     A semaphore whose removal is cut short would be reported on stderr by the process that tracks them.
     """
     until_s = time.monotonic() + POOLS_S
-    for thread in threading.enumerate():
-        own = thread in (threading.current_thread(), threading.main_thread())
-        if thread.is_alive() and not (
-            own or thread.daemon
-        ):  # one that is only being started cannot be joined
+    others = set(threading.enumerate()) - {threading.current_thread(), threading.main_thread()}
+    for thread in others:
+        if thread.is_alive() and not thread.daemon:  # one that is only being started cannot be joined
             thread.join(max(until_s - time.monotonic(), 0.0))
 
 

@@ -60,7 +60,8 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     table = _table(outcome, layout)
     if len(cells) <= MOST_ROWS and not asks_numbers(outcome):
         yield _figure("outcomes", "Outcomes of the swarms", _outcomes, cells)
-    # Under feedback, beliefs are not estimates of the fill ratio. If a number is asked for, robots need not decide.
+    # Under feedback, beliefs are not estimates of the fill ratio.
+    # Where the task is to report a number, robots need not decide.
     senseless = ("decision_time_s",) if asks_numbers(outcome) else ESTIMATES
     for figure in FIGURES:
         if figure.name in senseless:

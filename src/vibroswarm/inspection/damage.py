@@ -103,7 +103,7 @@ def values_at(
 
 
 @lru_cache(maxsize=16)
-def _draws_of(law: Law) -> tuple[list[Law], list[Law]]:
+def draws_of(law: Law) -> tuple[list[Law], list[Law]]:
     """Return the laws that judge drawn surfaces, and those that these surfaces follow."""
     judges = [replace(law, sensor=one.judge, draws=()) for one in law.draws]
     truths = [replace(law, sensor=one.truth, draws=()) for one in law.draws]
@@ -112,13 +112,13 @@ def _draws_of(law: Law) -> tuple[list[Law], list[Law]]:
 
 def over_laws(law: Law, probability: Callable[[Law], Floats]) -> Floats:
     """Return the mean of a probability by a law and by those fitted to resampled references, which are its error."""
-    laws = [law, *_draws_of(law)[0]]
+    laws = [law, *draws_of(law)[0]]
     return np.asarray(sum(map(probability, laws)) / len(laws))
 
 
 def judged(law: Law, values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
     """Return what ``judge`` says of drawn values, (samples, replicates), by a law with its error."""
-    out, laws = np.empty(values.shape, order="F"), _draws_of(law)[0] or [law]
+    out, laws = np.empty(values.shape, order="F"), draws_of(law)[0] or [law]
     for k, one in enumerate(laws[: values.shape[1]]):
         out[:, k :: len(laws)] = judge(one, values[:, k :: len(laws)])
     return out
@@ -320,7 +320,7 @@ def values_where(
     law, values = samples.law, np.empty((samples.frame.height, replicates), order="F")
     for part in _parts_of(values):
         values[part] = random.random(values[part].shape)
-    truths = _draws_of(law)[1] or [law]
+    truths = draws_of(law)[1] or [law]
     for k, truth in enumerate(truths[:replicates]):
         own = np.s_[:, k :: len(truths)]
         where, share = (np.broadcast_to(each, values.shape)[own] for each in (inside, contrast))

@@ -21,14 +21,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.inspection.damage import contrast_ratios, interpolated, tables_of, tiles_below
+from vibroswarm.inspection.damage import contrast_ratios, draws_of, interpolated, tables_of, tiles_below
 from vibroswarm.inspection.samples import Floats, Law, Samples, read_by
 from vibroswarm.observation.energy_model import MOST, likelihood_at
 
@@ -37,9 +36,9 @@ STEP: Final = 0.05
 WIDEST: Final = 3.0
 """The outermost nodes of a tile, in standard deviations of its log factor."""
 APART: Final = 0.15
-"""Largest distance between nodes: a hundred samples tell the log factor to half of it."""
+"""Largest distance between nodes: a hundred samples tell the log factor to less than half of it."""
 MOST_NODES: Final = 25
-"""More would take too long; tiles differ by less than half."""
+"""Enough for tiles that differ by 60 %; for others nodes are further apart, since more would take too long."""
 
 
 class _Score(NamedTuple):
@@ -90,11 +89,8 @@ def of_typical_robots(
     """
     if not law.sensor.robot_spread or not _shows_robots(law):
         return values
-    score, of_robots, of_tiles = (
-        _score_of(law),
-        law.sensor.robot_spread**2,
-        (law.sensor.tile_spread or 0.0) ** 2,
-    )
+    of_robots, of_tiles = law.sensor.robot_spread**2, (law.sensor.tile_spread or 0.0) ** 2
+    score = _score_of(law)
     error = score.variance / score.kappa**2
     log_factors = (score.of(values) - score.mean) / score.kappa + 0.5 * (of_robots + of_tiles)
     robot = np.unique(samples.frame["robot"].to_numpy(), return_inverse=True)[1]
@@ -113,9 +109,10 @@ def of_typical_robots(
     return np.asarray(values / factor)
 
 
+@lru_cache(maxsize=16)
 def nodes_of(law: Law) -> tuple[Floats, Floats]:
     """Return the nodes z of tiles and their prior probabilities, (nodes,) each; one node, 0, if tiles do not differ."""
-    spread = max(map(_tile_spread, (law, *(replace(law, sensor=one.judge) for one in law.draws))))
+    spread = max(map(_tile_spread, (law, *draws_of(law)[0])))
     if spread == 0.0:
         return np.zeros(1), np.ones(1)
     node = np.linspace(-WIDEST, WIDEST, min(2 * math.ceil(WIDEST * spread / APART) + 1, MOST_NODES))
@@ -146,8 +143,8 @@ def excess_at_node(law: Law, value: Floats, node: float, contrast: float) -> Flo
 
 def _tile_spread(law: Law) -> float:
     """Return how much tiles differ; what values do not show of robots counts as differences of their tiles."""
-    hidden = 0.0 if _shows_robots(law) else law.sensor.robot_spread or 0.0
-    return math.hypot(law.sensor.tile_spread or 0.0, hidden)
+    of_tiles, of_robots = law.sensor.tile_spread or 0.0, law.sensor.robot_spread or 0.0
+    return math.hypot(of_tiles, of_robots) if of_robots and not _shows_robots(law) else of_tiles
 
 
 def _factor(law: Law, node: float) -> float:
@@ -163,8 +160,10 @@ def _still_table(law: Law) -> Floats:
 
 
 def _rates_at(law: Law, factor: float) -> tuple[float, float]:
-    """Return the probability of a reading of 1 on still and on vibrating tiles of a factor, true also where robots
-    claim others."""
+    """Return the probability of a reading of 1 on still and on vibrating tiles of a factor.
+
+    It is the true one, also where robots claim another.
+    """
     table = tables_of(law.typical)
     still, vibrating = (
         np.average(read_by(law, factor * each), weights=np.gradient(table.u))

@@ -201,8 +201,10 @@ def plan(
     whole_number_of(runs, "runs", 4, 10**6)
     whole_number_of(each, "each", 1, 10**6)
     level = number_of(level, "level", 0.0, 1.0)
-    for kind in failing_sensors(scenario.faults, max(robots, default=0)):
-        raise InputError("a plan draws energies of sensors that work; leave it out", field=f"faults.{kind}")
+    if failing := failing_sensors(scenario.faults, max(robots, default=0)):
+        raise InputError(
+            "a plan draws energies of sensors that work; leave it out", field=f"faults.{failing[0]}"
+        )
     largest_m, arena = max(*sides_m, *SIZES_M), scenario.arena
     if largest_m > min(arena.size_m):
         raise InputError(

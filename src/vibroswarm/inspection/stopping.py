@@ -165,7 +165,9 @@ class Rule(NotebookView):
                 found[k] = of_node if heard is None else np.where(heard, of_node, 0.0)
             return found
 
-        on_tiles = OnTiles(tile, prior, at_nodes(intact_at_node))
+        # A single node needs no likelihood: it has probability 1.
+        intact = at_nodes(intact_at_node) if nodes.size > 1 else np.zeros((1, *read.shape), np.float32)
+        on_tiles = OnTiles(tile, prior, intact)
         ratio = np.zeros((self.looks, values.shape[1]))
         for contrast in self.question.contrasts:
             more = at_nodes(partial(excess_at_node, contrast=contrast))

@@ -220,7 +220,7 @@ def chosen(kind: str, text: str) -> str:
             field="--strategy",
         )
     if text not in known:
-        names = [*known, "grid"] if kind == "method" else known  # a grid is asked for as if it were a method
+        names = [*known, "grid"] if kind == "method" else known  # --method takes a grid too
         raise InputError(
             f"unknown {kind} '{text}'{nearest(text, names)} (known: {', '.join(names)}; or FILE.py:NAME)",
             field=f"--{kind}",

@@ -78,7 +78,7 @@ function verdictFacts() {
       "certainty", sure.length ? `lowest ${probability(Math.min(...sure))}` : ""],
   ];
   return [
-    ...(run.estimates ? [] : ofDecisions), // where a number is asked for, no decision is
+    ...(run.estimates ? [] : ofDecisions), // a task that asks for a number needs no decision
     ["Robots", votes.join(", ") || undecided, "votes", votes.length ? undecided : ""],
     ["Samples", whole(count), "samples", count && !run.floor.has_values ? `${percent(misread / count)} misread` : ""],
   ];
