@@ -183,10 +183,9 @@ def inspect(
     """Inspect a surface by place: where does it vibrate, and how sure is that?
 
     Reads a saved run, a recording, or a CSV with the columns robot, time_s, x_mm, y_mm and value (units: s, min, h; m,
-    cm, mm, in); without any of them, a scenario is simulated (by default that of preset optimised-places). Only the
-    samples count, not what the robots decided. With a grid of tiles, the answer is the probability of each tile.
-    Without one, or with --damage, patches of any place are scanned for: is there damage, where, what would have been
-    missed, and may one stop? With --out there is a certificate, one page that prints on one sheet.
+    cm, mm, in); without any of them, simulates a scenario (by default preset optimised-places). With a grid of tiles,
+    the answer is the probability of each tile. Without one, or with --damage: is there damage, where, what would have
+    been missed, and may one stop? With --out there is a certificate on one sheet.
 
     examples:
       vibroswarm inspect --floor random:0.48

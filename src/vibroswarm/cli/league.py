@@ -178,9 +178,9 @@ def tune(
 ) -> None:
     """Find settings for the strategies of a league: those that decide soonest at each of several forced errors.
 
-    The errors are the same for all strategies; in three rounds, each on fresh motion and floors (--seed and the next
-    two seeds). Play the league with another seed than these. Until the file --out is written, finished runs are saved
-    in a folder beside it, and the same command resumes.
+    In three rounds, each on fresh motion and floors (--seed and the next two seeds). Play the league with another seed
+    than these. Until the file --out is written, finished runs are saved in a folder beside it, and the same command
+    resumes.
 
     example:
       vibroswarm league tune --strategy none,soft --seed 101 --out settings.toml

@@ -299,9 +299,8 @@ class Rays(FrozenModel):
     disc_radius_m: Annotated[float, Field(ge=0, le=10)] = 0.0055
     """Radius of other robots as the rays detect them."""
     noise_m: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Standard deviation of the length of the shortest ray that a robot measures when an avoidance begins, from which
-    it finds its place; ``localisation.ray_noise_m`` is what it assumes. Avoidances begin where the exact ray is shorter
-    than ``avoidance_threshold_mm``, so that no motion depends on it."""
+    """Standard deviation of the shortest ray that a robot measures when an avoidance begins, from which it finds its
+    place; ``localisation.ray_noise_m`` is what it assumes. No motion depends on it."""
 
 
 class Walk(FrozenModel):
@@ -347,9 +346,8 @@ class Sample(FrozenModel):
     ] = "reset_after_turn"  # fmt: skip
     """The timer counts driving and avoiding. In a turn at the end of a leg it pauses and then restarts from 0
     (``reset_after_turn``), pauses (``hold_in_turn``) or counts (``always``, as in the text);
-    ``frozen_in_avoidance`` is like the first, but avoidance is not counted either; ``reset_at_avoidance`` is like the
-    first, and restarts from 0 whenever an avoidance begins too; ``held_at_avoidance`` is like the first, but stays at
-    0 for as long as the robot avoids, as in older experiments."""
+    like the first, but in avoidance it pauses (``frozen_in_avoidance``), restarts from 0 (``reset_at_avoidance``) or
+    stays at 0 (``held_at_avoidance``, as in older experiments)."""
     interrupts_avoidance: bool = True
     """Whether a due sample may interrupt an avoidance turn, which resumes after it."""
 
@@ -395,8 +393,7 @@ class Sensor(Choice):
     claimed_rates: Rates | None = None
     """What robots believe of their sensor: one row for each kind of tile, with the share of samples that read as each
     class. If omitted, that follows from the likelihood that the sensor states, and is true for all sensors that
-    ship. It changes no reading, only what strategies that know their sensor make of it, to see what a
-    wrong law costs."""
+    ship. It changes no reading, only what strategies that know their sensor make of it."""
 
     @property
     def params(self) -> Any:
