@@ -117,6 +117,9 @@ def test_the_limit_covers_the_truth_and_a_fit_without_false_calls_does_not_fit()
     assert in_log_size[0] == pytest.approx(TRUE_A90_M, rel=0.02)
     assert in_log_size[1] > 1.15 * TRUE_A90_M
     many, of_small = drawn(2, 800), FALSE + (1 - FALSE) * expit(-6.0 + 60.0 * 0.06)
+    with np.errstate(divide="raise"):
+        in_logarithm = many.fit(curves=["log size"])
+        assert in_logarithm.at(0.0) == in_logarithm.false_calls
     assert many.fit().at(0.06) == pytest.approx(of_small, abs=0.01)
     assert many.fit(floor=False).at(0.06) > of_small + 0.03
 

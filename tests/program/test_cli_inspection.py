@@ -197,6 +197,7 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("repeated.csv", "\n".join(twice)),
         ("robots.csv", "\n".join(f"{line.partition(',')[0]},{line}" for line in text.splitlines())),
         ("few.csv", "\n".join(text.splitlines()[:6])),
+        ("many.csv", text.splitlines()[0] + "".join(f"\n{row},1.0,500,500,0.9" for row in range(1001))),
     ):
         (tmp_path / name).write_text(changed)
     for name, words in (
@@ -210,6 +211,7 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("semicolons.csv", "';' between columns; use ','"),
         ("tabs.csv", "tabs between columns; use ','"),
         ("few.csv", "nothing can be said"),
+        ("many.csv", "has 1,001 different robots, not 1,000 or fewer; if it numbers samples"),
         ("missing.csv", "no such file"),
     ):
         assert words in error_of(capsys, tmp_path / name, *laws, "--size", "1x1")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,6 +45,7 @@ from vibroswarm.study.words import detection_scenario
 
 pytestmark = pytest.mark.usefixtures("without_layout")
 
+PAGE = Path(__file__).parents[2] / "docs" / "league.md"
 BASE = preset("paper").with_values({"decision.min_observations": 40, "run.t_end_s": 400.0})
 GUESSES = '''"""Strategies that read nothing."""
 from vibroswarm.strategies import strategy_in, u
@@ -435,6 +437,8 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
     unplaced = of_two_kinds - {"places", "field", "explore", *FOR_CHANGES}
     assert set(settings) == {*default_strategies(), *GUESSING} == unplaced
     assert set(frozen_settings(own_motion=True)) == set(settings)
+    (line,) = re.findall("Without `--strategy` these play: ([^.]*)", PAGE.read_text(encoding="utf-8"))
+    assert set(re.findall("`(.*?)`", line)) == set(default_strategies())
     motions = {
         tuple(v for k, v in own.items() if k.startswith("walk.")) for own in frozen_settings(True).values()
     }

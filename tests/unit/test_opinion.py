@@ -34,3 +34,14 @@ def test_the_verdict_calls_an_opinion_by_its_name(strategy):
     columns = document.tables["robots"].columns
     assert columns["posterior"].title == ("opinion (95 %)" if opinion else "share of ones (95 %)")
     assert columns["confidence"].share
+
+
+@pytest.mark.parametrize("robots", [2, 25])
+def test_robots_without_a_belief_have_no_columns_of_it(robots):
+    """They had dashes there, in both tables of a large swarm."""
+    values = {"strategy.name": "dmvd", "run.t_end_s": 60.0, "swarm.robots": robots}
+    document = result_document(simulate(preset("paper").with_values(values), seed=1))
+    tables = [document.tables[name] for name in ("robots", "decisions") if name in document.tables]
+    assert len(tables) == 1 + (robots > 2)
+    for table in tables:
+        assert not {"confidence", "posterior", "posterior_low"} & set(table.frame.columns)

@@ -70,6 +70,22 @@ def test_kinds_are_told_apart_without_colour() -> None:
     assert [bool(mark.get_hatch()) for mark in floor.legends[0].get_patches()] == [False, False, True]
 
 
+def test_all_kinds_have_marks_of_their_own() -> None:
+    """Kind 8 was drawn as still, kind 9 as vibrating."""
+    kinds = 16
+    floor = floor_figure(np.arange(kinds, dtype=np.uint8).reshape(4, 4))
+    looks = [(patch.get_facecolor(), patch.get_hatch()) for patch in floor.legends[0].get_patches()]
+    assert len(set(looks)) == kinds
+    made = preset("paper").with_values({
+        "sensor.model": "confusion", "sensor.confusion.kinds": kinds, "strategy.name": "dirichlet",
+        "task.name": "majority", "floor.source": "random:0.4" + ",0.04" * 15,
+        "run.t_end_s": 300.0,
+    })  # fmt: skip
+    (axes,) = run_figure(simulate(made, 3, 1)).axes
+    read = [marks for marks in axes.collections if str(marks.get_label()).startswith("read kind")]
+    assert len({marks.get_paths()[0].vertices.tobytes() for marks in read}) == len(read) == kinds
+
+
 def test_the_title_tells_estimates_apart_from_the_fill_ratio() -> None:
     """The task asks for the share of still tiles."""
     values = {"strategy.name": "dirichlet", "task.name": "share", "task.share.kind": 0, "run.t_end_s": 60.0}

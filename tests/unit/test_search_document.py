@@ -395,7 +395,10 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
         assert row["stays"] == ("stays" if member.stays else "beaten")
         for name, believed, true in zip(front.names, member.believed, member.true, strict=True):
             assert row[f"{name}, believed"] == believed
-            assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (true.low, plain(true.high))
+            assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (
+                plain(true.low),
+                plain(true.high),
+            )
     second = replace(found.search, objectives=found.search.objectives[::-1])
     (alone,) = score_fresh(second, [("", front.members[0].values)], front.runs)
     assert front.members[0].true[1].estimate == pytest.approx(alone.score.estimate)

@@ -78,6 +78,18 @@ def test_where_selects_by_what_is_varied(result: StudyResult) -> None:
         one.cell(0)
 
 
+def test_files_of_other_runs_are_not_opened(tmp_path: Path) -> None:
+    """A page of a study looked at all files three times more, whatever runs it needed."""
+    for runs in (2, 5):
+        found = Study.of(SHORT, runs, 3).run(tmp_path / "study")
+    for shard in found.store.shards:
+        if shard.first > 0:
+            shard.files["robots"].unlink()
+    assert found.unsorted_rows(0, start=0, end=2).collect()["run"].unique().to_list() == [0, 1]
+    with pytest.raises(FileNotFoundError):
+        found.unsorted_rows(0).collect()
+
+
 @pytest.mark.parametrize("number", [4, -1, "x", 1.0, None])
 def test_a_cell_that_is_not_there_is_refused(result: StudyResult, number: Any) -> None:
     tables = (result.runs, result.maps, result.reported, result.failed_runs)

@@ -146,6 +146,18 @@ def test_the_text_stands_alone(tmp_path: Path) -> None:
 VALUES = ((0.0, 0.5), (1.0, 0.25))
 
 
+def test_tiles_are_the_same_as_an_array_as_numbers_and_as_text() -> None:
+    """Numbers gave the study another hash; in ``floors`` they were values, whose scenarios have other hashes."""
+    text = ["01", "10"]
+    forms = [np.array([[0, 1], [1, 0]], dtype=np.uint8), [[0, 1], [1, 0]], ((0, 1), (1, 0)), text]
+    varied = [Study(vary={"grid": {"floor.tiles": [rows]}}) for rows in forms]
+    named = [Study(vary={"grid": {"floor.source": ["mine"]}}, floors={"mine": rows}) for rows in forms]
+    for studies in (varied, named):
+        assert len({study.hash for study in studies}) == 1
+        assert {study.cells[0].scenario.floor.tiles for study in studies} == {tuple(text)}
+        assert all(Study.from_toml(study.to_toml()).hash == study.hash for study in studies)
+
+
 def test_floors_of_values_may_be_varied_and_take_no_effect_elsewhere(tmp_path: Path) -> None:
     """Files of values were once read as kinds of tile, and values of the base stayed on all floors."""
     (tmp_path / "v.csv").write_text("0,0.5\n1,0.25\n")

@@ -268,6 +268,12 @@ def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> No
     assert first.index("Doubtful: robots that were lost (1).") < first.index("clock is +100.000")
     clock = "(standard error 0.1 ms, to which the time from a sample to the robot's start adds some 20 ms)"
     assert clock in unescape(first).replace("\N{NO-BREAK SPACE}", " ")
+    assert "before time 0" not in first
+    early = replace(
+        tracked, offset=ClockOffset(-5.0, 4e-6, 2, 2)
+    )  # as with timestamps: the log begins at 5 s
+    words = page_html(tracking_document(tracking, early, samples))
+    assert "and the video's first 5.0 s, before time 0" in unescape(words).replace("\N{NO-BREAK SPACE}", " ")
     for words in (
         "What to do:",
         "Where robots were seen",

@@ -196,3 +196,11 @@ def test_functions_that_a_kernel_calls_print_as_soon_as_they_are_compiled(tmp_pa
     for _ in range(2):  # compiled, and from the cache
         done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=60)
         assert done.stdout == "sample 3\n", done.stderr
+
+
+def test_a_relative_cache_folder_is_ignored(tmp_path: Path) -> None:
+    """As its standard says; it was made in the working folder."""
+    env = os.environ | {"XDG_CACHE_HOME": "cache", "HOME": str(tmp_path / "home")}
+    command = [sys.executable, "-c", "from vibroswarm.core.jit import cache_folder; cache_folder()"]
+    subprocess.run(command, cwd=tmp_path, env=env, check=True, timeout=60)
+    assert not (tmp_path / "cache").exists()

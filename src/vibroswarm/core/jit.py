@@ -45,7 +45,8 @@ def _user_cache() -> Path:
         return Path(os.environ.get("LOCALAPPDATA", str(Path.home() / "AppData/Local")))
     if sys.platform == "darwin":
         return Path.home() / "Library/Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return named if named.is_absolute() else Path.home() / ".cache"  # the standard ignores relative paths
 
 
 LAYERS_ABOVE: Final = (

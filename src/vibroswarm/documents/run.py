@@ -314,6 +314,8 @@ def _reports_over_time(result: Result, run: int) -> list[Part]:
 def robot_tables(found: Verdict, posterior: str) -> list[Table]:
     """Return the table of robots; of a large swarm, before it, one with a row for each decision.
 
+    Confidence and posterior are left out if the robots have none.
+
     Args:
         posterior: heading of the posterior mean: "share of ones", or "opinion" for strategies whose robots count the
             conclusions of others as readings.
@@ -340,6 +342,10 @@ def robot_tables(found: Verdict, posterior: str) -> list[Table]:
         | {"received": pl.Int64},
         infer_schema_length=None,
     )
+    if all(one.belief is None for one in found.robots):
+        robots = robots.drop("confidence")
+    if robots["posterior"].null_count() == robots.height:
+        robots = robots.select(pl.exclude("^posterior.*$"))
     columns = {
         "decision_time_s": Column("at", "s", decimals=1),
         "confidence": Column(share=True),
@@ -365,6 +371,7 @@ def _table_by_decision(robots: pl.DataFrame, posterior: str) -> Table:
         *(
             column
             for name in columns
+            if name in robots.columns
             for column in (
                 pl.col(name).mean(),
                 pl.col(name).min().cast(pl.Float64).alias(f"{name}_low"),

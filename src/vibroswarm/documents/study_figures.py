@@ -421,11 +421,10 @@ def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
 def _sampled(outcome: Outcome, one: CellOutcome, known: str = "samples") -> bool:
     """Return whether any robot sampled in those runs of a cell that are simulated again, and has what is ``known``."""
     number = one.cell.number
-    of_robots = outcome.result.unsorted_rows(number).filter(pl.col("samples") > 0).select("run", known)
-    runs = outcome.result.runs_again(number, SIMULATED_RUNS)
-    # These are the first runs that are stored. With bounds, unlike with a list, polars skips the files of other runs.
-    chosen = of_robots.filter(pl.col("run").is_between(runs[0], runs[-1]))
-    return bool(chosen.select(pl.col(known).is_not_null().any()).collect().item())
+    runs = outcome.result.runs_again(number, SIMULATED_RUNS)  # the first that are stored
+    rows = outcome.result.unsorted_rows(number, start=runs[0], end=runs[-1] + 1)
+    chosen = rows.filter(pl.col("samples") > 0).select(pl.col(known).is_not_null().any())
+    return bool(chosen.collect().item())
 
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:

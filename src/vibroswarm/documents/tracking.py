@@ -52,7 +52,7 @@ def tracking_document(
         warnings=tuple(tracking.warnings()),
         parts=(
             Text(_camera_words(tracking)),
-            Text("" if tracked is None else _clock_words(tracked)),
+            Text("" if tracked is None else _clock_words(tracked, time_s[0])),
             _doubtful(doubts, shots_of(tracking, doubts)),
             *_seen(tracking, doubts),
             *([] if matched is None else [_clock(matched)]),
@@ -106,15 +106,22 @@ def _camera_words(tracking: Tracking) -> str:
     )
 
 
-def _clock_words(tracked: TrackedLog) -> str:
+def _clock_words(tracked: TrackedLog, first_frame_s: float) -> str:
     offset = tracked.offset
     error_ms = number(max(1000 * offset.error_s, 0.1), 1)
+    early_s = -(first_frame_s + offset.offset_s)
+    early = (
+        f", and the video's first {number(early_s, 1)} s, before time 0 of the robots' clock (with timestamps, the "
+        "log's earliest row)"
+        if early_s > 0
+        else ""
+    )
     return (
         f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
         f"{error_ms} ms, to which the time from a sample to the robot's start adds some 20 ms); "
         f"{offset.pairs} of {count(offset.samples, 'sample')} match a stop. "
         f"Left out of the recording: {count(tracked.outside, 'sample')} before or after the video, {tracked.unseen} in "
-        "gaps of the tracking."
+        f"gaps of the tracking{early}."
     )
 
 

@@ -102,9 +102,10 @@ class Pod(NotebookView):
     """Upper asymptote."""
 
     def at(self, size_m: Floats | float) -> Floats:
-        """Return PoD at sizes."""
+        """Return PoD at sizes; at size 0 of a curve in the logarithm it is the share of false calls."""
         curve = _CURVES[self.curve]
-        rise = curve.share(self.b0 + self.b1 * curve.g(np.asarray(size_m, dtype=np.float64)))
+        with np.errstate(divide="ignore"):  # ln 0 is -inf, as it should be
+            rise = curve.share(self.b0 + self.b1 * curve.g(np.asarray(size_m, dtype=np.float64)))
         return np.asarray(self.false_calls + (self.top - self.false_calls) * rise)
 
 

@@ -14,7 +14,7 @@ import polars as pl
 from scipy.special import ndtr
 
 from vibroswarm.calibrate.camera import corrected
-from vibroswarm.core.numbers import count, listed, number, percent, some, stated
+from vibroswarm.core.numbers import count, listed, number, percent, some, stated, whole
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import hash_of_run
@@ -229,6 +229,8 @@ TIMES: Final = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
 """Units, and how many m or s each is."""
 MOST_ROBOT: Final = 2**16 - 1
 """Largest number of a robot in ``SAMPLES``."""
+MOST_ROBOTS: Final = 1000
+"""Most robots of a file: each takes about 0.1 s, and memory grows with their square."""
 CORNER: Final = 0.01
 """Places within this share of width and height are in the corner, as are those in m where others are in mm."""
 CORNERED: Final = 0.05
@@ -265,7 +267,7 @@ def samples_of_csv(
         size_m: width and height of the surface. spread_m: standard deviation of the places in x and in y.
         floor: grid of tiles; None: none is known. truth_known: whether it says which tiles vibrate.
     Raises:
-        InputError: the file cannot be read, a column is missing, or places are in two units.
+        InputError: the file cannot be read, a column is missing, places are in two units, or there are too many robots.
     """
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
     by = _column_map(table.columns, path)
@@ -274,6 +276,12 @@ def samples_of_csv(
     if most > MOST_ROBOT:
         raise InputError(
             f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"
+        )
+    if (robots := log.samples["robot"].n_unique()) > MOST_ROBOTS:
+        raise InputError(
+            f"has {whole(robots)} different robots, not {whole(MOST_ROBOTS)} or fewer; if it numbers samples, leave "
+            "the column out",
+            field=f"{path}, robot",
         )
     frame = log.samples.select(
         pl.col("robot").fill_null(0),

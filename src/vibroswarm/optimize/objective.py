@@ -210,9 +210,9 @@ class Objective(NotebookView):
         With one case and at least two runs, the interval of a mean is Student's, that of a mean of shares
         ``share_interval``, that of a share of runs Wilson's, and that of a quantile uses order statistics. That of a
         mean + sd is a bootstrap-t. Every other interval is a bootstrap over runs. The limits of the worst of several
-        cases are the highest of the cases. A score that cannot be negative has no negative limit. Student's limits and
-        those of a bootstrap are infinite where ``few_differ``, those of a mean + sd with fewer than ``LEAST_SPREAD``
-        runs, and those of ``expected_time_to_right`` where no run of a case is right.
+        cases are the highest of the cases. A score that cannot be negative has no finite limit below 0. Student's
+        limits and those of a bootstrap are infinite where ``few_differ``, those of a mean + sd with fewer than
+        ``LEAST_SPREAD`` runs, and those of ``expected_time_to_right`` where no run of a case is right.
 
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
@@ -232,7 +232,7 @@ class Objective(NotebookView):
             found = bootstrap(self.score, rows, level, seed)
         if self.name == "expected_time_to_right" and not rows[:, :, 1].any(axis=0).all():
             found = without_limits(found)
-        return found if runs < 2 else within(found, self._least, math.inf)
+        return self._clipped(found)
 
     def are_too_few(self, runs: int) -> bool:
         """Return whether the score of so many runs has no limits, whatever their costs are."""
@@ -280,12 +280,17 @@ class Objective(NotebookView):
         may_be_negative = self.function is not None or min(self.parameters.values(), default=0.0) < 0.0
         return -math.inf if may_be_negative else 0.0
 
+    def _clipped(self, found: Interval) -> Interval:
+        """Return limits that are no lower than a score can be; limits that then say nothing are infinite."""
+        clipped = within(found, self._least, math.inf)
+        return without_limits(found) if clipped[1:3] == (self._least, math.inf) else clipped
+
     def _mean_interval(self, values: Array, level: float) -> Interval:
         """Compute the mean of one figure of each run, (runs,), with its interval."""
         figure = BY_NAME.get(self.name)
         if figure is None or self.function is not None or not figure.is_share:
             found = mean_interval(values, level)
-            return within(without_limits(found) if few_differ(values) else found, self._least, math.inf)
+            return without_limits(found) if few_differ(values) else self._clipped(found)
         if figure.kind == "runs":  # 1 in the runs that count, 0 in the others
             return wilson(int(values.sum()), values.size, level)
         return figure.mean(values, level)

@@ -322,8 +322,12 @@ def _words_of_kinds(result: Result, vibrating: str, still: str, other: str) -> d
     return {kind: other.format(kind=kind) for kind in range(max(sensor.kinds, sensor.readings))}
 
 
-def _marker(kind: int) -> str:
-    return "oDs^v<>p"[kind % 8]
+_MARKERS: Final = (*"oDs^v<>pPX*hdH8", (8, 1, 0))
+"""Marks of kinds, as matplotlib takes them."""
+
+
+def _marker(kind: int) -> Any:
+    return _MARKERS[kind % len(_MARKERS)]
 
 
 def _draw_robots(axes: Axes, result: Result, run: int) -> None:

@@ -100,12 +100,15 @@ def kind_colours(kind: int) -> tuple[str, str]:
     return KINDS[kind % len(KINDS)]
 
 
-KIND_HATCHES: Final = ("", "////", "....", "xxxx", "\\\\\\\\", "||||", "----", "++++")
-"""Hatch of tiles of each kind, as matplotlib takes it."""
+KIND_HATCHES: Final = (
+    "", "////", "....", "xxxx", "\\\\\\\\", "||||", "----", "++++",
+    "oo", "**", "//..", "\\\\..", "||..", "--..", "xx..", "++..",
+)  # fmt: skip
+"""Hatch of tiles of each kind, as matplotlib takes it; colours alone are used again from kind 8 on."""
 
 
 def kind_hatch(kind: int) -> str:
-    """Return the hatch of tiles of a kind; further kinds use them again."""
+    """Return the hatch of tiles of a kind."""
     return KIND_HATCHES[kind % len(KIND_HATCHES)]
 
 

@@ -77,10 +77,16 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
 """Range of values of a column, and the range in words; columns whose least value is an int have whole numbers."""
 
 
+_PREAMBLE: Final = re.compile(r"\A(?:\s*(?:#[^\r\n]*|sep=.?)[\r\n]++(?!\s*[\d.+-]))+", re.ASCII)
+"""Lines before the header: comments, and the separator as spreadsheets write it. A comment directly above numbers is
+none: it is the header."""
+
+
 def text_of(path: Path, what: str = "a log of one session") -> str:
     """Read the text of a log, or of another file that comes with it (column map, acceleration).
 
-    A byte order mark is removed, and bytes that are not UTF-8 are replaced by U+FFFD.
+    A byte order mark is removed, and bytes that are not UTF-8 are replaced by U+FFFD. Lines before the header that are
+    comments (``#``) or say the separator (``sep=,``) become empty.
 
     Args:
         path: of the file. what: the kind of file expected, for errors.
@@ -91,6 +97,7 @@ def text_of(path: Path, what: str = "a log of one session") -> str:
     text = read_bytes(path, LARGEST_BYTES, what).decode("utf-8-sig", errors="replace")
     if "\0" in text[:4096]:  # text has no null characters; binary files have some near their start
         raise InputError("is a binary file, or text in UTF-16; give a text log in UTF-8", field=name)
+    text = _PREAMBLE.sub(lambda found: "\n" * len(found[0].splitlines()), text)
     if not text.strip():
         raise InputError("is empty", field=name)
     return text

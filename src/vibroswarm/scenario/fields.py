@@ -93,6 +93,16 @@ ValueRow = Annotated[
 """Values of a row of tiles."""
 
 
+def rows_as_text(rows: Any) -> Any:
+    """Return rows of kinds, such as those of ``read_tiles``, as text; all else as it is."""
+    rows = rows.tolist() if isinstance(rows, np.ndarray) else rows
+    if not (isinstance(rows, list | tuple) and all(isinstance(row, list | tuple) for row in rows)):
+        return rows
+    if not all(isinstance(kind, int) and 0 <= kind < len(DIGITS) for row in rows for kind in row):
+        return rows
+    return ["".join(DIGITS[kind] for kind in row) for row in rows]
+
+
 class FloorField(FrozenModel):
     """The tiles in the arena, and their position."""
 
@@ -140,13 +150,8 @@ class FloorField(FrozenModel):
     @field_validator("tiles", mode="before")
     @classmethod
     def _as_text(cls, rows: Any) -> Any:
-        """Write rows of kinds as text, such as those of ``read_tiles``; all else is left to Pydantic."""
-        rows = rows.tolist() if isinstance(rows, np.ndarray) else rows
-        if not (isinstance(rows, list | tuple) and all(isinstance(row, list | tuple) for row in rows)):
-            return rows
-        if not all(isinstance(kind, int) and 0 <= kind < len(DIGITS) for row in rows for kind in row):
-            return rows
-        return ["".join(DIGITS[kind] for kind in row) for row in rows]
+        """Write rows of kinds as text; all else is left to Pydantic."""
+        return rows_as_text(rows)
 
     @property
     def drawn_by_run(self) -> bool:

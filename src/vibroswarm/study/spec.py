@@ -45,6 +45,7 @@ from vibroswarm.floors.source import beside, family, is_generated, parts_of_file
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
+from vibroswarm.scenario.fields import rows_as_text
 from vibroswarm.scenario.scenario import (
     Scenario,
     changes,
@@ -100,6 +101,8 @@ OF_UNTIL: Final = ("figure", "max_runs", "level")
 
 SOURCE: Final = "floor.source"
 """The field that names the floor: ``random:0.48``, a pattern, or a file."""
+TILES: Final = "floor.tiles"
+"""The field with a floor's kinds of tile."""
 OF_ROWS: Final = frozenset(("tiles", "values"))
 """Fields of a floor that hold its rows."""
 Rows = tuple[str, ...] | tuple[tuple[float, ...], ...]
@@ -577,8 +580,9 @@ class Study(NotebookView):
 
     @cached_property
     def _points(self) -> list[Point]:
-        """The values of the varied fields in each cell."""
-        return points_of(self.vary)
+        """The values of the varied fields in each cell; tiles are text, since their form is in the study's hash."""
+        points = points_of(self.vary)
+        return [point | {TILES: rows_as_text(point[TILES])} if TILES in point else point for point in points]
 
     @cached_property
     def _shared_base(self) -> Scenario:
@@ -680,6 +684,7 @@ def _checked_rows(name: str, rows: Any) -> Rows:
             "is the name of a pattern or of a random floor; give this one a name of its own",
             field=f"floors.{name}",
         )
+    rows = rows_as_text(rows)
     if isinstance(rows, list | tuple):
         if all(isinstance(row, str) for row in rows):
             return tuple(rows)

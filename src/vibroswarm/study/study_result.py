@@ -235,19 +235,20 @@ class StudyResult(NotebookView):
         """
         return self.unsorted_rows(*cells).sort("cell", "run", "robot")
 
-    def unsorted_rows(self, *cells: int) -> pl.LazyFrame:
+    def unsorted_rows(self, *cells: int, start: int = 0, end: int = MOST_RUNS) -> pl.LazyFrame:
         """Return the table of ``rows`` in the order of the store instead, which is faster.
 
         Args:
             cells: by number; by default all selected cells.
+            start, end: first run, and one past the last; files of other runs are not opened.
         Raises:
-            InputError: none of these cells has runs yet.
+            InputError: none of these cells has these runs yet.
         """
-        return self._scan("robots", cells)
+        return self._scan("robots", cells, start, end)
 
-    def _scan(self, table: str, cells: Sequence[int]) -> pl.LazyFrame:
-        """Return a table of the store, not read yet, for some cells, or for all selected ones if none are given."""
-        if frames := self._scans(table, cells):
+    def _scan(self, table: str, cells: Sequence[int], start: int = 0, end: int = MOST_RUNS) -> pl.LazyFrame:
+        """Return a table of the store, not read yet; the arguments are those of ``_scans``."""
+        if frames := self._scans(table, cells, start, end):
             return pl.concat(frames)
         raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
 

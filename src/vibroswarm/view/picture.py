@@ -29,6 +29,7 @@ from vibroswarm.view.scene import (
     Playback,
     floor_picture,
     kind_colours,
+    look_of,
     robot_parts,
     walls,
 )
@@ -168,21 +169,17 @@ def scene_xml(playback: Playback, time_s: float) -> str:
 </mujoco>"""
 
 
-BOXES: Final = {
-    1: (0.0033, 0.0033, 45.0),
-    2: (0.0033, 0.0033, 0.0),
-    3: (0.006, 0.0015, 90.0),
-    4: (0.006, 0.0015, 0.0),
-}
-"""Half lengths (m) and rotation (degrees) of samples by their reading; the others are discs."""
+BOXES: Final = ((0.0033, 0.0033, 45.0), (0.0033, 0.0033, 0.0), (0.006, 0.0015, 90.0), (0.006, 0.0015, 0.0))
+"""Half lengths (m) and rotation (degrees) of samples read as kind 1, 2, ...; see ``scene.look_of``. Of kind 0 they are
+discs."""
 
 
 def _sample(x_m: float, y_m: float, reading: int) -> str:
     """Return a sample as MJCF, flat on the floor and 1 mm high, in the shape and colour of its reading."""
     at, colour = (x_m, y_m, 0.0005), kind_colours(reading)[1]
-    if reading not in BOXES:
+    if reading == 0:
         return _geom("cylinder", (SAMPLE_M / 2, 0.0005), at, colour)
-    ahead_m, left_m, turned_deg = BOXES[reading]
+    ahead_m, left_m, turned_deg = BOXES[look_of(reading, 1 + len(BOXES)) - 1]
     return _geom("box", (ahead_m, left_m, 0.0005), at, colour, turned_deg=turned_deg)
 
 

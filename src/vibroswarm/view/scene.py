@@ -161,7 +161,7 @@ KINDS: Final = (
     ((238, 200, 214), (168, 41, 92)),
     ((206, 196, 184), (77, 77, 77)),
 )
-"""Colours of tiles of each kind, and of readings and decisions; further kinds use them again."""
+"""Colours of tiles of each kind, and of readings and decisions; see ``look_of``."""
 UNSURE: Final = (247, 247, 247)
 """Colour (RGB) of a belief of 1/2: nearly white."""
 INK: Final = (60, 60, 60)
@@ -175,7 +175,7 @@ ROBOT_HEIGHT_M: Final = 0.025
 SAMPLE_M: Final = 0.008
 """Diameter of a sample."""
 POINTS: Final = ("circle", "diamond", "square", "sparkle", "rounded")
-"""Shapes of samples by their reading, as viser names them; further kinds use them again."""
+"""Shapes of samples by their reading, as viser names them; see ``look_of``."""
 CHUNK: Final = 64
 """Samples whose clouds of points are replaced together: only the latest change when a sample is added."""
 PIXELS: Final = 400
@@ -233,7 +233,12 @@ def robot_parts(result: Result) -> list[Part]:
 
 def kind_colours(kind: int) -> tuple[Colour, Colour]:
     """Return the colour of tiles of a kind, and that of readings of it and of robots that decided for it."""
-    return KINDS[kind % len(KINDS)]
+    return KINDS[look_of(kind, len(KINDS))]
+
+
+def look_of(kind: int, looks: int) -> int:
+    """Return the index of a kind's look among so many: further kinds use those from the third on again."""
+    return kind if kind < looks else 2 + (kind - 2) % (looks - 2)
 
 
 def colour_of(belief: float) -> Colour:
@@ -399,7 +404,7 @@ class Scene:
             np.hstack([places, heights]).astype(np.float32),
             kind_colours(kind)[1],
             point_size=SAMPLE_M,
-            point_shape=POINTS[kind % len(POINTS)],
+            point_shape=POINTS[look_of(kind, len(POINTS))],
             point_shading="flat",
             precision="float32",
         )

@@ -79,7 +79,7 @@ def legend(playback: Playback) -> str:
         return (
             "Over each robot: its decision. Each kind has a colour: light of its tiles, dark of samples read as this "
             "kind, of robots that decided for it, and of the lines on tiles of kind 2 and above. Samples: discs of "
-            "kind 0, diamonds of kind 1, squares of kind 2, other shapes of others."
+            "kind 0, diamonds of kind 1, squares or other shapes of others. Kind 8 looks like kind 2, and so on."
         )
     of_robot = "its decision"
     if playback.has_beliefs:
