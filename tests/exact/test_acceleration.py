@@ -388,6 +388,15 @@ def confusion(
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
 
 
+def test_runs_without_samples_have_no_readings() -> None:
+    """Robots that stop at once, and a piece of a run, may take none."""
+    fields = {"sensor.acceleration.motor_hz": (70.0, 105.0), "faults.stopped": 1.0}
+    still = scenario().with_values(SEVERAL | fields)
+    found = v.simulate(still, 1, 2).observations
+    assert found.height == 0
+    assert "peak_hz" in found.columns
+
+
 def test_three_motors_are_told_apart_by_their_frequency() -> None:
     far, near, count = confusion((70.0, 105.0, 150.0), (1, 2, 3), 0.0)
     assert far - 2 * math.sqrt(far * (1 - far) / count) > 0.95

@@ -306,6 +306,22 @@ def test_runs_are_judged_by_the_floor_at_their_end() -> None:
     assert ended["truth"].to_list() == [0] * ended.height
 
 
+def test_patches_appear_in_the_arena_on_a_floor_that_is_larger() -> None:
+    larger = on(
+        *["0" * 20] * 20,
+        **{
+            "floor.tile_width_m": 0.1,
+            "floor.tile_height_m": 0.1,
+            "floor.left_m": -0.5,
+            "change.at_s": 10,
+            "change.to": "patch:0.3",
+        },
+    )
+    for run in range(20):
+        tiles = larger.floor_for(1, run).at(10.0).tiles
+        assert tiles[10:, 5:15].sum() == tiles.sum() > 0, "the arena's tiles are 10 x 10 of 20 x 20"
+
+
 def test_patches_appear_where_they_are_drawn_and_grow_by_tiles() -> None:
     scenario = preset("paper").with_values(
         {

@@ -233,6 +233,11 @@ def test_a_claim_without_effect_is_said() -> None:
     scenario = preset("paper").with_values({"sensor.claimed_rates": SURE})
     assert [text for text in claims_warnings(scenario) if "no effect" in text]
     assert not claims_warnings(scenario.with_values({"strategy.name": "places"}))
+    assumed = preset("paper").with_values({"decision.assumed_false_negative": 0.3})
+    assert [text.partition(":")[0] for text in claims_warnings(assumed)] == [
+        "decision.assumed_false_negative has no effect"
+    ]
+    assert not claims_warnings(assumed.with_values({"decision.boundary_of": "tiles"}))
     assert not any("wrong" in text for text in told([scenario]))
 
 

@@ -305,9 +305,21 @@ def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.Captu
             "run --set network.loss.share=0.1",
             "--set network.loss.share: has no effect: network.name is 'ideal'",
         ),
+        (
+            "run --set faults.false_positive_shift=0.1 --set faults.sensor_from_s=60",
+            "--set faults.false_positive_shift: has no effect without faults.biased; set it too",
+        ),
+        (
+            "run --set faults.biased=0.2 --set faults.misread_shift=0.1 --set faults.opposite_from_s=60",
+            "--set faults.opposite_from_s: has no effect without faults.opposite",
+        ),
+        ("evaluate --vary odometry.level=good,poor", "--vary odometry.level: has no effect on robots that"),
         ("detect --set task.share.kind=0", "--set task.share.kind: has no effect"),
         ("league --vary none:strategy.soft.eta=1,2", "--vary strategy.soft.eta: has no effect"),
-        ("league --strategy none --set strategy.soft.eta=1", "--set strategy.soft.eta: has no effect"),
+        (
+            "league --strategy none --set faults.sensor_from_s=9 --set strategy.soft.eta=1",
+            "--set strategy.soft.eta: has no effect",
+        ),
     ],
 )
 def test_bad_input_is_said(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -271,6 +271,20 @@ def test_a_varied_field_that_no_cell_uses_is_refused(tmp_path: Path) -> None:
         Study.of(preset("paper"), network__loss__share=[0.1, 0.2])
 
 
+def test_a_varied_field_of_faults_or_places_is_refused_only_if_no_cell_uses_it() -> None:
+    paper = preset("paper")
+    with pytest.raises(InputError, match=r"faults.sensor_from_s: has no effect without faults.stuck_at_0, "):
+        Study.of(paper, faults__sensor_from_s=[0.0, 60.0])
+    assert len(Study.of(paper, faults__stuck_at_1=[0.0, 0.2], faults__sensor_from_s=[0.0, 60.0]).cells) == 4
+    assert len(Study.of(paper, faults__biased=[0.0], faults__misread_shift=[0.0, 0.1]).cells) == 2, (
+        "off on purpose"
+    )
+    with pytest.raises(InputError, match=r"rays.noise_m: has no effect on robots that estimate no places"):
+        Study.of(paper, rays__noise_m=[0.0, 0.01])
+    assert len(Study.of(paper, strategy__name=["none", "places"], rays__noise_m=[0.0, 0.01]).cells) == 4
+    assert len(Study.of(paper, localisation__method=["true", "mixture"]).cells) == 2
+
+
 def test_a_study_file_that_is_none(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         Study.read(tmp_path / "nowhere.toml")

@@ -25,6 +25,11 @@ from vibroswarm.observation.energy_model import claimed_rates, claims_differ, ra
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.static_analysis import fields_read, told
 
+STATED_RATES: Final = (
+    "sensor.claimed_rates", "decision.assumed_false_positive", "decision.assumed_false_negative",
+)  # fmt: skip
+"""Fields that say what robots believe of their sensor."""
+
 
 def true_places_notes(scenarios: Iterable[Scenario]) -> list[str]:
     """Return a list of one sentence, the first to print of a result, if its robots used their true places.
@@ -54,12 +59,14 @@ def claims_notes(scenarios: Iterable[Scenario]) -> list[str]:
 
 
 def claims_warnings(scenario: Scenario) -> list[str]:
-    """Return a list with a warning if robots do not go by the claimed rates that a scenario states; else no warning."""
-    if scenario.sensor.claimed_rates is None or not _is_loaded(scenario) or goes_by_rates(scenario):
+    """Return a warning for each field of rates that a scenario states, if robots do not go by them; else none."""
+    if not _is_loaded(scenario) or goes_by_rates(scenario):
         return []
     return [
-        f"sensor.claimed_rates has no effect: '{scenario.strategy.name}' takes readings at face value; places, for "
-        'example, goes by them, as do robots with decision.boundary_of = "tiles"'
+        f"{name} has no effect: '{scenario.strategy.name}' takes readings at face value; places, for "
+        'example, goes by it, as do robots with decision.boundary_of = "tiles"'
+        for name in STATED_RATES
+        if scenario[name] is not None
     ]
 
 

@@ -193,6 +193,12 @@ class Floor(NotebookView):
         patched_m2 = sum(patch.contrast * patch.area_m2 for patch in self.surface.patches)
         return _share_of(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
 
+    def box_within(self, width_m: float, height_m: float) -> tuple[float, float, float, float]:
+        """Return left, bottom, right and top, m, of the part of the floor inside an arena of that size."""
+        rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = self.geometry
+        right_m, top_m = left_m + columns * tile_width_m, bottom_m + rows * tile_height_m
+        return max(left_m, 0.0), max(bottom_m, 0.0), min(right_m, width_m), min(top_m, height_m)
+
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
         """Return the fill ratio inside an arena of ``width_m`` by ``height_m``: ``share_within`` of kind 1."""
         return self.share_within(1, width_m, height_m)

@@ -177,6 +177,8 @@ def _refuse_without_effect(
     fields: Iterable[str], base: Scenario, entries: Iterable[Entry], option: str
 ) -> None:
     """Refuse fields that no entry of a league uses (``refuse_without_effect``)."""
+    # A league's own tests set faults.
+    fields = [field for field in fields if not field.startswith("faults.")]
     refuse_without_effect(fields, [_scenario_of(entry, base) for entry in entries], option)
 
 

@@ -462,7 +462,8 @@ class Places:
             return np.empty((0, 1))
         key = (scenario.sensor, *((floor.tiles.tobytes(), floor.geometry) for floor in floors))
         if key not in self._sensed_values:
-            parts = []
+            names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
+            parts = [np.empty((0, len(names)))]  # there may be no samples at all
             for run, floor, begin, end in zip(self.runs, floors, self.bounds, self.bounds[1:], strict=False):
                 rows = slice(begin, end)
                 parts.append(
@@ -471,7 +472,7 @@ class Places:
                         self._sample[rows], self._x_m[rows], self._y_m[rows], self._time_s[rows],
                     )
                 )  # fmt: skip
-            self._sensed_values[key] = read_only(np.concatenate(parts)) if parts else np.empty((0, 1))
+            self._sensed_values[key] = read_only(np.concatenate(parts))
         return self._sensed_values[key]
 
     def _sensed_tiles(

@@ -50,8 +50,9 @@ class Change(FrozenModel):
     to: Steps | None = None
     """What it becomes then, one for each time, or one for all: ``invert`` (vibrating tiles become still, still ones
     vibrate), ``redraw`` (the same tiles at random places), ``patch:0.3`` (tiles below a patch of that side, at a random
-    place, vibrate; also discs and cracks), ``grow`` (still tiles beside vibrating ones vibrate), another floor of the
-    same size, such as ``diagonal:0.46`` or ``random:0.6``, or its rows, such as ``0110/1001/1111``."""
+    place in the arena, vibrate; also discs and cracks), ``grow`` (still tiles beside vibrating ones vibrate), another
+    floor of the same size, such as ``diagonal:0.46`` or ``random:0.6``, or its rows, such as
+    ``0110/1001/1111``."""
     rate_per_h: Annotated[float, Field(gt=0, le=1e5)] | None = None
     """How often an hour each tile is redrawn, at random times: a Markov chain for each tile."""
     shares: Shares | None = None
@@ -131,11 +132,14 @@ class Change(FrozenModel):
         times_s, to = self.at_s or (), self.to or ()
         yield from zip(times_s, to * len(times_s) if len(to) == 1 else to, strict=True)
 
-    def changes(self, floor: Floor, until_s: float, seed: int, run: int) -> Changes:
+    def changes(
+        self, floor: Floor, arena_m: tuple[float, float], until_s: float, seed: int, run: int
+    ) -> Changes:
         """Return the changes of a run's floor.
 
         Args:
-            floor: at time 0. until_s: time up to which tiles are redrawn. seed, run: select random changes.
+            floor: at time 0. arena_m: width and height of the arena, inside which patches appear. until_s: time up to
+                which tiles are redrawn. seed, run: select random changes.
         Raises:
             InputError: ``to`` names no floor, or one of another size.
         """
@@ -146,12 +150,14 @@ class Change(FrozenModel):
         later: list[tuple[float, NDArray[np.uint8]]] = []
         before = tiles
         for step, (time_s, to) in enumerate(self.steps()):
-            before = _next(to, replace(floor, tiles=before), step, seed, run)
+            before = _next(to, replace(floor, tiles=before), arena_m, step, seed, run)
             later.append((time_s, before))
         return changes_between(tiles, later)
 
 
-def _next(to: str, floor: Floor, number: int, seed: int, run: int) -> NDArray[np.uint8]:
+def _next(
+    to: str, floor: Floor, arena_m: tuple[float, float], number: int, seed: int, run: int
+) -> NDArray[np.uint8]:
     """Return what the tiles of a floor become at change ``number`` (from 0) of a run.
 
     Raises:
@@ -161,7 +167,7 @@ def _next(to: str, floor: Floor, number: int, seed: int, run: int) -> NDArray[np
     if to == GROW:
         return grown(tiles)
     if kind_of_name(to) == PATCHES:
-        return patched(to, floor, number, seed, run)
+        return _patched(to, floor, floor.box_within(*arena_m), number, seed, run)
     if to == INVERT:
         if tiles.max() > 1:
             raise InputError(
@@ -181,16 +187,19 @@ def _next(to: str, floor: Floor, number: int, seed: int, run: int) -> NDArray[np
     return permuted(found, number, seed, run) if is_random(to) else found
 
 
-def patched(name: str, floor: Floor, number: int, seed: int, run: int) -> NDArray[np.uint8]:
+def _patched(
+    name: str, floor: Floor, box_m: tuple[float, float, float, float], number: int, seed: int, run: int
+) -> NDArray[np.uint8]:
     """Return the tiles of a floor with patches that appear at change ``number`` of a run.
 
     Tiles vibrate whose middle is in a patch, and that below its middle.
 
+    Args:
+        box_m: ``Floor.box_within`` of the arena.
     Raises:
         InputError: the name is no patch, the patches do not fit, or have a contrast below 1.
     """
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    box_m = (left_m, bottom_m, left_m + columns * width_m, bottom_m + rows * height_m)
     with named("change.to"):
         patches = named_patches(name, box_m, seed, run, draw=number + 1)
     if any(patch.contrast != 1.0 for patch in patches):

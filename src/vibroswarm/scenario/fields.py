@@ -111,9 +111,9 @@ class FloorField(FrozenModel):
     and 2), ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2``, or the name of the floor in
     ``tiles`` or ``values``."""
     rows: Annotated[int, Field(ge=1, le=2000)] = 5
-    """Rows of a random floor; patterns and `tiles` have their own."""
+    """Rows of a random floor, and of ``gradient``, ``hill`` and ``field``; patterns and ``tiles`` have their own."""
     columns: Annotated[int, Field(ge=1, le=2000)] = 5
-    """Columns of a random floor."""
+    """Columns, likewise."""
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
     takes precedence over ``source``. Rows of numbers, as in an array, are read too."""
@@ -191,15 +191,7 @@ class FloorField(FrozenModel):
             return Surface(values=steps_of(self.values))
         if self.tiles is not None:
             return PLAIN
-        rows, columns, width_m, height_m, left_m, bottom_m = plain.geometry
-        right_m, top_m = left_m + columns * width_m, bottom_m + rows * height_m
-        box_m = (
-            max(left_m, 0.0),
-            max(bottom_m, 0.0),
-            min(right_m, arena.width_m),
-            min(top_m, arena.height_m),
-        )
-        return surface_of(self.source, (rows, columns), box_m, seed, run)
+        return surface_of(self.source, plain.tiles.shape, plain.box_within(*arena.size_m), seed, run)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
         """Return the tiles of (seed, run) (uint8, (rows, columns), kinds, top row first), and the floor's name.
@@ -455,7 +447,8 @@ class Decision(FrozenModel):
     prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1
     """Its second parameter."""
     hold_s: Annotated[float, Field(ge=0, le=1e7)] = 30.0
-    """For strategies whose opinions may change: the swarm has decided when all have agreed for this long, s."""
+    """For strategies of yours that decide by opinions (``decides="opinion"``; none that ships does): the swarm has
+    decided when all have agreed for this long, s."""
 
 
 class CameraField(FrozenModel):

@@ -98,7 +98,8 @@ class Localisation(FrozenModel):
     true errors."""
     assumed_speed_factor: Annotated[float, Field(gt=0, le=100)] | None = None
     """Mean of the speed factor s_d that robots assume: what does it cost to be wrong about one's speed? If omitted,
-    they know its law (mean and standard deviation)."""
+    they know its law (mean and standard deviation), that of ``speed_factor_shape`` and so on, also beside
+    ``robot.speed_factors``: no robot knows its own."""
     assumed_speed_spread: Annotated[float, Field(ge=0, le=10)] | None = None
     """Standard deviation of s_d that they assume; likewise."""
     ray_noise_m: Annotated[float, Field(gt=0, le=1)] = 0.004

@@ -277,7 +277,7 @@ class Scenario(Sections, NotebookView):
             return floor
         # With redraw = "study" all runs share the floor of run 0, and its changes.
         number = run if self.floor.redraw == "run" else 0
-        changes = self.change.changes(floor, self.run.t_end_s, seed, number)
+        changes = self.change.changes(floor, self.arena.size_m, self.run.t_end_s, seed, number)
         return replace(floor, changes=changes)
 
     @property

@@ -492,9 +492,13 @@ def _check_floor(s: Sections) -> None:
     height = s.floor.tile_height_m or s.arena.height_m / rows
     right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
     # The arena reaches from 0 to its width and height.
-    if right <= 0 or top <= 0 or s.floor.left_m >= s.arena.width_m or s.floor.bottom_m >= s.arena.height_m:
+    beside = right <= 0 or s.floor.left_m >= s.arena.width_m
+    if beside or top <= 0 or s.floor.bottom_m >= s.arena.height_m:
+        field, size_m = ("left_m", s.arena.width_m) if beside else ("bottom_m", s.arena.height_m)
         raise InputError(
-            "the floor lies outside the arena; no robot could sample a tile", field="floor.left_m"
+            f"at {getattr(s.floor, field):g} m the floor lies outside the arena of {stated(size_m)} m; no robot could "
+            "sample a tile",
+            field=f"floor.{field}",
         )
 
 
@@ -523,7 +527,7 @@ def _check_change(s: Sections) -> None:
                 field="change.shares",
             )
     else:
-        kinds = change.changes(floor, math.inf, 0, 0).kind
+        kinds = change.changes(floor, s.arena.size_m, math.inf, 0, 0).kind
         if kinds.size and kinds.max() >= s.sensor.kinds:
             raise InputError(
                 f"makes tiles of kind {kinds.max()}, and the sensor '{s.sensor.model}' knows {s.sensor.kinds} kinds, "

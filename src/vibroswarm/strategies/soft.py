@@ -42,7 +42,7 @@ class Params:
     """Weights of belief and reading."""
 
     eta: Annotated[
-        float, Field(ge=0, le=1e12, description="How fast the weight grows as the posterior narrows.")
+        float, Field(ge=0, le=1e12, description="How little the belief weighs while the posterior is wide.")
     ] = 1500.0
     kappa: Annotated[
         float, Field(ge=0, le=1e6, description="How little the belief weighs while it is near 1/2.")

@@ -9,9 +9,10 @@ Each function takes the options of a command as keywords, so that Python makes t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, Final, TypedDict, Unpack
 
 from vibroswarm import strategies, tasks
 from vibroswarm.analysis.robot_knowledge import claims_warnings
@@ -27,9 +28,9 @@ from vibroswarm.observation.energy_model import sensor_warnings
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.change_fields import change_warnings
-from vibroswarm.scenario.fault_fields import fault_warnings
+from vibroswarm.scenario.fault_fields import OF_ANY_SENSOR, OF_TWO_KINDS, SINCE, fault_warnings
 from vibroswarm.scenario.presets import preset_names
-from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset
+from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset, value_of
 from vibroswarm.strategies.place_map import WITH_MAP
 
 
@@ -88,16 +89,46 @@ def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = 
     return base.with_values(parse_settings(settings))
 
 
+NEEDS: Final = {
+    "robot.misalignment_drift_samples": ["robot.misalignment_drift"],
+    "faults.stuck_class": ["faults.stuck"],
+    **{f"faults.{name}": ["faults.biased"] for name in (*OF_TWO_KINDS, *OF_ANY_SENSOR)},
+    **{
+        f"faults.{since}": [f"faults.{kind}" for kind in SINCE if SINCE[kind] == since]
+        for since in SINCE.values()
+    },
+}
+"""Fields that have an effect only if another one, or one of several, is set."""
+OF_PLACES: Final = re.compile(r"odometry\..*|localisation\.(?!method$).*|rays\.noise_m")
+"""Fields by which robots find their places."""
+
+
 def refuse_without_effect(fields: Iterable[str], scenarios: Iterable[Scenario], option: str = "") -> None:
-    """Refuse fields of a strategy, network or other entry that none of the scenarios selects.
+    """Refuse fields that have no effect in any of the scenarios, as what they belong to is not selected, or off.
 
     Args:
         fields: dotted names. option: what a message has before the name, such as "--set ".
     Raises:
         InputError: there is such a field.
     """
+    fields, scenarios = list(fields), list(scenarios)
     choices = [choice for scenario in scenarios for choice in scenario.choices]
     for field in fields:
+        needed = NEEDS.get(field)
+        # A fault that is set to 0, as in the first of several runs, is no mistake.
+        if needed and not any(
+            name in fields or value_of(each, name) for name in needed for each in scenarios
+        ):
+            raise InputError(
+                f"has no effect without {listed(needed, 'or')}; set it too, or leave this out",
+                field=option + field,
+            )
+        if OF_PLACES.fullmatch(field) and all(each.place_method == "true" for each in scenarios):
+            raise InputError(
+                "has no effect on robots that estimate no places; choose a strategy that reads places, or set "
+                'localisation.method = "mixture"',
+                field=option + field,
+            )
         kind, *path = field.split(".")
         names = {choice.selected for choice in choices if choice.kind == kind}
         if len(path) > 1 and names and path[0] not in names:
