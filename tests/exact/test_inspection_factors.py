@@ -82,7 +82,7 @@ def test_where_still_values_show_no_factor_it_counts_as_that_of_tiles(still):
     samples = drawn_samples(5, count=200, spread_m=0.0)
     values = np.random.default_rng(2).choice(still, (200, 1))
     told = []
-    for spreads in ((0.0, 0.0), (0.0, 0.5), (0.5, 0.0)):
+    for spreads in ((0.0, 0.0), (0.3, 0.4), (0.5, 0.0)):
         law = law_of_measured(vibrating, still, "measured", spreads)
         rule = rule_of(
             replace(samples, law=replace(law, draws=())), declared(samples.size_m, [0.2]), Question(0.2), 4
@@ -90,6 +90,16 @@ def test_where_still_values_show_no_factor_it_counts_as_that_of_tiles(still):
         told.append(rule.told(values))
     assert (told[1] == told[2]).all()
     assert (told[1][-1] != told[0][-1]).all()
+
+
+def test_tiles_that_differ_much_less_than_robots_count_as_alike():
+    samples, told = drawn_samples(5, count=200, spread_m=0.0), []
+    for of_tiles in (None, 0.06, 0.07):
+        law = replace(DIFFER, sensor=DIFFER.sensor.model_copy(update={"tile_spread": of_tiles}))
+        rule = rule_of(replace(samples, law=law), declared(samples.size_m, [0.2]), Question(0.2), 4)
+        told.append(rule.told(drawn(200, 0.0)[0]))
+    np.testing.assert_array_equal(told[0], told[1])
+    assert (told[0] != told[2]).all()
 
 
 def test_a_robot_knows_no_factor_by_what_it_has_not_heard():
@@ -133,6 +143,7 @@ def test_the_told_risk_is_true_where_robots_differ(monkeypatch):
     told, missed, cleared = told_and_true()
     assert cleared > 400
     assert binom.sf(missed - 1, cleared, told) > 0.01
+    monkeypatch.setattr(stopping, "judge_of", lambda law: law)
     monkeypatch.setattr(stopping, "of_typical_robots", lambda samples, law, values, look, looks: values)
     told, missed, cleared = told_and_true()
     assert binom.sf(missed - 1, cleared, told) < 0.001

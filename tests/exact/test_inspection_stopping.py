@@ -45,19 +45,20 @@ def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
     assert told[0, 0] == pytest.approx(0.2 * ratio / (0.8 + 0.2 * ratio), rel=1e-3)
 
 
+@pytest.mark.parametrize("differ", ["tile_spread", "robot_spread"])
 @pytest.mark.parametrize("on_damage", [25, 9])
-def test_samples_share_the_factor_of_their_tile(on_damage: int) -> None:
-    """Against the integral over the factor: samples beside the damage, on the same tile, show it."""
+def test_samples_share_the_factor_of_their_tile_or_robot(on_damage: int, differ: str) -> None:
+    """Against the integral over the factor: samples beside the damage, of the same tile or robot, show it."""
     samples = drawn_samples(5, count=25, spread_m=0.0)
     x_m = np.where(np.arange(25) < on_damage, 0.05, 0.35)
-    inside = samples.with_columns(x_m=x_m, y_m=np.full(25, 0.3))
+    inside = samples.with_columns(x_m=x_m, y_m=np.full(25, 0.3), robot=np.zeros(25, np.uint16))
     one_tile = Floor(np.zeros((1, 1), np.uint8), 0.6, 0.6)
-    differ = replace(LAW, sensor=LAW.sensor.model_copy(update={"tile_spread": 0.4}))
+    spread = replace(LAW, sensor=LAW.sensor.model_copy(update={differ: 0.4}))
     value = 1.5 * values_at(LAW, np.linspace(0.2, 0.8, 25), False)
     patches = replace(declared((0.6, 0.6), [0.6]), forms=(Form(0.2, 0.6),))
     shares = shares_of(inside, patches)
     rule = Rule(
-        replace(inside, law=differ, floor=one_tile),
+        replace(inside, law=spread, floor=one_tile),
         patches,
         shares,
         QUESTION,
@@ -79,8 +80,8 @@ def test_samples_share_the_factor_of_their_tile(on_damage: int) -> None:
     )
     told = rule.told(value[:, None])[0, 0]
     assert logit(told) == pytest.approx(true, abs=0.05)
-    # The control: samples as if independent, each by a law that has the spread of tiles.
-    assert abs(ratios_at(differ, value)[is_on].sum() - true) > 1.0
+    # The control: samples as if independent, each by a law that has the spread.
+    assert abs(ratios_at(spread, value)[is_on].sum() - true) > 1.0
 
 
 def test_damage_that_does_not_fit_is_refused() -> None:

@@ -56,7 +56,7 @@ SHARING = {
     "study/runner.py": "gives batches to the loop, and saves what they return",
     "optimize/evaluate.py": "gives pieces of candidates to the loop",
     "paper/cells.py": "summarises cells while the next study runs",
-    "inspection/patches.py": "judges drawn surfaces",
+    "inspection/stopping.py": "judges drawn surfaces",
 }
 
 

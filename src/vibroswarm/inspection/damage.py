@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +118,12 @@ def over_laws(law: Law, probability: Callable[[Law], Floats]) -> Floats:
 
 def judged(law: Law, values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
     """Return what ``judge`` says of drawn values, (samples, replicates), by a law with its error."""
-    out, laws = np.empty(values.shape, order="F"), draws_of(law)[0] or [law]
+    return by_laws(draws_of(law)[0] or [law], values, judge)
+
+
+def by_laws(laws: Sequence[Law], values: Floats, judge: Callable[[Law, Floats], Floats]) -> Floats:
+    """Return what ``judge`` says of values, (samples, replicates): of replicate b by law b modulo their number."""
+    out = np.empty(values.shape, order="F")
     for k, one in enumerate(laws[: values.shape[1]]):
         out[:, k :: len(laws)] = judge(one, values[:, k :: len(laws)])
     return out
@@ -146,11 +151,16 @@ def interpolated(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
     """Return what ``np.interp`` returns, bit by bit, in a third of its time; ``values`` are finite.
 
     Args:
-        at: ascending. values: at ``at``. begin: ``index_of(at)``, if it is known.
+        at: ascending. values: at ``at``, (at,), or of several functions, (functions, at).
+        begin: ``index_of(at)``, if it is known.
+    Returns: in the shape of x, or (functions, *that).
     """
-    out = np.empty_like(x, dtype=np.float64)
-    _interpolate(x.ravel("K"), at, values, index_of(at) if begin is None else begin, out.ravel("K"))
-    return out
+    order: Literal["C", "F"] = "F" if x.flags.f_contiguous else "C"
+    functions = np.atleast_2d(values)
+    out = np.empty((len(functions), x.size))
+    _interpolate(x.ravel(order), at, functions, index_of(at) if begin is None else begin, out)
+    found = out.T.reshape((*x.shape, len(functions)), order=order)
+    return found[..., 0] if values.ndim == 1 else np.moveaxis(found, -1, 0)
 
 
 def index_of(at: Floats) -> NDArray[np.int64]:
@@ -161,7 +171,7 @@ def index_of(at: Floats) -> NDArray[np.int64]:
 
 @kernel
 def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64], out: Floats) -> None:
-    """Write the values at ``x`` to ``out``.
+    """Write the values at ``x`` of each function to ``out``, (functions, x).
 
     Args:
         begin: entry of ``at`` at or before the beginning of each of as many equal intervals.
@@ -184,12 +194,13 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
                 k -= 1
             while at[k + 1] <= x[i]:
                 k += 1
-            slope = (values[k + 1] - values[k]) / (at[k + 1] - at[k])
-            out[i] = slope * (x[i] - at[k]) + values[k]
-        elif x[i] <= at[0]:
-            out[i] = values[0]
+            for f in range(out.shape[0]):
+                slope = (values[f, k + 1] - values[f, k]) / (at[k + 1] - at[k])
+                out[f, i] = slope * (x[i] - at[k]) + values[f, k]
         else:
-            out[i] = values[last] if x[i] >= at[last] else x[i]  # nan stays
+            for f in range(out.shape[0]):
+                beyond = values[f, last] if x[i] >= at[last] else x[i]  # nan stays
+                out[f, i] = values[f, 0] if x[i] <= at[0] else beyond
 
 
 @lru_cache(maxsize=512)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -26,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from vibroswarm.core.child_python import processors
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, check_kind, number_of, shown
@@ -46,8 +44,6 @@ LARGEST: Final = 1e300
 """Limit of likelihoods over those of an intact surface."""
 SMALLEST: Final = 1e-300
 """Smaller ones count as 0: processors multiply numbers that are smaller still a hundred times slower."""
-MOST_NUMBERS: Final = 2**23
-"""Probabilities of nodes that a core holds."""
 FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
@@ -362,29 +358,40 @@ def logs_at_looks(shares: Shares, log_ratio: Floats, look: NDArray[np.int64], lo
         yield logs
 
 
+def by_tile(shares: Shares, tile: NDArray[np.int64]) -> Shares:
+    """Return the same shares, those of each patch tile by tile: the order of ``ratios_at_looks``."""
+    if not tile.any():
+        return shares
+    patch = np.repeat(np.arange(shares.first.size - 1), np.diff(shares.first))
+    order = np.lexsort((tile[shares.sample], patch))
+    return shares._replace(sample=shares.sample[order], share=shares.share[order])
+
+
 @kernel
-def _node_weights(intact: NDArray[np.float32], look: NDArray[np.int64], tile: NDArray[np.int64], prior: Floats,
+def _node_weights(intact: NDArray[np.float32], look: NDArray[np.int64], tile: NDArray[np.int64],
+                  place: NDArray[np.int32], prior: Floats, is_new: NDArray[np.bool_],
                   out: Floats) -> None:  # fmt: skip
-    """Write the probability of each node of a tile's factor at each look to ``out``, (looks, tiles, nodes, replicates).
+    """Write the probability of each node of a tile's factor at each look to ``out``, (tiles, looks, nodes, replicates).
 
     Args:
-        intact: log likelihood of each sample on an intact tile of each node, (samples, nodes, replicates).
-        look, tile: of each sample. prior: of each node. out: all 0 at first.
+        intact: log likelihood of each sample on an intact tile of each node, in the rows ``place``, (samples, nodes,
+            replicates). look, tile: of each sample. prior: of each node. out: all 0 at first.
+        is_new: written, at which looks a tile has new samples, (tiles, looks); all False at first.
     """
-    looks, tiles, nodes, replicates = out.shape
+    tiles, looks, nodes, replicates = out.shape
     for s in range(look.size):
-        node = out[look[s], tile[s]]
+        node, row = out[tile[s], look[s]], intact[place[s]]
+        is_new[tile[s], look[s]] = True
         for m in range(nodes):
             for b in range(replicates):
-                node[m, b] += intact[s, m, b]
-    for now in range(1, looks):
-        for t in range(tiles):
+                node[m, b] += row[m, b]
+    for t in range(tiles):
+        for now in range(1, looks):
             for m in range(nodes):
                 for b in range(replicates):
-                    out[now, t, m, b] += out[now - 1, t, m, b]
-    for now in range(looks):
-        for t in range(tiles):
-            node = out[now, t]
+                    out[t, now, m, b] += out[t, now - 1, m, b]
+        for now in range(looks):
+            node = out[t, now]
             for b in range(replicates):
                 most, total = node[0, b], 0.0
                 for m in range(nodes):
@@ -399,90 +406,76 @@ def _node_weights(intact: NDArray[np.float32], look: NDArray[np.int64], tile: ND
 @kernel
 def _ratios_at_looks(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
                      place: NDArray[np.int32], more: NDArray[np.float32], look: NDArray[np.int64],
-                     tile: NDArray[np.int64], node: Floats, form: NDArray[np.int64], weight: Floats, largest: bool,
-                     product: Floats, work: Floats, met: NDArray[np.int64], out: Floats) -> None:  # fmt: skip
+                     tile: NDArray[np.int64], node: Floats, is_new: NDArray[np.bool_], form: NDArray[np.int64],
+                     weight: Floats, largest: bool, product: Floats, mean: Floats, found: Floats,
+                     out: Floats) -> None:  # fmt: skip
     """Add weight times L_j of each patch, at each look and replicate, to ``out``, (looks, forms, replicates).
 
     Args:
+        first, sample, share, place: of ``by_tile``.
         more: r - 1 of each sample at each node, in the rows ``place``, (samples, nodes, replicates).
-        look, tile: of each sample, looks ascending. node: of ``_node_weights``. form, weight: of each patch.
-        largest: write the largest L_j instead. product, work: room, (tiles, nodes, replicates) and (2, replicates).
-        met: (2, tiles), all 0.
+        look, tile: of each sample, looks ascending. node, is_new: of ``_node_weights``. form, weight: of each patch.
+        largest: write the largest L_j instead.
+        product, mean, found: room, (nodes, replicates), (replicates,) and (looks, replicates).
     """
-    _, nodes, replicates = product.shape
-    found, mean, of_patch, is_met = work[0], work[1], met[0], met[1]
+    (nodes, replicates), looks = product.shape, out.shape[0]
     for j in range(first.size - 1):
-        number, k = 0, first[j]
-        for now in range(out.shape[0]):
-            while k < first[j + 1] and look[sample[k]] <= now:
-                t, rows, q = tile[sample[k]], more[place[sample[k]]], share[k]
-                if is_met[t] == 0:
-                    is_met[t], of_patch[number] = 1, t
-                    product[t] = 1.0
-                    number += 1
-                for m in range(nodes):
-                    for b in range(replicates):
-                        one = min(product[t, m, b] * (1.0 + q * rows[m, b]), LARGEST)
-                        product[t, m, b] = one if one > SMALLEST else 0.0
-                k += 1
-            found[:] = 1.0
-            for i in range(number):
-                t = of_patch[i]
-                mean[:] = 0.0
-                for m in range(nodes):
-                    for b in range(replicates):
-                        mean[b] += node[now, t, m, b] * product[t, m, b]
+        found[:] = 1.0
+        k, end = first[j], first[j + 1]
+        while k < end:
+            t = tile[sample[k]]
+            product[:] = 1.0
+            for now in range(look[sample[k]], looks):
+                while k < end and tile[sample[k]] == t and look[sample[k]] <= now:
+                    rows, q = more[place[sample[k]]], share[k]
+                    for m in range(nodes):
+                        row, into = rows[m], product[m]
+                        for b in range(replicates):
+                            one = min(into[b] * (1.0 + q * row[b]), LARGEST)
+                            into[b] = one if one > SMALLEST else 0.0
+                    k += 1
+                if is_new[t, now]:  # else the mean is as before
+                    mean[:] = 0.0
+                    for m in range(nodes):
+                        of_node, row = node[t, now, m], product[m]
+                        for b in range(replicates):
+                            mean[b] += of_node[b] * row[b]
+                of_patch = found[now]
                 for b in range(replicates):
-                    found[b] = min(found[b] * mean[b], LARGEST)
-            into = out[now, form[j]]
+                    of_patch[b] = min(of_patch[b] * mean[b], LARGEST)
+        for now in range(looks):
+            of_form, of_patch = out[now, form[j]], found[now]
             for b in range(replicates):
-                into[b] = max(into[b], found[b]) if largest else into[b] + weight[j] * found[b]
-        for i in range(number):
-            is_met[of_patch[i]] = 0
-
-
-@viewed
-class OnTiles(NamedTuple):
-    """What is known of the factors of tiles, of which each has one of a few (nodes)."""
-
-    tile: NDArray[np.int64]
-    """Of each sample, from 0."""
-    prior: Floats
-    """Of each node."""
-    intact: NDArray[np.float32]
-    """Log likelihood of each sample on an intact tile of each node, (nodes, samples, replicates)."""
+                of_form[b] = max(of_form[b], of_patch[b]) if largest else of_form[b] + weight[j] * of_patch[b]
 
 
 def ratios_at_looks(
-    patches: Patches, shares: Shares, more: NDArray[np.float32], look: NDArray[np.int64], looks: int,
-    on_tiles: OnTiles, *, strict: bool = False,
+    patches: Patches, shares: Shares, intact: NDArray[np.float32], more: NDArray[np.float32],
+    look: NDArray[np.int64], looks: int, tile: NDArray[np.int64], prior: Floats, *, strict: bool = False,
 ) -> Floats:  # fmt: skip
-    """Return the mean of L_j over the places of each form, at each look, (looks, forms, replicates).
+    """Return the mean of L_j over the places of a form, the largest of all forms and contrasts, (looks, replicates).
 
-    L_j is the product over tiles of the mean over nodes of their samples' product: samples of a tile share its factor.
+    L_j is the product over tiles of the mean over nodes of their samples' product: samples of a tile share its factor,
+    of which each tile has one of a few (nodes).
 
     Args:
-        more: r - 1 of each sample at each node, (nodes, samples, replicates). look: from which look on each sample
-            counts, from 0, ascending. strict: return the largest in place of the mean.
+        shares: of ``by_tile``. intact: log likelihood of each sample on an intact tile of each node, in the rows
+            ``Shares.place``, (samples, nodes, replicates). more: r - 1 for each contrast, (contrasts, *those).
+        look: from which look on each sample counts, from 0, ascending. tile: of each sample, from 0.
+        prior: probability of each node. strict: return the largest in place of the mean.
     """
-    out = np.zeros((looks, len(patches.forms), more.shape[2]))
-    weight, tiles = patches.weights * len(patches.forms), int(on_tiles.tile.max()) + 1
-    at_once = max(1, min(AT_ONCE, MOST_NUMBERS // (looks * tiles * on_tiles.prior.size)))
-
-    def fill(begin: int) -> None:
-        part = np.s_[..., begin : begin + at_once]
-        intact = np.ascontiguousarray(on_tiles.intact[part].swapaxes(0, 1))
-        rows, some = np.empty_like(intact), np.zeros(out[part].shape)
-        rows[shares.place] = more[part].swapaxes(0, 1)
-        node = np.zeros((looks, tiles, *rows.shape[1:]))
-        _node_weights(intact, look, on_tiles.tile, on_tiles.prior, node)
-        room = np.empty(node.shape[1:]), np.empty((2, rows.shape[2])), np.zeros((2, tiles), dtype=np.int64)
-        _ratios_at_looks(*shares, rows, look, on_tiles.tile, node, patches.form, weight, strict, *room, some)
-        out[part] = np.minimum(some, LARGEST)
-
-    with ThreadPoolExecutor(processors()) as threads:
-        list(threads.map(fill, range(0, out.shape[2], at_once)))
-    return out
+    _, nodes, replicates = intact.shape
+    tiles = int(tile.max()) + 1
+    is_new, node = np.zeros((tiles, looks), dtype=np.bool_), np.zeros((tiles, looks, nodes, replicates))
+    _node_weights(intact, look, tile, shares.place, prior, is_new, node)
+    weight = patches.weights * len(patches.forms)
+    room = np.empty((nodes, replicates)), np.empty(replicates), np.empty((looks, replicates))
+    out = np.zeros((looks, replicates))
+    for each in more:
+        some = np.zeros((looks, len(patches.forms), replicates))
+        _ratios_at_looks(*shares, each, look, tile, node, is_new, patches.form, weight, strict, *room, some)
+        out = np.maximum(out, some.max(axis=1))
+    return np.minimum(out, LARGEST)
 
 
 def told_risk(ratio: Floats, prior: float) -> Floats:

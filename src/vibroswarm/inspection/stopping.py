@@ -29,32 +29,31 @@ last of them ends the inspection. A message is one sample; each receiver loses i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
+from vibroswarm.core.child_python import processors
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of
 from vibroswarm.floors.patches import place_within
 from vibroswarm.inspection.damage import (
+    by_laws,
     contrast_ratios,
     drawn_parts,
-    judged,
-    over_laws,
+    draws_of,
     patch_of,
     random_places,
-    tiles_below,
 )
-from vibroswarm.inspection.factors import excess_at_node, intact_at_node, nodes_of, of_typical_robots
+from vibroswarm.inspection.factors import judge_of, logs_at_node, nodes_of, of_typical_robots, tiles_by
 from vibroswarm.inspection.patches import (
-    OnTiles,
     Patches,
     Shares,
+    by_tile,
     declared,
     log_likelihoods,
     ratios_at_looks,
@@ -64,6 +63,10 @@ from vibroswarm.inspection.patches import (
 from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import EVIDENCE, Box, box_of, looks_of
 
+AT_ONCE: Final = 64
+"""Replicates that a core takes side by side."""
+MOST_NUMBERS: Final = 2**24
+"""Probabilities of nodes, or ratios of one contrast, that a core holds; above it takes fewer replicates."""
 LOOKS: Final = 32
 """Times at which the told risk is computed."""
 BLOCKS: Final = 5
@@ -122,12 +125,13 @@ class Rule(NotebookView):
     patches: Patches
     """Those that must be found."""
     shares: Shares
+    """Of ``by_tile``."""
     question: Question
     look: NDArray[np.int64]
     """From which look on each sample counts, (samples,)."""
     looks: int
     tile: NDArray[np.int64]
-    """Of each sample, (samples,)."""
+    """Of each sample, (samples,): samples of a tile share a factor (``tiles_by``)."""
 
     def told(self, values: Floats, heard: NDArray[np.bool_] | None = None, *, drawn: bool = False) -> Floats:
         """Return the told risk of each replicate at each look, (looks, replicates).
@@ -135,47 +139,58 @@ class Rule(NotebookView):
         Args:
             values: measured values, (samples, replicates).
             heard: which of the samples count, (samples, replicates); None: all.
-            drawn: whether values are drawn, so that one of the laws judges each replicate (``damage.judged``); else the
-                risk is the mean over the laws.
+            drawn: whether values are drawn, so that one of the laws that are its error judges each replicate; else the
+                risk is the mean over the law and these.
         """
-        law = self.samples.law
+        law = judge_of(self.samples.law)
+        judges = draws_of(law)[0]
         if drawn:
-            return self._risk_by(partial(judged, law), values, heard)
-        return over_laws(law, lambda one: self._risk_by(lambda each, judge: judge(one, each), values, heard))
+            return self._risk_by(judges or [law], values, heard)
+        laws = [law, *judges]
+        of_each = None if heard is None else np.repeat(heard, len(laws), axis=1)
+        risk = self._risk_by(laws, np.repeat(values, len(laws), axis=1), of_each)
+        return np.asarray(sum(risk[:, k :: len(laws)] for k in range(len(laws))) / len(laws))
 
-    def _risk_by(
-        self,
-        judged_by: Callable[[Floats, Callable[[Law, Floats], Floats]], Floats],
-        values: Floats,
-        heard: NDArray[np.bool_] | None,
-    ) -> Floats:
-        """Return the told risk of each replicate at each look, (looks, replicates), by the law that judges it.
+    def _risk_by(self, laws: list[Law], values: Floats, heard: NDArray[np.bool_] | None) -> Floats:
+        """Return the told risk of each replicate at each look, (looks, replicates).
 
         Args:
-            judged_by: returns what a function of a law and of values says of all of them.
+            laws: replicate b is judged by number b modulo their count.
         """
-        nodes, prior = nodes_of(self.samples.law)
-        tile = self.tile if nodes.size > 1 else np.zeros_like(self.tile)
-        read = judged_by(values, self._of_typical_robots if heard is None else self._of_each_robot)
+        read = by_laws(laws, values, self._of_typical_robots if heard is None else self._of_each_robot)
+        nodes, prior = nodes_of(judge_of(self.samples.law))
+        row, ratio = np.argsort(self.shares.place), np.empty((self.looks, values.shape[1]))
+        room = nodes.size * max(self.looks * (int(self.tile.max()) + 1), row.size)
+        at_once = max(1, min(AT_ONCE, MOST_NUMBERS // room))
 
-        def at_nodes(judge: Callable[..., Floats]) -> NDArray[np.float32]:
-            found = np.empty((nodes.size, *read.shape), dtype=np.float32)
-            for k, node in enumerate(nodes):
-                of_node = judged_by(read, partial(judge, node=node))
-                found[k] = of_node if heard is None else np.where(heard, of_node, 0.0)
-            return found
+        def fill(begin: int) -> None:
+            part, first = slice(begin, begin + at_once), begin % len(laws)
+            found = self._at_nodes(nodes, laws[first:] + laws[:first], read[row, part])
+            if heard is not None:
+                found *= heard[row, None, part]
+            ratio[:, part] = ratios_at_looks(
+                self.patches, self.shares, found[0], found[1:], self.look, self.looks, self.tile, prior,
+                strict=self.question.strict,
+            )  # fmt: skip
 
-        # A single node needs no likelihood: it has probability 1.
-        intact = at_nodes(intact_at_node) if nodes.size > 1 else np.zeros((1, *read.shape), np.float32)
-        on_tiles = OnTiles(tile, prior, intact)
-        ratio = np.zeros((self.looks, values.shape[1]))
-        for contrast in self.question.contrasts:
-            more = at_nodes(partial(excess_at_node, contrast=contrast))
-            of_sizes = ratios_at_looks(
-                self.patches, self.shares, more, self.look, self.looks, on_tiles, strict=self.question.strict
-            )
-            ratio = np.maximum(ratio, of_sizes.max(axis=1))
+        with ThreadPoolExecutor(processors()) as threads:
+            list(threads.map(fill, range(0, ratio.shape[1], at_once)))
         return told_risk(ratio, self.question.prior)
+
+    def _at_nodes(self, nodes: Floats, laws: list[Law], values: Floats) -> NDArray[np.float32]:
+        """Return what ``ratios_at_looks`` reads: the log likelihood of values on intact tiles, and r - 1 for damage.
+
+        Returns: of each contrast, sample, node and replicate, (1 + contrasts, samples, nodes, replicates).
+        """
+        samples, replicates = values.shape
+        contrasts = self.question.contrasts
+        found = np.empty((1 + len(contrasts), samples, nodes.size, replicates), dtype=np.float32)
+        for k, law in enumerate(laws[:replicates]):
+            for m, node in enumerate(nodes):
+                logs = logs_at_node(law, values[:, k :: len(laws)], node, contrasts)
+                found[0, :, m, k :: len(laws)] = logs[0]
+                found[1:, :, m, k :: len(laws)] = np.expm1(logs[1:])
+        return found
 
     def _of_typical_robots(self, law: Law, values: Floats) -> Floats:
         return of_typical_robots(self.samples, law, values, self.look, self.looks)
@@ -217,8 +232,8 @@ def rule_of(samples: Samples, patches: Patches, question: Question, looks: int =
     wanted = declared(samples.size_m, [question.least_m, *larger])
     _, look = looks_of(samples, looks)
     seen = samples.with_more_spread(BETWEEN * wanted.forms[0].step_m)
-    shares = shares_of(seen, wanted)
-    return Rule(samples, wanted, shares, question, look, looks, tiles_below(samples))
+    tile = tiles_by(judge_of(samples.law), samples)
+    return Rule(samples, wanted, by_tile(shares_of(seen, wanted), tile), question, look, looks, tile)
 
 
 @dataclass(frozen=True, eq=False)
