@@ -78,8 +78,9 @@ def nearest(word: object, known: Iterable[str], *, prefix: str = "", cutoff: flo
     Args:
         prefix: written before the known word. cutoff: least similarity, from 0 to 1.
     """
+    text = word if isinstance(word, str) else shown(word)
     # Cut, because comparing a very long text would take long.
-    match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=cutoff)
+    match = difflib.get_close_matches(text[:100], list(known), n=1, cutoff=cutoff)
     return f", did you mean '{prefix}{match[0]}'?" if match else ""
 
 
@@ -189,7 +190,7 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
         InputError: the message lists the choices and suggests the one with the most similar spelling.
     """
     known = list(choices)
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise InputError(
             f"there is no {shown(value)}{nearest(value, known)} (choices: {', '.join(known)})", field=field
         )

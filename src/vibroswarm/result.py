@@ -282,9 +282,11 @@ class Result(NotebookView):
         Args:
             run: check the rows of this run only, which takes less time; by default those of all runs.
         Raises:
-            InputError: a table is missing or does not fit the others or the scenario; the message names the column.
+            InputError: ``run`` is not a whole number, or a table is missing or does not fit the others or the scenario;
+                the message names the column.
         """
         check_threads()  # polars, which starts threads, would hang in a forked process
+        run = None if run is None else whole_number_of(run, "run", 0, 2**32 - 1)
         frames: dict[str, Any] = {name: getattr(self, name) for name in TABLES}
         for name, frame in frames.items():
             if frame is None and name in OPTIONAL:

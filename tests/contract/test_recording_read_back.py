@@ -270,6 +270,6 @@ def test_tables_are_written_as_csv_all_or_none(recording: Recording, tmp_path: P
     with pytest.raises(InputError, match=r"runs\.csv' exists already"):
         write_csv(recording, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["runs.csv"]
-    write_csv(recording, tmp_path, replace=True)
+    write_csv(recording, str(tmp_path), replace=True)
     for name in ("runs", "motion", "observations"):
         assert pl.read_csv(tmp_path / f"{name}.csv").height == getattr(recording, name).height

@@ -22,6 +22,8 @@ from vibroswarm.recordings.threshold import (
     find_thresholds,
     labelled,
     least_cost,
+    recommend,
+    unseen_errors,
 )
 from vibroswarm.scenario.scenario import preset
 
@@ -136,3 +138,9 @@ def test_the_profile_holds_every_sample(recording: Recording) -> None:
 def test_wrong_costs(recording: Recording) -> None:
     with pytest.raises(InputError, match="is not a cost"):
         find_thresholds(recording, 0.0, 1.0)
+    with pytest.raises(InputError, match=r"^cost: -1\.0 is wrong"):
+        unseen_errors(recording, -1.0)
+    with pytest.raises(InputError, match=r"^at: nan is wrong"):
+        recommend(recording, at=float("nan"))
+    with pytest.raises(InputError, match=r"^margin_m: -1 is wrong"):
+        find_thresholds(recording, margin_m=-1)

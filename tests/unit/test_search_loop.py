@@ -347,7 +347,7 @@ def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found,
     assert len(seeds) == 4
 
 
-def test_the_difference_is_named_for_what_it_is(whole: Found, truth: Truth) -> None:
+def test_the_difference_is_named_for_what_it_is(whole: Found, truth: Truth, tmp_path: Path) -> None:
     low = replace(truth, believed=truth.winner.score.estimate * 0.5)
     assert "50 % too low" in low.words
     assert "lucky" in low.words
@@ -359,7 +359,8 @@ def test_the_difference_is_named_for_what_it_is(whole: Found, truth: Truth) -> N
     assert "is 0.4 % too low" in sure.words
     equal = replace(truth, believed=truth.winner.score.estimate)
     assert "no sign of selection bias" in equal.words
-    few = truth_of(whole, runs=8)
+    few = truth_of(whole, runs=8, folder=str(tmp_path))
+    assert list(tmp_path.iterdir())
     assert few.winner.score.low < 0.7 * few.winner.score.estimate
     assert "too few validation runs" in replace(few, believed=0.8 * few.winner.score.estimate).words
 

@@ -7,21 +7,39 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm import Floor, Result, StudyResult, inspect, make_floor, measure, pose, replay, write_run_page
+from vibroswarm.analysis.decidability import mending_thresholds, samples_needed
 from vibroswarm.analysis.verdict import verdict
+from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.fit import fit
+from vibroswarm.calibrate.real_vs_simulated import compare, write_comparison_pictures
 from vibroswarm.errors import InputError
+from vibroswarm.floors import read_tiles
 from vibroswarm.inspection.missed import plan
+from vibroswarm.inspection.pod import fit_pod
 from vibroswarm.inspection.stopping import Question
+from vibroswarm.optimize.grid import Grid
+from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.pso import PsoSettings
+from vibroswarm.optimize.scenario_comparison import compare_scenarios
 from vibroswarm.optimize.space import Space
 from vibroswarm.optimize.spec import Search, SearchSettings
+from vibroswarm.plots import draw_belief, draw_density, draw_error_bars, draw_heat, draw_outcomes, draw_run
+from vibroswarm.recordings.export import write_csv, write_webots
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording, read_result
+from vibroswarm.recordings.replay import replay_recording, with_beliefs
+from vibroswarm.recordings.threshold import find_thresholds
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import check_runs, simulate
 from vibroswarm.study.precision import Precision
+from vibroswarm.study.run import merge
 from vibroswarm.study.spec import Study
+from vibroswarm.testing import check_network, check_task
 
 SHORT = {"run.t_end_s": 20.0, "swarm.robots": 2}
 
@@ -172,6 +190,48 @@ CALLS = {
     "plan": lambda x, r: plan(x, [3], [60.0]),
     "plan robots": lambda x, r: plan(r.scenario, [[x]], [60.0]),  # type: ignore[list-item]
     "inspect spread": lambda x, r: inspect(r, spread_m=[x]),  # type: ignore[arg-type]
+    "Scenario.from_toml folder": lambda x, r: Scenario.from_toml("", folder=x),
+    "Result.check": lambda x, r: r.check([x]),  # type: ignore[arg-type]
+    "verdict run": lambda x, r: verdict(r, np.zeros(2)),  # type: ignore[arg-type]
+    "write_run_page run": lambda x, r: write_run_page(r, "page.html", [x]),  # type: ignore[arg-type]
+    "Study.of_scenarios base": lambda x, r: Study.of_scenarios({"a": r.scenario}, base=x),
+    "a choice": lambda x, r: Study(r.scenario, runs=1).run().to_xarray(np.zeros(2)),  # type: ignore[arg-type]
+    "plot": lambda x, r: Study(r.scenario, runs=1).run().plot([x]),  # type: ignore[arg-type]
+    "Objective statistic": lambda x, r: Objective(statistic=x),
+    "Objective parameters": lambda x, r: Objective(parameters=x),
+    "Search study": lambda x, r: Search(study=r.scenario if x == 5 else x),
+    "Search space": lambda x, r: Search(space=x),
+    "Search objectives": lambda x, r: Search(objectives=Objective() if x == 5 else x),
+    "Search settings": lambda x, r: Search(settings=x),
+    "Search pso": lambda x, r: Search(pso=x),
+    "Search.from_toml": lambda x, r: Search.from_toml(x),
+    "Search.read": lambda x, r: Search.read(x),
+    "run_search": lambda x, r: run_search("search.toml" if x == 5 else x),
+    "run_search folder": lambda x, r: run_search(Search(), x),
+    "compare_scenarios": lambda x, r: compare_scenarios(r.scenario, x),
+    "compare_scenarios seed": lambda x, r: compare_scenarios(r.scenario, r.scenario, seed=[x]),  # type: ignore[arg-type]
+    "draw_belief": lambda x, r: draw_belief(x),
+    "draw_error_bars": lambda x, r: draw_error_bars(x),
+    "draw_heat": lambda x, r: draw_heat(x),
+    "draw_outcomes": lambda x, r: draw_outcomes(pl.LazyFrame({"cell": ["a"]}) if x == 5 else x),
+    "write_csv": lambda x, r: write_csv(r, x),
+    "write_webots": lambda x, r: write_webots(r, x),
+    "write_webots run": lambda x, r: write_webots(r, "log.txt", [x]),  # type: ignore[arg-type]
+    "replay_recording": lambda x, r: replay_recording(r if x == 5 else x, r.scenario),
+    "with_beliefs": lambda x, r: with_beliefs(r if x == 5 else x),
+    "find_thresholds": lambda x, r: find_thresholds(r if x == 5 else x),
+    "compare": lambda x, r: compare(r, "a folder" if x == 5 else x),  # type: ignore[arg-type]
+    "write_comparison_pictures": lambda x, r: write_comparison_pictures(r, r, r, x),  # type: ignore[arg-type]
+    "dataset_of": lambda x, r: dataset_of(r if x == 5 else x),
+    "Recording.read": lambda x, r: Recording.read(x),
+    "read_result": lambda x, r: read_result(x),
+    "read_log": lambda x, r: read_log(x),
+    "Grid.read": lambda x, r: Grid.read(x),
+    "read_tiles": lambda x, r: read_tiles(x),
+    "Picture.write": lambda x, r: draw_run(r).write(x),
+    "check_network": lambda x, r: check_network("lost" if x == 5 else x),
+    "check_task": lambda x, r: check_task("lost" if x == 5 else x),
+    "fit": lambda x, r: fit([r] if x == 5 else x, r.scenario),
 }  # fmt: skip
 
 
@@ -221,6 +281,31 @@ def test_sizes_and_numbers_out_of_range_are_refused(value: Any, ran: Result) -> 
         assert len(str(caught.value)) < 300
 
 
+def test_what_is_missing_is_named(ran: Result) -> None:
+    sizes = np.repeat([0.1, 0.2, 0.3], 10)
+    for field, call in {
+        "segments": lambda: pose(ran.motion, 0, 0, [1.0]),
+        "shares": lambda: merge(Path("all"), []),
+        "cases": lambda: compare_scenarios(ran.scenario, ran.scenario, cases=[]),
+        "curves": lambda: fit_pod(sizes, sizes > 0.1, 0, 10, curves=["linear"]),
+        "false": lambda: fit_pod(sizes, sizes > 0.1, 11, 10),
+        "boundary": lambda: mending_thresholds(ran.scenario.sensor, 0.4, -1.0),  # it searched without end
+        "share": lambda: samples_needed(1.5, 0.5),
+    }.items():
+        with pytest.raises(InputError, match=f"^{field}: "):
+            call()
+
+
+def test_density_of_tiles_in_lists() -> None:
+    places = pl.DataFrame({"x_m": [0.1, 0.2], "y_m": [0.3, 0.4], "count": [1, 2]})
+    drawn = draw_density(places, tiles=[[1, 0], [0, 1]])  # type: ignore[arg-type]
+    assert drawn.svg() == draw_density(places, tiles=np.array([[1, 0], [0, 1]], dtype=np.uint8)).svg()
+    with pytest.raises(InputError, match=r"^count: .*0 or more"):
+        draw_density(places.with_columns(count=pl.Series([-1, 2])))
+    with pytest.raises(InputError, match=r"^bins: the arena needs an area"):
+        draw_density(places, width_m=float("nan"))
+
+
 def test_numbers_of_numpy_are_sizes() -> None:
     assert Floor.filling([[1, 0]], np.float32(2.0)).tile_width_m == 1.0  # type: ignore[arg-type]
 
@@ -241,6 +326,7 @@ FLAGS = {
     "segments": lambda x, r, out: simulate(r.scenario, segments=x),
     "energies": lambda x, r, out: simulate(r.scenario, energies=x),
     "replace": lambda x, r, out: r.write(out, replace=x),
+    "replace ": lambda x, r, out: write_webots(r, out, replace=x),
     "bits": lambda x, r, out: inspect(r, bits=x),
     "allow_failures": lambda x, r, out: Study(r.scenario, runs=1).run(out, allow_failures=x),
     "equal_error": lambda x, r, out: Study(r.scenario, runs=1).run().compare(equal_error=x),
@@ -251,7 +337,7 @@ FLAGS = {
 def test_flags_are_true_or_false(flag: str, ran: Result, tmp_path: Path) -> None:
     """A text such as "no" was true: ``replace="no"`` replaced."""
     for value in ("no", 1, None, [], np.array([True])):
-        with pytest.raises(InputError, match=rf"^{flag}: .*give True or False"):
+        with pytest.raises(InputError, match=rf"^{flag.strip()}: .*give True or False"):
             FLAGS[flag](value, ran, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 

@@ -306,7 +306,10 @@ def mending_thresholds(
         sensor: its own threshold does not matter. fill_ratio: f. boundary: x. tiled: c, the share of the arena that
             lies on tiles. spillover: s, area sensed as vibrating minus area that vibrates, as a share of the tiles.
     Returns: the range (theta_-, theta_+), or None if no threshold is right for both fill ratios.
+    Raises:
+        InputError: the boundary is not a number from 0 to 1.
     """
+    boundary = number_of(boundary, "boundary", 0.0, 1.0)
     mirror = min(max(2.0 * boundary - fill_ratio, 0.0), 1.0)
     lower, upper = sorted((fill_ratio, mirror))
 
@@ -404,9 +407,10 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
         share: the true share of ones. boundary: share with which it is compared. error: wanted probability that the
             observed share is on the wrong side.
     Raises:
-        InputError: an error that is not between 0 and 0.5.
+        InputError: an error that is not between 0 and 0.5, or a share that is not from 0 to 1.
     """
     _check_error(error)
+    share, boundary = number_of(share, "share", 0.0, 1.0), number_of(boundary, "boundary", 0.0, 1.0)
     distance = abs(share - boundary)
     if distance < ON:
         return None

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
 from vibroswarm import strategies, tasks
@@ -161,7 +162,7 @@ def _verdict(result: Result, run: int | None) -> Verdict:
     """Return what ``verdict`` does; the tables of the result may be unsound."""
     available = result.runs["run"].to_list()
     run = int(available[0]) if run is None and available else run
-    if run is None or run not in available:
+    if not isinstance(run, int | np.integer) or run not in available:
         raise InputError(f"there is no run {shown(run)} in this result", field="run")
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]

@@ -19,7 +19,7 @@ from vibroswarm.calibrate.features import nearest_tile, sample_table
 from vibroswarm.calibrate.wall_approach import approach_tables
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor, refuse_changes
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import edge_distance
@@ -150,6 +150,9 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
     Raises:
         InputError: no results, no energies, or arenas of different sizes.
     """
+    check_kind(results, (list, tuple), "results", "a list of results or recordings")
+    for one in results:
+        check_kind(one, Result, "results", "a Result or a Recording")
     if not results:
         raise InputError("nothing to fit; give at least one recording", field="REAL")
     floors: list[Floor] = []

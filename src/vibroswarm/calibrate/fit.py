@@ -30,6 +30,7 @@ from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
+from vibroswarm.errors import check_kind
 from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -125,6 +126,7 @@ def fit(
     Raises:
         InputError: too few robots or drives, or all samples lie on one kind of tile.
     """
+    check_kind(found, Dataset, "found", "a Dataset, as dataset_of() returns")
     # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
     work = _Work(

@@ -26,9 +26,10 @@ from vibroswarm.calibrate.similarity import (
     compare_distance,
     compare_feature,
 )
+from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, path_of
 from vibroswarm.plots.picture import save_figure
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -133,6 +134,7 @@ def compare(
     """
     scikit_learn("model_selection")  # without it the classifiers would fail, at the end
     for words, result in (("the recording", real), ("the simulation", simulated)):
+        check_kind(result, Result, words, "a Result or a Recording")
         if result.observations.is_empty():
             raise InputError("has no samples, and nothing can be compared", field=words)
     camera = camera_between(real, simulated) if camera is None else camera
@@ -220,7 +222,9 @@ def comparison_figure(
     return figure
 
 
-def write_comparison_pictures(real: Result, simulated: Result, found: Comparison, folder: Path) -> list[Path]:
+def write_comparison_pictures(
+    real: Result, simulated: Result, found: Comparison, folder: str | Path
+) -> list[Path]:
     """Draw one picture for each feature, ``FEATURE.png``, and one with all features, ``together.png``.
 
     Features that are missing in the comparison (``found.missing``) have no picture, and no row in ``together.png``.
@@ -231,7 +235,8 @@ def write_comparison_pictures(real: Result, simulated: Result, found: Comparison
     Returns:
         Paths of the pictures: the features in the order of ``FEATURES``, then ``together.png``.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = path_of(folder, "folder")
+    make_folder(folder)
     chosen: dict[str, tuple[str, ...]] = {name: (name,) for name in FEATURES if name not in found.missing}
     chosen["together"] = FEATURES  # of which ``comparison_figure`` leaves out the missing ones
     for name, features in chosen.items():

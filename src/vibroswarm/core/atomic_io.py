@@ -26,7 +26,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.errors import InputError, RunError, shown_name
+from vibroswarm.errors import InputError, RunError, check_flags, path_of, shown_name
 
 TEMPORARY_NAME: Final = re.compile(
     r"(?:\.(?P<name>.+?)\.(?P<old>old\.)?|vibroswarm-)vs(?P<host>[0-9a-f]{8})-(?P<pid>\d+)-[0-9a-f]{12}(?:\..*)?"
@@ -296,14 +296,14 @@ def _short_suffix(path: Path) -> str:
     return path.suffix if len(os.fsencode(path.suffix)) <= MAX_BYTES_IN_NAME else ""
 
 
-def write_text(path: Path, text: str, *, replace: bool) -> None:
+def write_text(path: str | Path, text: str, *, replace: bool) -> None:
     """Write a text file whole or not at all, as ``whole_file`` does, with the same line ends on all systems."""
     with whole_file(path, replace=replace) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
 
 
 @contextmanager
-def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
+def whole_file(path: str | Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield the path of a new empty file beside ``path``; after the ``with`` block, rename the file to ``path``.
 
     The new file has the suffix of ``path``, by which some libraries choose the format. If the block raises an error,
@@ -316,7 +316,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
             be written to.
         RunError: the disk is full or failed: the block or the renaming raised an ``OSError``.
     """
-    path = Path(path)
+    path = path_of(path)
+    check_flags(replace=replace)
     if "\0" in str(path):
         raise _no_such_name(path)
     if path.is_dir():

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, stated, whole
 from vibroswarm.core.untrusted_files import read_bytes
-from vibroswarm.errors import InputError, check_flags, named, number_of, warn_once
+from vibroswarm.errors import InputError, check_flags, named, number_of, path_of, warn_once
 from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, as_tiles, rows_of
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 from vibroswarm.floors.surfaces import steps_of
@@ -69,8 +69,8 @@ def read_tiles(
         InputError: the file cannot be read or is not a floor (the message names the line or tile that is wrong, what it
             holds, and what would be right), or ``threshold`` is out of range.
     """
+    data = read_bytes(path_of(path), FILE_LIMIT, "a floor")
     name = str(path)
-    data = read_bytes(Path(path), FILE_LIMIT, "a floor")
     if not data:
         raise InputError("is empty; a floor file has rows of 0 and 1", field=name)
     if data.startswith(PNG):
@@ -196,7 +196,7 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
             ``replace`` is false; or its folder cannot be written.
         RunError: the disk is full or failed.
     """
-    path, grid = Path(path), as_tiles(tiles)
+    path, grid = path_of(path), as_tiles(tiles)
     check_flags(replace=replace)
     kind = check_suffix(path)
     if kind == ".png" and grid.max() > 1:

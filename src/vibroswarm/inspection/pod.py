@@ -31,7 +31,7 @@ from scipy.ndimage import minimum_filter
 from scipy.special import expit, logit, xlogy
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice, whole_number_of
 from vibroswarm.inspection.samples import Floats
 
 INTACT: Final = 2000
@@ -260,18 +260,22 @@ def fit_pod(
         asymptote: whether the curve may end below 1, by AIC, as where coverage is incomplete.
         curves: names of those that are tried.
     Raises:
-        InputError: there are fewer than 20 inspections, of fewer than 3 sizes, or none of intact surfaces.
+        InputError: there are fewer than 20 inspections, of fewer than 3 sizes, or none of intact surfaces, or
+            more false calls than these; or there is no such curve.
     """
     sizes, at = np.unique(np.asarray(size_m, dtype=np.float64), return_inverse=True)
     if at.size < 20 or sizes.size < 3:
         raise InputError("a curve needs at least 20 inspections, of at least 3 sizes", field="sizes")
     if floor and intact < 1:
         raise InputError("a curve needs inspections of intact surfaces, for its false calls", field="intact")
+    if floor:
+        whole_number_of(false, "false", 0, intact)
     number = np.bincount(at).astype(np.float64)
     hits = np.bincount(at, np.asarray(found, dtype=np.float64)).astype(np.float64)
     p_f = false / intact if floor else 0.0
     fits = []
     for name in curves:
+        check_choice(name, "curves", _CURVES)
         curve = _CURVES[name]
         trials = _Trials(sizes, hits, number, p_f, curve, curve.g(sizes))
         fits += [_fit(name, trials, ends_below) for ends_below in (False, True)[: 1 + asymptote]]

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.child_python import processors
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of
+from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of, shown
 from vibroswarm.floors.patches import place_within
 from vibroswarm.inspection.damage import (
     by_laws,
@@ -112,9 +112,13 @@ class Question(NotebookView):
             number_of(contrast, "--contrasts", 0.0, 1.0)
         for name in ("prior", "risk", "level"):
             if not 0.0 < getattr(self, name) < 1.0:
-                raise InputError("must be a share between 0 and 1", field=f"--{name}")
+                raise InputError(
+                    f"{getattr(self, name)} is wrong; give a share above 0 and below 1", field=f"--{name}"
+                )
         if not self.contrasts or not all(self.contrasts):
-            raise InputError("must be above 0 and at most 1", field="--contrasts")
+            raise InputError(
+                f"{shown(self.contrasts)} is wrong; give contrasts above 0 and at most 1", field="--contrasts"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDA
             of the run are not meaningful.
     Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
     Raises:
-        InputError: the table has no such run or robot, or a time is nan, no number, or before the robot's first
+        InputError: the table lacks a column, run or robot, or a time is nan, no number, or before the robot's first
             segment.
     """
     return _along_arcs(segments, run, robot, time_s, "segment")
@@ -42,7 +42,8 @@ def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLik
         time_s: times, s, as for ``pose``.
     Returns: float64 of shape (\\*time_s.shape, 2): x, y (m).
     Raises:
-        InputError: the table has no such run or robot, or a time is nan, no number, or before the robot's first move.
+        InputError: the table lacks a column, run or robot, or a time is nan, no number, or before the robot's first
+            move.
     """
     return _along_arcs(moves, run, robot, time_s, "move")[..., :2]
 
@@ -57,6 +58,10 @@ def _along_arcs(
     """
     check_threads()
     check_kind(arcs, pl.DataFrame, f"{what}s", "a table; simulate with segments=True or moves=True")
+    if missing := [name for name in ("run", "robot", *ARC) if name not in arcs.columns]:
+        raise InputError(
+            f"has no column '{missing[0]}'; give the table of {what}s of a result", field=f"{what}s"
+        )
     run, robot = whole_number_of(run, "run", 0, 2**32 - 1), whole_number_of(robot, "robot", 0, 2**16 - 1)
     own = arcs.filter((pl.col("run") == run) & (pl.col("robot") == robot))
     if own.height == 0:

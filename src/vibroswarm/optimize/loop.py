@@ -20,7 +20,7 @@ import polars as pl
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, number
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError, RunError, shown
+from vibroswarm.errors import CodeError, RunError, check_kind, shown
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, Piece, do_asks
 from vibroswarm.optimize.methods import Ask, Iteration, SearchProgress, Stage, method
@@ -154,6 +154,7 @@ def run_search(
         RunError: every run of the first step failed, the workers are gone, the folder cannot be written, or it holds
             other requests than the method makes; finished steps are saved.
     """
+    check_kind(search, Search, "search", "a Search; make one with Search.read(file)")
     check_libraries(search)
     place = None if folder is None else SearchFolder(folder, search, mixed=mixed)
     with workers_for(executor, workers) as pool, nullcontext() if place is None else place.alone():

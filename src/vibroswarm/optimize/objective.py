@@ -41,7 +41,7 @@ from vibroswarm.analysis.intervals import (
 )
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import InputError, check_choice, keep_plain, nearest, number_of, shown
+from vibroswarm.errors import InputError, check_choice, check_kind, keep_plain, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.outcomes import Outcomes
@@ -102,7 +102,9 @@ class Objective(NotebookView):
         if self.function is None:
             check_choice(self.name, "objective.cost", NAMES)
         check_choice(self.over, "objective.over", OVER)
+        check_kind(self.statistic, str, "objective.statistic", "text such as mean+sd")
         self._quantile()  # raises if the statistic is unknown
+        check_kind(self.parameters, Mapping, "objective.parameters", "a table of values by name")
         known = PARAMETERS.get(self.name, ())
         for name, value in self.parameters.items():
             if name not in known:

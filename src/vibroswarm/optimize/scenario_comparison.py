@@ -20,13 +20,14 @@ from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, confirms, side
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import whole_number_of
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import check_scenario, check_seed
 from vibroswarm.study.executors import Workers, workers_for
 
 FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
@@ -100,11 +101,16 @@ def compare_scenarios(
         motion: the motion source.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
-        InputError: fewer than 2 runs, a case has a wrong field or value, a cost gives no number for a run, or no run
-            of the first block succeeded in both scenarios. RunError: all runs of a scenario failed in a block.
+        InputError: fewer than 2 runs, a wrong seed, no case, a case has a wrong field or value, a cost gives no number
+            for a run, or no run of the first block succeeded in both scenarios.
+        RunError: all runs of a scenario failed in a block.
     """
     objective = objective or Objective()
-    runs = whole_number_of(runs, "runs", 2, 10**9)
+    runs, seed = whole_number_of(runs, "runs", 2, 10**9), check_seed(seed)
+    for scenario in (first, second):
+        check_scenario(scenario)
+    if not cases:
+        raise InputError("is empty; give at least one case, such as {}", field="cases")
     named_cases = [
         (name, [scenario.with_values(dict(case)) for case in cases])
         for name, scenario in zip(names, (first, second), strict=True)

@@ -43,6 +43,7 @@ from vibroswarm.errors import (
     in_file,
     keep_plain,
     nearest,
+    path_of,
     whole_number_of,
 )
 from vibroswarm.inference.outcomes import truth_on
@@ -151,6 +152,12 @@ class Search(NotebookView):
         Raises:
             InputError: naming the field that is wrong.
         """
+        kinds = {"study": Study, "space": Space, "settings": SearchSettings, "pso": PsoSettings}
+        for name, kind in kinds.items():
+            check_kind(getattr(self, name), kind, name, f"a {kind.__name__}")
+        check_kind(self.objectives, (tuple, list), "objectives", "a tuple of objectives")
+        for one in self.objectives:
+            check_kind(one, Objective, "objectives", "an Objective")
         if not self.objectives:
             raise InputError("is empty; name a cost", field="objective")
         if len(self.objectives) > 1 and not self.settings.takes_several:
@@ -232,6 +239,7 @@ class Search(NotebookView):
         Raises:
             InputError: the text is not TOML, or has an unknown or invalid entry, which the message names.
         """
+        check_kind(text, str, name, "TOML text")
         values = parsed_toml(text, name)
         search_values = {key: values.pop(key) for key in KEYS if key in values}
         # The other keys must be those of a study, and ``Study.from_values`` refuses all others. A key that resembles a
@@ -287,7 +295,7 @@ class Search(NotebookView):
         Raises:
             InputError: the file cannot be read, or something in it is wrong.
         """
-        path = Path(path)
+        path = path_of(path)
         text = read_text(path, "a search", filled=True)
         with in_file(path):
             return cls.from_toml(

@@ -61,7 +61,7 @@ from vibroswarm.core.folders import (
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry
-from vibroswarm.errors import InputError, plain_value, shown, warn_once
+from vibroswarm.errors import InputError, path_of, plain_value, shown, warn_once
 from vibroswarm.optimize.evaluate import Piece, Result, RunFigures, Simulations
 from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
@@ -148,7 +148,7 @@ class SearchFolder:
             InputError: the folder holds something else, or a search that ``_check`` refuses; or the cost of ``search``
                 is a function, which a file cannot hold.
         """
-        self.folder, self.search, self.mixed = Path(folder), search, mixed
+        self.folder, self.search, self.mixed = path_of(folder, "folder"), search, mixed
         self._text = search.to_toml()
         # name -> text of the users' code files that the search needs; ``_make`` writes copies of them into the folder
         self._code = code_files(*search.code_used)
@@ -311,8 +311,8 @@ class RecordedRun(NamedTuple):
 class FreshFolder:
     """Fresh runs in the folder of a search, each set of values with its runs under a name that says what ran."""
 
-    def __init__(self, folder: Path, search: Search) -> None:
-        self.folder, self.search = folder / FRESH, search
+    def __init__(self, folder: str | Path, search: Search) -> None:
+        self.folder, self.search = path_of(folder, "folder") / FRESH, search
 
     def _name(self, values: Mapping[str, Any], runs: int, seed: int, width: int) -> str:
         cases = [cell.scenario.hash for cell in self.search.cases]

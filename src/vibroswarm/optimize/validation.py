@@ -168,7 +168,7 @@ def truth_of(
     *,
     runs: int | None = None,
     others: Sequence[tuple[str, Mapping[str, Any]]] = (),
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -218,7 +218,7 @@ def score_fresh(
     runs: int,
     *,
     purpose: str = "fresh runs",
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -249,7 +249,7 @@ def _fresh_figures(
     objectives: tuple[Objective, ...],
     runs: int,
     purpose: str,
-    folder: Path | None,
+    folder: str | Path | None,
     executor: str | Executor,
     workers: int | None,
     progress: Callable[[int], None],
@@ -438,7 +438,7 @@ class Front(NotebookView):
 
 def validated(
     found: Found,
-    folder: Path | None,
+    folder: str | Path | None,
     stage: Callable[[str, int], AbstractContextManager[Callable[[int], None]]],
     **where: Any,
 ) -> tuple[Truth | None, Front | None]:
@@ -473,7 +473,7 @@ def fresh_runs(found: Found) -> int:
 def front_of(
     found: Found,
     *,
-    folder: Path | None = None,
+    folder: str | Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,

@@ -19,7 +19,7 @@ import polars as pl
 from vibroswarm.core.numbers import percent, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import checked_estimates, draw_along, series_handle
-from vibroswarm.plots.inputs import most, run_counts, tidy, with_series
+from vibroswarm.plots.inputs import check_frame, most, run_counts, tidy, with_series
 from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
@@ -254,6 +254,7 @@ def draw_belief(
             ``PANELS_UP_TO`` series.
     """
     sizes = style_named(style)
+    check_frame(frame)
     pairs = quantile_pairs(frame)
     columns = ["q50", *(name for pair in pairs for name in pair)]
     frame, series = with_series(tidy(frame, numbers=("time_s", *columns), complete=("time_s",)))

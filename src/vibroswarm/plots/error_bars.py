@@ -12,7 +12,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.core.numbers import verb
-from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy, with_series
+from vibroswarm.plots.inputs import check_bounds, check_frame, check_once, run_counts, tidy, with_series
 from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
@@ -112,6 +112,7 @@ def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
         InputError: the frame is not as ``draw_error_bars`` describes it, a series has two rows of the same x, or an
             estimate lies outside its interval.
     """
+    check_frame(frame)
     numeric = "x" in frame.columns and frame.schema["x"].is_numeric()
     frame = tidy(
         frame,

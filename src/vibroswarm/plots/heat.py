@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.numbers import count, decimals_of, verb
 from vibroswarm.errors import InputError
-from vibroswarm.plots.inputs import run_counts, tidy
+from vibroswarm.floors.floor import as_tiles
+from vibroswarm.plots.inputs import check_frame, run_counts, tidy
 from vibroswarm.plots.layout import (
     LINE_SPACING,
     axes_size_pt,
@@ -72,6 +73,7 @@ def draw_heat(
     sizes = style_named(style)
     if best not in (None, "low", "high"):
         raise InputError(f"'{best}' is neither low nor high", field="best")
+    check_frame(frame)
     texts = [name for name in ("x", "y") if name in frame.columns and not frame.schema[name].is_numeric()]
     frame = tidy(
         frame, other=("x", "y"), texts=texts, numbers=("value",), optional_numbers=("runs",), once=("x", "y")
@@ -333,14 +335,15 @@ def draw_density(
 
     Raises:
         InputError: the frame is not as described, the arena has no area, ``bins`` is below 1, a sample is outside the
-            arena, or the number of samples is 0.
+            arena, a count is negative, or the number of samples is 0.
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("x_m", "y_m"), optional_numbers=("count",), complete=("x_m", "y_m"))
     x, y = frame["x_m"].to_numpy(), frame["y_m"].to_numpy()
     # Without the column ``count``, each row is one sample. With it, a missing count is 0.
     weights = frame["count"].fill_null(0 if frame["count"].is_not_null().any() else 1).to_numpy()
-    if bins < 1 or width_m <= 0 or height_m <= 0:
+    tiles = None if tiles is None else as_tiles(tiles)
+    if bins < 1 or not (0 < width_m < np.inf and 0 < height_m < np.inf):
         raise InputError("the arena needs an area, and at least 1 bin", field="bins")
     if (x < 0).any() or (x > width_m).any() or (y < 0).any() or (y > height_m).any():
         raise InputError(f"a sample lies outside the arena of {width_m:g} m x {height_m:g} m", field="x_m")
@@ -349,8 +352,8 @@ def draw_density(
     counts, x_edges, y_edges = np.histogram2d(
         x, y, bins=shape, range=((0, width_m), (0, height_m)), weights=weights
     )
-    if not counts.sum():
-        raise InputError("there are no samples to count", field="count")
+    if weights.min() < 0 or not counts.sum():
+        raise InputError("counts must be 0 or more, and one of them above 0", field="count")
     density = counts / counts.sum() * counts.size  # relative to the same number in each bin
     top = highest or float(density.max())
     figure = _draw_density(

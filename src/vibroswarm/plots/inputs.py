@@ -6,8 +6,17 @@ from collections.abc import Sequence
 
 import polars as pl
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_kind, nearest
 from vibroswarm.plots.style import SERIES_UP_TO
+
+
+def check_frame(frame: object) -> None:
+    """Refuse what is not a data frame of polars, such as one of pandas.
+
+    Raises:
+        InputError: as said.
+    """
+    check_kind(frame, pl.DataFrame, "frame", "a polars data frame")
 
 
 def tidy(
@@ -36,10 +45,11 @@ def tidy(
     Returns:
         The frame with these columns, and with all its other columns unchanged.
     Raises:
-        InputError: the frame has no rows or lacks a column; or a column of numbers holds something else, an infinite
-            number, or a missing number although it must be complete; or two rows have the same values; or an estimate
-            is outside its limits.
+        InputError: the frame is not one of polars, has no rows or lacks a column; or a column of numbers holds
+            something else, an infinite number, or a missing number although it must be complete; or two rows have the
+            same values; or an estimate is outside its limits.
     """
+    check_frame(frame)
     for name in (*numbers, *texts, *other):
         if name not in frame.columns:
             have = ", ".join(frame.columns) or "none"

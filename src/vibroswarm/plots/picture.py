@@ -20,7 +20,7 @@ import polars as pl
 from vibroswarm.core.atomic_io import whole_file, write_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import check_choice, shown
+from vibroswarm.errors import check_choice, path_of, shown
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
@@ -75,7 +75,8 @@ class Picture(NotebookView):
             InputError: an unknown format, or the folder cannot be written.
             RunError: the disk is full or failed.
         """
-        path, asked = Path(path), Path(path).suffix[1:]
+        path = path_of(path)
+        asked = path.suffix[1:]
         if formats is None and asked in FORMATS:
             path, formats = path.with_suffix(""), (asked,)
         return write_picture(

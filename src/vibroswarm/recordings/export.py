@@ -19,10 +19,10 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import check_free, whole_file, write_text
+from vibroswarm.core.atomic_io import check_free, make_folder, whole_file, write_text
 from vibroswarm.core.numbers import number
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.log_readers import FEEDBACK
 from vibroswarm.recordings.recording import Recording
@@ -38,7 +38,7 @@ _NOTHING: Final = ",None" * 9
 """The cells after the position in a tracking row."""
 
 
-def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
+def write_rugbot(result: Result, path: str | Path, run: int = 0, *, replace: bool = False) -> None:
     """Write one run as a CSV file in the format of the study's robots.
 
     In that format a camera finds all robots in each of its loops (every 0.22 s). For each loop the file has a tracking
@@ -128,7 +128,7 @@ def _sample_cells(row: dict[str, Any]) -> str:
     )
 
 
-def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
+def write_webots(result: Result, path: str | Path, run: int = 0, *, replace: bool = False) -> None:
     """Write one run as a console log of the study's simulator: a line per sample after 5 s.
 
     As in that simulator's logs, samples of the first 5 s have no line, and at the end each robot's last line is
@@ -222,7 +222,7 @@ def _console(row: dict[str, Any], decided_s: float | None) -> str:
     )
 
 
-def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = False) -> None:
+def write_csv(result: Result, folder: str | Path, run: int = 0, *, replace: bool = False) -> None:
     """Write every table of a result, with all runs, as a CSV file in a folder.
 
     The tables are those of ``result.TABLES``, so the additional tables of a recording are not written.
@@ -230,18 +230,18 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
     Args:
         run: has no effect; all writers have this argument. replace: whether existing files may be replaced.
     Raises:
-        InputError: ``folder`` is a file, or no file can be created in it; or one of the files exists and ``replace`` is
-            false (in this case no file is written).
-        OSError: ``folder`` cannot be created.
+        InputError: ``folder`` is a file or cannot be created, or no file in it; or one of the files exists and
+            ``replace`` is false (in this case no file is written).
         RunError: the disk is full or failed.
     """
+    folder = path_of(folder, "folder")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
+    make_folder(folder)
     frames = {f"{name}.csv": getattr(result, name) for name in TABLES if getattr(result, name) is not None}
     if not replace:
         for name in frames:
             check_free(folder / name)  # all of them before the first is written
-    folder.mkdir(parents=True, exist_ok=True)
     for name, frame in frames.items():
         with whole_file(folder / name, replace=replace) as part:
             part.write_bytes(csv_bytes(frame))  # no table of a result has nested values
@@ -269,6 +269,7 @@ def _samples(result: Result, run: int) -> pl.DataFrame:
     Raises:
         InputError: there is no such run.
     """
+    run = whole_number_of(run, "run", 0, 2**32 - 1)
     if result.runs.filter(pl.col("run") == run).is_empty():
         raise InputError(f"there is no run {run} in this result", field="--run")
     key = ["run", "robot", "sample"]

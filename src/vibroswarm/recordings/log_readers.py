@@ -23,7 +23,7 @@ import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import InputError, check_choice, path_of
 from vibroswarm.recordings.column_map import (
     check_values,
     column_map,
@@ -242,9 +242,9 @@ def read_log(
     Raises:
         InputError: an unknown format, no format recognises the file, or the reader's own error.
     """
-    path = Path(path)
+    path = path_of(path)
     if columns is not None:
-        text = text_of(Path(columns), "a column map")
+        text = text_of(path_of(columns, "columns"), "a column map")
         return read_mapped(path, column_map(text, str(columns), has_energies))
     if reader is not None:
         check_choice(reader, "--reader", _READERS)

@@ -26,7 +26,7 @@ from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.folders import check_files, kind_of, read_manifest
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, number, words
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, path_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.result import Result, head_of
 
@@ -158,7 +158,7 @@ class Recording(Result):
         Raises:
             InputError: the folder is not a recording, or a file in it is damaged or missing.
         """
-        folder = Path(path)
+        folder = path_of(path)
         if kind_of(folder) != cls.KIND:
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
         about = head_of(folder)
@@ -259,5 +259,5 @@ def read_result(folder: str | Path) -> Result:
     Raises:
         InputError: the folder holds neither, or a file in it is damaged or missing.
     """
-    folder = Path(folder)
+    folder = path_of(folder, "folder")
     return Recording.read(folder) if kind_of(folder) == Recording.KIND else Result.read(folder)

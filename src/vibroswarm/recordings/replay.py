@@ -29,7 +29,7 @@ from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniform
-from vibroswarm.errors import CodeError, InputError, nearest, whole_number_of
+from vibroswarm.errors import CodeError, InputError, check_kind, nearest, whole_number_of
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import timeline_of
@@ -103,6 +103,8 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
             session has no energy.
         CodeError: the strategy is a user's, and did something that strategies may not do.
     """
+    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
+    check_kind(scenario, Scenario, "scenario", "a Scenario")
     draws = whole_number_of(draws, "draws", 1, MAX_RUNS)
     seed = whole_number_of(seed, "seed", 0, SEED_LIMIT - draws)
     for section in type(scenario).model_fields:
@@ -432,6 +434,7 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     Args:
         seed: of the random numbers of strategy and network.
     """
+    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
     replayed = []
     for run, of_session in _with_losses(recording, recording.scenario):
         of_run = pl.col("run") == run

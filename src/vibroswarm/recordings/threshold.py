@@ -35,7 +35,7 @@ from vibroswarm.core.jit import read_only
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_kind, number_of
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
@@ -179,6 +179,7 @@ def labelled(recording: Recording) -> Labelled:
     Raises:
         InputError: all samples are on one kind of tile, or the floor has more than two.
     """
+    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
     key = ["run", "robot", "sample"]
     frame = recording.motion.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left").join(
         recording.observations.select(*key, "tile"), on=key, maintain_order="left"
@@ -312,9 +313,6 @@ def find_thresholds(
     Raises:
         InputError: a cost that is not above 0, or samples on one kind of tile only.
     """
-    for cost in (cost_false_positive, cost_false_negative):
-        if not (np.isfinite(cost) and cost > 0):
-            raise InputError(f"{cost!r} is not a cost; give a number above 0", field="cost")
     data = labelled(recording)
     rules = _rules(cost_false_positive, cost_false_negative, data.fill_ratio)
     return [_found(name, rule, data, recording, margin_m) for name, rule in rules.items()]
@@ -322,6 +320,9 @@ def find_thresholds(
 
 def _rules(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> dict[str, Rule]:
     """Return the rules by name; the last one is that of the costs, if they differ."""
+    for cost in (cost_false_positive, cost_false_negative):
+        if not number_of(cost, "cost"):
+            raise InputError(f"{cost!r} is not a cost; give a number above 0", field="cost")
     rules = {"equal error": equal_error, "least error": least_cost(1.0, 1.0, fill_ratio)}
     if cost_false_positive != cost_false_negative:
         name = f"costs {stated(cost_false_positive)} to {stated(cost_false_negative)}"
@@ -361,7 +362,7 @@ def at_threshold(
         margin_m: edge distance up to which samples do not count as ``inner_samples``.
     """
     data = data or labelled(recording)
-    far_from_edges = data.edge_m > margin_m
+    far_from_edges = data.edge_m > number_of(margin_m, "margin_m")
     bits = data.energy > value
     sessions = np.unique(data.session)
     by_session = [
@@ -408,6 +409,8 @@ def unseen_errors(
 
     Returns: rule, session (from 1), threshold, and the error rates of its samples; empty with a single session.
         Sessions without both kinds of tile, and those whose others have one kind only, are left out.
+    Raises:
+        InputError: a cost that is not above 0, or samples on one kind of tile only.
     """
     data = labelled(recording)
     rules = _rules(cost_false_positive, cost_false_negative, data.fill_ratio)
@@ -470,7 +473,7 @@ def recommend(
     """
     thresholds = find_thresholds(recording, *costs, margin_m)
     if at is not None:
-        thresholds.append(at_threshold(recording, at, margin_m=margin_m))
+        thresholds.append(at_threshold(recording, number_of(at, "at"), margin_m=margin_m))
     is_special = at is not None or costs[0] != costs[1]
     field = "sensor.rms_threshold"
     name = "in use" if recording.knows(field) else "of the scenario"

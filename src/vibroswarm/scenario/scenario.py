@@ -125,7 +125,7 @@ class Scenario(Sections, NotebookView):
         """
         check_kind(text, str, name, "TOML text")
         values = parsed_toml(text, name)
-        picture = None if folder is None else _read_floor_file(values, Path(folder))
+        picture = None if folder is None else _read_floor_file(values, path_of(folder, "folder"))
         with plugins.search_beside(folder):
             scenario = cls.from_base(values)
         if picture is not None:

@@ -62,8 +62,10 @@ def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:
     """Open the stores of several jobs, at least one.
 
     Raises:
-        InputError: a folder holds no study, another study or one with a precision, or versions differ.
+        InputError: no folder, or one that holds no study, another study or one with a precision, or versions differ.
     """
+    if not shares:
+        raise InputError("is empty; give the folders of the jobs", field="shares")
     stores = [Store.open(folder) for folder in shares]
     for store in stores[1:]:
         if store.study.hash != stores[0].study.hash:

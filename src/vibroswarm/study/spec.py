@@ -290,7 +290,8 @@ class Study(NotebookView):
             if label == "":
                 raise InputError("a label is empty; give each scenario one", field="scenarios")
             check_kind(scenario, Scenario, f"scenarios: {label}", "a Scenario")
-        base = base or next(iter(scenarios.values()))
+        base = next(iter(scenarios.values())) if base is None else base
+        check_kind(base, Scenario, "base", "a Scenario")
         sections = base.model_dump(exclude_none=True)
         changed = {label: changes(scenario, base) for label, scenario in scenarios.items()}
         # A point cannot set a field to None, so the base has no value of a field that is None in a scenario, and the

@@ -14,7 +14,7 @@ import polars as pl
 from vibroswarm.analysis.message_log import message_log
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.errors import InputError
-from vibroswarm.networks import known
+from vibroswarm.networks import known, network
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
@@ -54,7 +54,10 @@ def check_network(name: str) -> list[Finding]:
 
     Args:
         name: of the network, as in scenarios.
+    Raises:
+        InputError: there is no such network.
     """
+    network(name)  # refuses an unknown name
     return run_checks(CHECKS, name)
 
 

@@ -36,7 +36,10 @@ def check_task(name: str) -> list[Finding]:
 
     Args:
         name: of the task, as in scenarios.
+    Raises:
+        InputError: there is no such task.
     """
+    task(name)  # refuses an unknown name
     return run_checks(CHECKS, name, WARNINGS_ONLY)
 
 
