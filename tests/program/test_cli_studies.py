@@ -301,6 +301,9 @@ BAD = {
     "evaluate --keep-samples": ("--keep-samples", "needs --out DIR"),
     "evaluate --vary robots=5": ("robots", "did you mean 'swarm.robots'?"),
     "evaluate --vary swarm.robots": ("--vary", "section.field=value,value"),
+    "evaluate --vary robot.robots=2": (
+        "--vary robot.robots: there is no such field, did you mean 'swarm.robots'?",
+    ),
     "evaluate --vary swarm.robots=5,0": ("in the cell with swarm.robots = 0",),
     "evaluate --vary swarm.robots=5 --vary swarm.robots=6": ("varied twice",),
     "evaluate --strategy none,sof": ("did you mean 'soft'?",),

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any, Final, Unpack
 
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, named
 from vibroswarm.floors.source import source_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_settings, parse_values, preset
+from vibroswarm.study.factors import fields_in
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.scenario_words import (
     ScenarioWords,
@@ -165,13 +166,15 @@ def _varied(texts: Sequence[str]) -> dict[str, list[Any]]:
     If a value is user code (FILE.py:NAME), the file is loaded, so that the code's name and fields are known.
 
     Raises:
-        InputError: a text is not of this form, a field is given twice, or a value of user code cannot be loaded.
+        InputError: a text is not of this form, a field does not exist or is given twice, or a value of user code cannot be loaded.
     """
     vary: dict[str, list[Any]] = {}
     for text in texts:
         name, values = parse_values(text)
         if name in vary:
             raise InputError("is varied twice", field=f"--vary {name}")
+        with named(f"--vary {name}"):
+            fields_in({name: values}, "--vary")
         kind = name.partition(".")[0]
         names_code = kind in plugins.KINDS and name == plugins.field_of(kind)
         vary[name] = [chosen(kind, one) if names_code and plugins.is_code(one) else one for one in values]
