@@ -166,7 +166,8 @@ def _varied(texts: Sequence[str]) -> dict[str, list[Any]]:
     If a value is user code (FILE.py:NAME), the file is loaded, so that the code's name and fields are known.
 
     Raises:
-        InputError: a text is not of this form, a field does not exist or is given twice, or a value of user code cannot be loaded.
+        InputError: a text is not of this form, a field does not exist or is given twice, or a value of user code
+            cannot be loaded.
     """
     vary: dict[str, list[Any]] = {}
     for text in texts:
