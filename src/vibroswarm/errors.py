@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import operator
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -243,12 +244,12 @@ def check_callable(value: object, field: str) -> None:
 
 
 def path_of(value: object, field: str = "path") -> Path:
-    """Return a path, given as text or as a ``Path``, as a ``Path``.
+    """Return a path, given as text or as an object that has one, as a ``Path``.
 
     Raises:
         InputError: the value is of another type.
     """
-    check_kind(value, (str, Path), field, "a path")
+    check_kind(value, (str, os.PathLike), field, "a path")
     return Path(value)  # type: ignore[arg-type]
 
 

@@ -29,7 +29,7 @@ ALLOWED = {
         strategies/place_evidence strategies/place_map strategies/place_samples strategies/place_share
         strategies/place_summaries strategies/place_trust strategies/places
         analysis/map_figures analysis/map_scores documents/cell_figures inspection/tile_map""",
-    "a kind against kind 0, of any number of kinds": """strategies/place_kinds inspection/sources
+    "a kind against kind 0, of any number of kinds": """strategies/place_kinds inspection/sources view/picture
         inspection/inspection documents/inspection documents/damage floors/changes
         sensors/acceleration""",
     "messages of one bit, counted without a list; other messages are read one by one": """inference/default_hooks

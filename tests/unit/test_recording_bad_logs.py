@@ -362,10 +362,15 @@ def test_a_log_may_begin_with_an_empty_line(tmp_path: Path) -> None:
 def test_a_log_may_begin_with_comments_and_its_separator(tmp_path: Path) -> None:
     rest = PLAIN.format("note") + "1,2.0,0.5,0.5,1.25,a\n"
     assert read_plain(tmp_path, "sep=,\r\n# made by x, on y\n\n#\n" + rest).samples["line"].to_list() == [6]
+    assert read_plain(tmp_path, '"SEP=,"\n' + rest).samples["line"].to_list() == [3]
     with pytest.raises(InputError, match="';' between columns"):
         read_plain(tmp_path, "sep=;\n" + rest.replace(",", ";"))
     with pytest.raises(InputError, match="it has '# robot'"):  # no comment but a header: numbers follow
         read_plain(tmp_path, "# by x\n# " + rest)
+    names = PLAIN_MAP.replace('robot = "robot"', 'robot = { name = "#robot", values = { ada = 1 } }')
+    (tmp_path / "map.toml").write_text(names)
+    (tmp_path / "plain.csv").write_text("#" + rest.replace("\n1,", "\nada,"))  # nor if a map has its name
+    assert read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml").samples["robot"].to_list() == [1]
 
 
 def test_a_header_whose_repeated_names_cannot_be_told_apart_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from vibroswarm import preset
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.space import PAPER, Dimension, Space
+from vibroswarm.optimize.words import search_of
 
 
 def test_the_papers_space_holds_its_parameters() -> None:
@@ -34,6 +36,19 @@ def test_values_stay_in_bounds_and_come_back(u: float, scale: str, whole: bool) 
     assert 1 <= value <= 500
     assert isinstance(value, int) == whole
     assert dimension.value(dimension.share(value)) == pytest.approx(value, rel=1e-12)
+
+
+def test_a_space_may_choose_whether_robots_estimate_places(tmp_path: Path) -> None:
+    """No case of such a search does by itself."""
+    file, noise = (
+        tmp_path / "search.toml",
+        '[space]\n"localisation.ray_noise_m" = { from = 0.001, to = 0.01 }\n',
+    )
+    file.write_text(noise + '"localisation.method" = ["mixture", "dead_reckoning"]\n')
+    assert "localisation.ray_noise_m" in search_of(file).space.names
+    file.write_text(noise)
+    with pytest.raises(InputError, match="has no effect on robots that estimate no places"):
+        search_of(file)
 
 
 def test_a_log_scale_has_its_geometric_mean_in_the_middle() -> None:

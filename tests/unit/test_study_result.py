@@ -76,6 +76,8 @@ def test_where_selects_by_what_is_varied(result: StudyResult) -> None:
         result.where(robots=5)
     with pytest.raises(InputError, match="there is no cell 0 here"):
         one.cell(0)
+    tiles = [[[0, 1], [1, 0]], [[1, 1], [0, 0]]]
+    assert Study.of(SHORT, 1, 3, floor__tiles=tiles).run().where(floor__tiles=tiles[1:]).selected == (1,)
 
 
 def test_files_of_other_runs_are_not_opened(tmp_path: Path) -> None:

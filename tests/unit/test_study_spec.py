@@ -15,6 +15,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.spec import Study
+from vibroswarm.study.words import study_of
 
 GRID = {"floor.source": ["random:0.44", "diagonal:0.46"], "strategy.name": ["none", "soft"]}
 
@@ -283,6 +284,8 @@ def test_a_varied_field_of_faults_or_places_is_refused_only_if_no_cell_uses_it()
         Study.of(paper, rays__noise_m=[0.0, 0.01])
     assert len(Study.of(paper, strategy__name=["none", "places"], rays__noise_m=[0.0, 0.01]).cells) == 4
     assert len(Study.of(paper, localisation__method=["true", "mixture"]).cells) == 2
+    mixed = study_of(vary=["faults.misread_shift=0,0.1"], runs=1, settings=["faults.biased=0"])
+    assert len(mixed.cells) == 2, "off on purpose, too"
 
 
 def test_a_study_file_that_is_none(tmp_path: Path) -> None:

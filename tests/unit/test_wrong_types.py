@@ -302,7 +302,7 @@ def test_density_of_tiles_in_lists() -> None:
     assert drawn.svg() == draw_density(places, tiles=np.array([[1, 0], [0, 1]], dtype=np.uint8)).svg()
     with pytest.raises(InputError, match=r"^count: .*0 or more"):
         draw_density(places.with_columns(count=pl.Series([-1, 2])))
-    with pytest.raises(InputError, match=r"^bins: the arena needs an area"):
+    with pytest.raises(InputError, match=r"^width_m: the arena needs an area"):
         draw_density(places, width_m=float("nan"))
 
 

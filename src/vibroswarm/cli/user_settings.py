@@ -32,9 +32,12 @@ def location() -> Path | None:
     if (given := os.environ.get(VARIABLE)) is not None:
         return Path(given) if given else None
     on_windows = sys.platform == "win32"
-    stated = os.environ.get("APPDATA" if on_windows else "XDG_CONFIG_HOME")
+    stated = Path(os.environ.get("APPDATA" if on_windows else "XDG_CONFIG_HOME", ""))
     try:
-        folder = Path(stated) if stated else Path.home() / ("AppData/Roaming" if on_windows else ".config")
+        # The standard ignores relative paths.
+        folder = (
+            stated if stated.is_absolute() else Path.home() / ("AppData/Roaming" if on_windows else ".config")
+        )
     except RuntimeError:  # neither HOME nor an entry of this user
         return None
     return folder / "vibroswarm" / "config.toml"

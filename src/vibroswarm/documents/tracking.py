@@ -113,7 +113,7 @@ def _clock_words(tracked: TrackedLog, first_frame_s: float) -> str:
     early = (
         f", and the video's first {number(early_s, 1)} s, before time 0 of the robots' clock (with timestamps, the "
         "log's earliest row)"
-        if early_s > 0
+        if early_s >= 0.05
         else ""
     )
     return (

@@ -194,7 +194,7 @@ class Floor(NotebookView):
         return _share_of(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
 
     def box_within(self, width_m: float, height_m: float) -> tuple[float, float, float, float]:
-        """Return left, bottom, right and top, m, of the part of the floor inside an arena of that size."""
+        """Return left, bottom, right and top, m, of the part inside an arena of ``width_m`` by ``height_m``."""
         rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = self.geometry
         right_m, top_m = left_m + columns * tile_width_m, bottom_m + rows * tile_height_m
         return max(left_m, 0.0), max(bottom_m, 0.0), min(right_m, width_m), min(top_m, height_m)

@@ -222,7 +222,9 @@ class Objective(NotebookView):
         quantile = self._quantile()
         runs, cases = rows.shape[:2]
         if cases > 1 and self.over == "worst":
-            return worst_case(lambda k, at: self.interval(rows[:, k : k + 1], at, seed), cases, level)
+            return self._clipped(
+                worst_case(lambda k, at: self.interval(rows[:, k : k + 1], at, seed), cases, level)
+            )
         if cases == 1 and self.name not in AIMS and runs > 1:
             if quantile is not None:
                 return quantile_interval(rows[:, 0, 0], quantile, level)._replace(estimate=self.score(rows))

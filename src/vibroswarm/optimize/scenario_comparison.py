@@ -20,7 +20,7 @@ from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, confirms, side
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, whole_number_of
+from vibroswarm.errors import InputError, check_kind, whole_number_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
 from vibroswarm.optimize.objective import Objective
@@ -109,6 +109,10 @@ def compare_scenarios(
     runs, seed = whole_number_of(runs, "runs", 2, 10**9), check_seed(seed)
     for scenario in (first, second):
         check_scenario(scenario)
+    check_kind(objective, Objective, "objective", "an Objective")
+    cases = list(cases)
+    for case in cases:
+        check_kind(case, Mapping, "cases", "tables of fields and their values")
     if not cases:
         raise InputError("is empty; give at least one case, such as {}", field="cases")
     named_cases = [

@@ -23,7 +23,7 @@ from vibroswarm.optimize.validation import Front, Truth, validated
 from vibroswarm.scenario import plugins
 from vibroswarm.study.run import run as run_study
 from vibroswarm.study.runner import StudyProgress
-from vibroswarm.study.scenario_words import chosen, refuse_without_effect
+from vibroswarm.study.scenario_words import CHOOSES_PLACES, OF_PLACES, chosen, refuse_without_effect
 from vibroswarm.study.spec import Study
 
 
@@ -69,6 +69,8 @@ def _refuse_without_effect(search: Search) -> None:
     varied = {*search.study.varied, *search.space.names}
     selected = {kind for kind in plugins.KINDS if plugins.field_of(kind) in search.space.names}
     fields = sorted(field for field in varied if field.partition(".")[0] not in selected)
+    if not set(CHOOSES_PLACES).isdisjoint(search.space.names):
+        fields = [field for field in fields if not OF_PLACES.fullmatch(field)]
     refuse_without_effect(fields, (cell.scenario for cell in search.cases))
 
 

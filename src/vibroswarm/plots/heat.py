@@ -10,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.numbers import count, decimals_of, verb
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.floor import as_tiles
 from vibroswarm.plots.inputs import check_frame, run_counts, tidy
 from vibroswarm.plots.layout import (
@@ -343,8 +343,11 @@ def draw_density(
     # Without the column ``count``, each row is one sample. With it, a missing count is 0.
     weights = frame["count"].fill_null(0 if frame["count"].is_not_null().any() else 1).to_numpy()
     tiles = None if tiles is None else as_tiles(tiles)
-    if bins < 1 or not (0 < width_m < np.inf and 0 < height_m < np.inf):
-        raise InputError("the arena needs an area, and at least 1 bin", field="bins")
+    for name, length_m in (("width_m", width_m), ("height_m", height_m)):
+        if not 0 < length_m < np.inf:
+            raise InputError("the arena needs an area; give a length above 0", field=name)
+    if bins < 1:
+        raise InputError(f"{shown(bins)} is wrong; give 1 or more", field="bins")
     if (x < 0).any() or (x > width_m).any() or (y < 0).any() or (y > height_m).any():
         raise InputError(f"a sample lies outside the arena of {width_m:g} m x {height_m:g} m", field="x_m")
     longer = max(width_m, height_m)

@@ -104,7 +104,7 @@ KIND_HATCHES: Final = (
     "", "////", "....", "xxxx", "\\\\\\\\", "||||", "----", "++++",
     "oo", "**", "//..", "\\\\..", "||..", "--..", "xx..", "++..",
 )  # fmt: skip
-"""Hatch of tiles of each kind, as matplotlib takes it; colours alone are used again from kind 8 on."""
+"""Hatch of tiles of each kind, as matplotlib takes it. From kind 8 on colours repeat; hatches do not."""
 
 
 def kind_hatch(kind: int) -> str:

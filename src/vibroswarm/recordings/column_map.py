@@ -77,19 +77,21 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
 """Range of values of a column, and the range in words; columns whose least value is an int have whole numbers."""
 
 
-_PREAMBLE: Final = re.compile(r"\A(?:\s*(?:#[^\r\n]*|sep=.?)[\r\n]++(?!\s*[\d.+-]))+", re.ASCII)
+_PREAMBLE: Final = re.compile(
+    r"""\A(?:\s*(?:#[^\r\n]*|"?sep=.?"?[ \t]*)[\r\n]++(?!\s*[\d.+-]))+""", re.ASCII | re.IGNORECASE
+)
 """Lines before the header: comments, and the separator as spreadsheets write it. A comment directly above numbers is
 none: it is the header."""
 
 
-def text_of(path: Path, what: str = "a log of one session") -> str:
+def text_of(path: Path, what: str = "a log of one session", *, comments: bool = True) -> str:
     """Read the text of a log, or of another file that comes with it (column map, acceleration).
 
     A byte order mark is removed, and bytes that are not UTF-8 are replaced by U+FFFD. Lines before the header that are
     comments (``#``) or say the separator (``sep=,``) become empty.
 
     Args:
-        path: of the file. what: the kind of file expected, for errors.
+        path: of the file. what: the kind of file expected, for errors. comments: whether it may begin with such lines.
     Raises:
         InputError: it is not a plain file, larger than ``LARGEST_BYTES``, binary, or empty.
     """
@@ -97,7 +99,8 @@ def text_of(path: Path, what: str = "a log of one session") -> str:
     text = read_bytes(path, LARGEST_BYTES, what).decode("utf-8-sig", errors="replace")
     if "\0" in text[:4096]:  # text has no null characters; binary files have some near their start
         raise InputError("is a binary file, or text in UTF-16; give a text log in UTF-8", field=name)
-    text = _PREAMBLE.sub(lambda found: "\n" * len(found[0].splitlines()), text)
+    if comments:
+        text = _PREAMBLE.sub(lambda found: "\n" * len(found[0].splitlines()), text)
     if not text.strip():
         raise InputError("is empty", field=name)
     return text
@@ -427,8 +430,10 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
             impossible, or a robot has two tags; the error names the row.
     """
     name = str(path)
-    lines, table = table_of(text_of(path), name)
-    check_columns({use: column.name for use, column in by.columns.items()}, table.columns, name)
+    names = {use: column.name for use, column in by.columns.items()}
+    marks_header = any(column.startswith("#") for column in names.values())
+    lines, table = table_of(text_of(path, comments=not marks_header), name)
+    check_columns(names, table.columns, name)
     columns: dict[str, pl.Series] = {"line": lines}
     for use, column in by.columns.items():
         columns[use] = _converted(table[column.name], lines, name, use, column, by.missing)

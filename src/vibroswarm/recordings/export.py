@@ -22,7 +22,7 @@ import polars as pl
 from vibroswarm.core.atomic_io import check_free, make_folder, whole_file, write_text
 from vibroswarm.core.numbers import number
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, path_of, whole_number_of
+from vibroswarm.errors import InputError, check_flags, path_of, whole_number_of
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.log_readers import FEEDBACK
 from vibroswarm.recordings.recording import Recording
@@ -235,6 +235,7 @@ def write_csv(result: Result, folder: str | Path, run: int = 0, *, replace: bool
         RunError: the disk is full or failed.
     """
     folder = path_of(folder, "folder")
+    check_flags(replace=replace)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
     make_folder(folder)
@@ -271,7 +272,7 @@ def _samples(result: Result, run: int) -> pl.DataFrame:
     """
     run = whole_number_of(run, "run", 0, 2**32 - 1)
     if result.runs.filter(pl.col("run") == run).is_empty():
-        raise InputError(f"there is no run {run} in this result", field="--run")
+        raise InputError(f"there is no run {run} in this result", field="run")
     key = ["run", "robot", "sample"]
     table = result.motion.filter(pl.col("run") == run)
     for other in (result.observations, result.inference):

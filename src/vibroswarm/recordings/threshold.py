@@ -363,7 +363,7 @@ def at_threshold(
     """
     data = data or labelled(recording)
     far_from_edges = data.edge_m > number_of(margin_m, "margin_m")
-    bits = data.energy > value
+    bits = data.energy > number_of(value, "value")
     sessions = np.unique(data.session)
     by_session = [
         observed_share(data.tile[data.session == session], bits[data.session == session]).share
@@ -473,7 +473,7 @@ def recommend(
     """
     thresholds = find_thresholds(recording, *costs, margin_m)
     if at is not None:
-        thresholds.append(at_threshold(recording, number_of(at, "at"), margin_m=margin_m))
+        thresholds.append(at_threshold(recording, at, margin_m=margin_m))
     is_special = at is not None or costs[0] != costs[1]
     field = "sensor.rms_threshold"
     name = "in use" if recording.knows(field) else "of the scenario"

@@ -18,7 +18,7 @@ readings never suffice at time 0.
 - What a robot knows of its task: T_end; its error rates, if ``decision.boundary_of`` is "tiles". It needs no
   places, and does not use ``min_observations``.
 - Nearly every robot decides by T_end. At its last reading the threshold is still a little above 0, so a robot whose
-  score is nearer to 0 stays undecided: 0 of 1000 robots in 1200 s, 9 in 200 s, 78 in 60 s (preset ``paper``, f = 0.48).
+  score is nearer to 0 stays undecided: 0 of 1000 robots in 1200 s, 6 in 200 s, 91 in 60 s (preset ``paper``, f = 0.48).
 
 Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
 changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``

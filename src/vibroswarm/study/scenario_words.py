@@ -101,23 +101,29 @@ NEEDS: Final = {
 """Fields that have an effect only if another one, or one of several, is set."""
 OF_PLACES: Final = re.compile(r"odometry\..*|localisation\.(?!method$).*|rays\.noise_m")
 """Fields by which robots find their places."""
+CHOOSES_PLACES: Final = ("strategy.name", "localisation.method")
+"""Fields that say whether they do."""
 
 
-def refuse_without_effect(fields: Iterable[str], scenarios: Iterable[Scenario], option: str = "") -> None:
+def refuse_without_effect(
+    fields: Iterable[str], scenarios: Iterable[Scenario], option: str = "", beside: Iterable[str] = ()
+) -> None:
     """Refuse fields that have no effect in any of the scenarios, as what they belong to is not selected, or off.
 
     Args:
         fields: dotted names. option: what a message has before the name, such as "--set ".
+        beside: fields that another option sets.
     Raises:
         InputError: there is such a field.
     """
     fields, scenarios = list(fields), list(scenarios)
+    stated = {*fields, *beside}
     choices = [choice for scenario in scenarios for choice in scenario.choices]
     for field in fields:
         needed = NEEDS.get(field)
         # A fault that is set to 0, as in the first of several runs, is no mistake.
         if needed and not any(
-            name in fields or value_of(each, name) for name in needed for each in scenarios
+            name in stated or value_of(each, name) for name in needed for each in scenarios
         ):
             raise InputError(
                 f"has no effect without {listed(needed, 'or')}; set it too, or leave this out",
@@ -125,8 +131,8 @@ def refuse_without_effect(fields: Iterable[str], scenarios: Iterable[Scenario], 
             )
         if OF_PLACES.fullmatch(field) and all(each.place_method == "true" for each in scenarios):
             raise InputError(
-                "has no effect on robots that estimate no places; choose a strategy that reads places, or set "
-                'localisation.method = "mixture"',
+                'has no effect on robots that estimate no places; set localisation.method = "mixture", or leave this '
+                "out",
                 field=option + field,
             )
         kind, *path = field.split(".")

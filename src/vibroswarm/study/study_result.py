@@ -31,6 +31,7 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
+from vibroswarm.scenario.fields import rows_as_text
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import FURTHER, SAMPLES
 from vibroswarm.study.batch_table import (
@@ -44,7 +45,7 @@ from vibroswarm.study.batch_table import (
 )
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.settled import Settled, runs_that_count, settled
-from vibroswarm.study.spec import MOST_RUNS, Cell, Study
+from vibroswarm.study.spec import MOST_RUNS, TILES, Cell, Study
 from vibroswarm.study.store import Store
 
 if TYPE_CHECKING:
@@ -176,7 +177,8 @@ class StudyResult(NotebookView):
         for key, choices in values.items():
             name = self._field(key.replace("__", "."))
             any_of = [
-                _plain(one) for one in (choices if isinstance(choices, list | tuple | set) else [choices])
+                _plain(rows_as_text(one) if name == TILES else one)
+                for one in (choices if isinstance(choices, list | tuple | set) else [choices])
             ]
             there = {n: _plain(self.study.cells[n].point.get(name)) for n in chosen}
             chosen = tuple(n for n in chosen if there[n] in any_of or _without_code(there[n]) in any_of)

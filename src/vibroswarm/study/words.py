@@ -100,8 +100,9 @@ def study_of(
         folder=Path(),  # floor files that options name are relative to the current folder
     )
     scenarios = [cell.scenario for cell in study.cells]
-    refuse_without_effect(varied, scenarios, "--vary ")
-    refuse_without_effect(parse_settings(scenario.get("settings", ())), scenarios, "--set ")
+    given = parse_settings(scenario.get("settings", ()))
+    refuse_without_effect(varied, scenarios, "--vary ", beside=given)
+    refuse_without_effect(given, scenarios, "--set ", beside=varied)
     return study
 
 
