@@ -322,7 +322,7 @@ def _words_of_kinds(result: Result, vibrating: str, still: str, other: str) -> d
     return {kind: other.format(kind=kind) for kind in range(max(sensor.kinds, sensor.readings))}
 
 
-_MARKERS: Final = (*"oDs^v<>pPX*hd", (3, 1, 0), "$+$", (4, 1, 0))
+_MARKERS: Final = (*"oDs^v<>pPX*hd", "$-$", "$/$", (4, 1, 0))
 """Marks of kinds, as matplotlib takes them."""
 
 
