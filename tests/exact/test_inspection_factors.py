@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom, gamma
+from scipy.special import logit, logsumexp
+from scipy.stats import binom, gamma, norm
 
 from helpers.inspections import drawn_samples
 from vibroswarm.inspection import stopping
-from vibroswarm.inspection.damage import drawn_values, patch_of, random_places
+from vibroswarm.inspection.damage import contrast_ratios, drawn_values, patch_of, random_places
 from vibroswarm.inspection.factors import of_typical_robots
 from vibroswarm.inspection.laws import law_of_measured
 from vibroswarm.inspection.patches import declared
 from vibroswarm.inspection.samples import Law
 from vibroswarm.inspection.stopping import LOOKS, Question, rule_of
+from vibroswarm.observation.energy_model import likelihood_at
 from vibroswarm.scenario.scenario import preset
 
 SENSOR = preset("paper").sensor
@@ -103,12 +106,54 @@ def test_tiles_that_differ_much_less_than_robots_count_as_alike():
 
 
 def test_a_robot_knows_no_factor_by_what_it_has_not_heard():
-    samples = replace(drawn_samples(5, count=400, spread_m=0.0), law=DIFFER)
+    law = replace(DIFFER, sensor=DIFFER.sensor.model_copy(update={"tile_spread": 0.1}))
+    samples = replace(drawn_samples(5, count=400, spread_m=0.0), law=law)
     value, _, _ = drawn(400, 0.0)
     heard = (samples.frame["robot"].to_numpy() == 0)[:, None]
     rule = rule_of(samples, declared(samples.size_m, [0.2]), Question(0.2), 4)
     other = np.where(heard, value, 5.0 * value)
     np.testing.assert_array_equal(rule.told(value, heard), rule.told(other, heard))
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_the_risk_is_the_mean_over_the_factors_of_the_robots_of_a_patch(strict):
+    """Four robots, some of them in each patch; by 801 values of each one's factor."""
+    law, spread = Law(SENSOR.model_copy(update={"robot_spread": 0.3}), "robots differ"), 0.3
+    random = np.random.default_rng(1)
+    x_m, y_m = random.uniform(0.0, 0.6, (2, 60))
+    robot = (np.arange(60) % 4 * 7).astype(np.uint16)
+    samples = replace(drawn_samples(5, count=60, spread_m=0.0), law=law)
+    samples = samples.with_columns(x_m=x_m, y_m=y_m, true_x_m=x_m, true_y_m=y_m, robot=robot)
+    values = drawn_values(random, samples, 2)
+    rule = rule_of(samples, declared(samples.size_m, [0.2, 0.3]), Question(0.2, (0.5,), strict=strict), 4)
+    first, form = rule.shares.first, rule.patches.form
+    share = np.zeros((form.size, 60))
+    for j, (begin, end) in enumerate(itertools.pairwise(first)):
+        share[j, rule.shares.sample[begin:end]] = rule.shares.share[begin:end]
+    z = np.linspace(-4.0, 4.0, 801)
+    factor = np.exp(spread * z - 0.5 * spread**2)
+    of_value = values[..., None] / factor
+    intact = np.log(np.maximum(likelihood_at(SENSOR, 0.0, of_value.ravel()).reshape(of_value.shape), 1e-12))
+    more = np.expm1(contrast_ratios(ALIKE, of_value, 0.5))
+    for b, look in itertools.product(range(2), range(4)):
+        ratio = np.zeros(form.size)
+        for own in (np.flatnonzero((robot == r) & (rule.look <= look)) for r in np.unique(robot)):
+            weight = norm.logpdf(z) + (intact[own, b] - np.log(factor)).sum(axis=0)
+            of_patch = np.log(np.maximum(1.0 + share[:, own, None] * more[own, b], 1e-300)).sum(axis=1)
+            ratio += logsumexp(weight + of_patch, axis=1) - logsumexp(weight)
+        means = [logsumexp(ratio[form == f]) - np.log((form == f).sum()) for f in range(2)]
+        expected = ratio.max() if strict else max(means)
+        assert logit(rule.told(values)[look, b]) == pytest.approx(expected, abs=0.02)
+
+
+def test_each_replicate_is_judged_by_what_was_heard_of_it():
+    random = np.random.default_rng(1)
+    law = law_of_measured(random.gamma(9.0, 1.0, 100) + 2.0, random.gamma(9.0, 1.0, 100), "measured")
+    samples = replace(drawn_samples(5, count=200, spread_m=0.0), law=replace(law, draws=law.draws[:3]))
+    values, heard = random.gamma(9.0, 1.0, (200, 2)), random.random((200, 2)) < 0.5
+    rule = rule_of(samples, declared(samples.size_m, [0.2]), Question(0.2), 4)
+    alone = [rule.told(values[:, [b]], heard[:, [b]]) for b in range(2)]
+    np.testing.assert_allclose(rule.told(values, heard), np.hstack(alone), rtol=1e-12)
 
 
 def test_evidence_beyond_all_numbers_is_a_risk_of_one():

@@ -259,7 +259,7 @@ def _check_sizes(
         if not (0.0 < width <= right - left and 0.0 < height <= top - bottom):
             raise InputError(
                 f"a patch of '{name}', {width:.4g} m x {height:.4g} m, is not within the floor of {right - left:.4g} m "
-                f"x {top - bottom:.4g} m",
+                f"x {top - bottom:.4g} m that is inside the arena",
                 field=_FIELD,
             )
 

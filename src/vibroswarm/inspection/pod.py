@@ -274,6 +274,8 @@ def fit_pod(
     hits = np.bincount(at, np.asarray(found, dtype=np.float64)).astype(np.float64)
     p_f = false / intact if floor else 0.0
     fits = []
+    if not curves:
+        raise InputError(f"is empty; give some of {', '.join(_CURVES)}", field="curves")
     for name in curves:
         check_choice(name, "curves", _CURVES)
         curve = _CURVES[name]

@@ -272,16 +272,16 @@ def samples_of_csv(
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
     by = _column_map(table.columns, path)
     log = read_mapped(path, by)
-    most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]  # None: a single robot, without a number
-    if most > MOST_ROBOT:
-        raise InputError(
-            f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"
-        )
     if (robots := log.samples["robot"].n_unique()) > MOST_ROBOTS:
         raise InputError(
             f"has {whole(robots)} different robots, not {whole(MOST_ROBOTS)} or fewer; if it numbers samples, leave "
             "the column out",
             field=f"{path}, robot",
+        )
+    most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]  # None: a single robot, without a number
+    if most > MOST_ROBOT:
+        raise InputError(
+            f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"
         )
     frame = log.samples.select(
         pl.col("robot").fill_null(0),
