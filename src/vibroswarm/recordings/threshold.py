@@ -473,7 +473,7 @@ def recommend(
     """
     thresholds = find_thresholds(recording, *costs, margin_m)
     if at is not None:
-        thresholds.append(at_threshold(recording, at, margin_m=margin_m))
+        thresholds.append(at_threshold(recording, number_of(at, "at"), margin_m=margin_m))
     is_special = at is not None or costs[0] != costs[1]
     field = "sensor.rms_threshold"
     name = "in use" if recording.knows(field) else "of the scenario"
