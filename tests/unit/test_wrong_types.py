@@ -1,5 +1,8 @@
 """What Python may be given: NumPy's whole numbers are taken, everything else is refused in words."""
 
+# Wrong types are what these tests give:
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -73,11 +76,11 @@ def test_runs_are_whole_numbers(short: Scenario, runs: Any) -> None:
 
 
 def test_whole_numbers_of_numpy_are_taken(short: Scenario) -> None:
-    assert check_runs(np.uint64(2**62), np.int64(2)) == [0, 1]  # type: ignore[arg-type]
-    assert check_runs(1, np.array([3, 1])) == [1, 3]  # type: ignore[arg-type]
-    one, other = simulate(short, np.int64(3), np.int64(2)), simulate(short, 3, 2)  # type: ignore[arg-type]
+    assert check_runs(np.uint64(2**62), np.int64(2)) == [0, 1]
+    assert check_runs(1, np.array([3, 1])) == [1, 3]
+    one, other = simulate(short, np.int64(3), np.int64(2)), simulate(short, 3, 2)
     assert one == other
-    assert Study(short, {}, np.int64(5)).runs == 5  # type: ignore[arg-type]
+    assert Study(short, {}, np.int64(5)).runs == 5
     values = {"swarm.robots": np.int64(4), "decision.revise": np.bool_(True), "strategy.name": "soft"}
     plain = {"swarm.robots": 4, "decision.revise": True, "strategy.name": "soft"}
     assert short.with_values(values) == short.with_values(plain)
@@ -132,7 +135,7 @@ def test_the_verdict_is_on_the_run_that_there_is(short: Scenario) -> None:
     assert verdict(result) == verdict(result, 5)
     for run in (0, "x", 10**5000):
         with pytest.raises(InputError, match=r"^run: there is no run"):
-            verdict(result, run)  # type: ignore[arg-type]
+            verdict(result, run)
 
 
 @pytest.mark.parametrize("field", ["swarm.robots", "run.t_end_s", "floor.source", "rays.side_m"])
@@ -171,8 +174,8 @@ CALLS = {
     "Study.run job": lambda x, r: Study(r.scenario).run(job=x),
     "StudyResult.open": lambda x, r: StudyResult.open(x),
     "inspect": lambda x, r: inspect(x),
-    "inspect run": lambda x, r: inspect(r, run=[x]),  # type: ignore[arg-type]
-    "inspect seed": lambda x, r: inspect(r.scenario, seed=[x]),  # type: ignore[arg-type]
+    "inspect run": lambda x, r: inspect(r, run=[x]),
+    "inspect seed": lambda x, r: inspect(r.scenario, seed=[x]),
     "inspect laws": lambda x, r: inspect(r, laws=x),
     "inspect bits": lambda x, r: inspect(r, bits="x" if x is True else x),
     "inspect floor": lambda x, r: inspect(r, floor=x),
@@ -180,8 +183,8 @@ CALLS = {
     "inspect spreads": lambda x, r: inspect(r, spreads=x),
     "inspect question": lambda x, r: inspect(r, question=x),
     "inspect shapes": lambda x, r: inspect(r, shapes=x),
-    "inspect looks": lambda x, r: inspect(r, looks=[x]),  # type: ignore[arg-type]
-    "inspect replicates": lambda x, r: inspect(r, replicates=[x]),  # type: ignore[arg-type]
+    "inspect looks": lambda x, r: inspect(r, looks=[x]),
+    "inspect replicates": lambda x, r: inspect(r, replicates=[x]),
     "inspect sizes": lambda x, r: inspect(r, sides_m=[[x]], question=Question()),
     "Question": lambda x, r: Question(least_m=[x]),
     "Question contrasts": lambda x, r: Question(contrasts=x),
@@ -189,14 +192,14 @@ CALLS = {
     "Question strict": lambda x, r: Question(strict=[x]),
     "plan": lambda x, r: plan(x, [3], [60.0]),
     "plan robots": lambda x, r: plan(r.scenario, [[x]], [60.0]),  # type: ignore[list-item]
-    "inspect spread": lambda x, r: inspect(r, spread_m=[x]),  # type: ignore[arg-type]
+    "inspect spread": lambda x, r: inspect(r, spread_m=[x]),
     "Scenario.from_toml folder": lambda x, r: Scenario.from_toml("", folder=x),
-    "Result.check": lambda x, r: r.check([x]),  # type: ignore[arg-type]
-    "verdict run": lambda x, r: verdict(r, np.zeros(2)),  # type: ignore[arg-type]
-    "write_run_page run": lambda x, r: write_run_page(r, "page.html", [x]),  # type: ignore[arg-type]
+    "Result.check": lambda x, r: r.check([x]),
+    "verdict run": lambda x, r: verdict(r, np.zeros(2)),
+    "write_run_page run": lambda x, r: write_run_page(r, "page.html", [x]),
     "Study.of_scenarios base": lambda x, r: Study.of_scenarios({"a": r.scenario}, base=x),
-    "a choice": lambda x, r: Study(r.scenario, runs=1).run().to_xarray(np.zeros(2)),  # type: ignore[arg-type]
-    "plot": lambda x, r: Study(r.scenario, runs=1).run().plot([x]),  # type: ignore[arg-type]
+    "a choice": lambda x, r: Study(r.scenario, runs=1).run().to_xarray(np.zeros(2)),
+    "plot": lambda x, r: Study(r.scenario, runs=1).run().plot([x]),
     "Objective statistic": lambda x, r: Objective(statistic=x),
     "Objective parameters": lambda x, r: Objective(parameters=x),
     "Search study": lambda x, r: Search(study=r.scenario if x == 5 else x),
@@ -209,19 +212,19 @@ CALLS = {
     "run_search": lambda x, r: run_search("search.toml" if x == 5 else x),
     "run_search folder": lambda x, r: run_search(Search(), x),
     "compare_scenarios": lambda x, r: compare_scenarios(r.scenario, x),
-    "compare_scenarios seed": lambda x, r: compare_scenarios(r.scenario, r.scenario, seed=[x]),  # type: ignore[arg-type]
+    "compare_scenarios seed": lambda x, r: compare_scenarios(r.scenario, r.scenario, seed=[x]),
     "draw_belief": lambda x, r: draw_belief(x),
     "draw_error_bars": lambda x, r: draw_error_bars(x),
     "draw_heat": lambda x, r: draw_heat(x),
     "draw_outcomes": lambda x, r: draw_outcomes(pl.LazyFrame({"cell": ["a"]}) if x == 5 else x),
     "write_csv": lambda x, r: write_csv(r, x),
     "write_webots": lambda x, r: write_webots(r, x),
-    "write_webots run": lambda x, r: write_webots(r, "log.txt", [x]),  # type: ignore[arg-type]
+    "write_webots run": lambda x, r: write_webots(r, "log.txt", [x]),
     "replay_recording": lambda x, r: replay_recording(r if x == 5 else x, r.scenario),
     "with_beliefs": lambda x, r: with_beliefs(r if x == 5 else x),
     "find_thresholds": lambda x, r: find_thresholds(r if x == 5 else x),
-    "compare": lambda x, r: compare(r, "a folder" if x == 5 else x),  # type: ignore[arg-type]
-    "write_comparison_pictures": lambda x, r: write_comparison_pictures(r, r, r, x),  # type: ignore[arg-type]
+    "compare": lambda x, r: compare(r, "a folder" if x == 5 else x),
+    "write_comparison_pictures": lambda x, r: write_comparison_pictures(r, r, r, x),
     "dataset_of": lambda x, r: dataset_of(r if x == 5 else x),
     "Recording.read": lambda x, r: Recording.read(x),
     "read_result": lambda x, r: read_result(x),
@@ -257,13 +260,13 @@ def test_wrong_types_are_refused_in_words(
 )
 def test_sizes_and_numbers_out_of_range_are_refused(value: Any, ran: Result) -> None:
     calls = [
-        lambda: Floor([[1]], value, 1.0),  # type: ignore[arg-type]
-        lambda: Floor([[1]], 1.0, 1.0, value),  # type: ignore[arg-type]
+        lambda: Floor([[1]], value, 1.0),
+        lambda: Floor([[1]], 1.0, 1.0, value),
         lambda: Floor.filling([[1]], value),
         lambda: ran.floor().fill_ratio_within(value, 1.0),
         lambda: ran.floor(value),
-        lambda: pose(ran.segments, value, 0, [1.0]),  # type: ignore[arg-type]
-        lambda: pose(ran.segments, 0, value, [1.0]),  # type: ignore[arg-type]
+        lambda: pose(ran.segments, value, 0, [1.0]),
+        lambda: pose(ran.segments, 0, value, [1.0]),
         lambda: ran.scenario.floor_for(value, 0),
         lambda: ran.scenario.floor_for(0, value),
         lambda: measure(value),
@@ -298,7 +301,7 @@ def test_what_is_missing_is_named(ran: Result) -> None:
 
 def test_density_of_tiles_in_lists() -> None:
     places = pl.DataFrame({"x_m": [0.1, 0.2], "y_m": [0.3, 0.4], "count": [1, 2]})
-    drawn = draw_density(places, tiles=[[1, 0], [0, 1]])  # type: ignore[arg-type]
+    drawn = draw_density(places, tiles=[[1, 0], [0, 1]])
     assert drawn.svg() == draw_density(places, tiles=np.array([[1, 0], [0, 1]], dtype=np.uint8)).svg()
     with pytest.raises(InputError, match=r"^count: .*0 or more"):
         draw_density(places.with_columns(count=pl.Series([-1, 2])))
@@ -307,7 +310,7 @@ def test_density_of_tiles_in_lists() -> None:
 
 
 def test_numbers_of_numpy_are_sizes() -> None:
-    assert Floor.filling([[1, 0]], np.float32(2.0)).tile_width_m == 1.0  # type: ignore[arg-type]
+    assert Floor.filling([[1, 0]], np.float32(2.0)).tile_width_m == 1.0
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5, "2", HUGE], ids=str_of)
@@ -343,4 +346,4 @@ def test_flags_are_true_or_false(flag: str, ran: Result, tmp_path: Path) -> None
 
 
 def test_flags_of_numpy_are_taken(short: Scenario) -> None:
-    assert simulate(short, segments=np.bool_(True)).segments is not None  # type: ignore[arg-type]
+    assert simulate(short, segments=np.bool_(True)).segments is not None

@@ -107,17 +107,10 @@ def compare_scenarios(
     """
     objective = objective or Objective()
     runs, seed = whole_number_of(runs, "runs", 2, 10**9), check_seed(seed)
-    for scenario in (first, second):
-        check_scenario(scenario)
     check_kind(objective, Objective, "objective", "an Objective")
     cases = list(cases)
-    for case in cases:
-        check_kind(case, Mapping, "cases", "tables of fields and their values")
-    if not cases:
-        raise InputError("is empty; give at least one case, such as {}", field="cases")
     named_cases = [
-        (name, [scenario.with_values(dict(case)) for case in cases])
-        for name, scenario in zip(names, (first, second), strict=True)
+        (name, _in_cases(scenario, cases)) for name, scenario in zip(names, (first, second), strict=True)
     ]
     # For each block and each scenario, the result of ``_block``.
     blocks: list[list[tuple[Scored, pl.DataFrame]]] = []
@@ -153,6 +146,15 @@ def compare_scenarios(
         scenarios=tuple(of_cases[0] for _, of_cases in named_cases),
         seed=seed,
     )
+
+
+def _in_cases(scenario: Scenario, cases: Sequence[Mapping[str, Any]]) -> list[Scenario]:
+    check_scenario(scenario)
+    if not cases:
+        raise InputError("is empty; give at least one case, such as {}", field="cases")
+    for case in cases:
+        check_kind(case, Mapping, "cases", "tables of fields and their values")
+    return [scenario.with_values(dict(case)) for case in cases]
 
 
 def figure_by_run(column: str, outcomes: Outcomes) -> Array:

@@ -269,7 +269,9 @@ def plotted(result: StudyResult, name: str, style: str) -> Picture:
         InputError: there is no such style, or the study has no such figure; the message lists those that it has.
     """
     figures = document_of(outcome_of(result, compare=False)).figures
-    if name not in list(figures):  # only the figures of comparisons need the comparisons, which take longer
+    if (
+        isinstance(name, str) and name not in figures
+    ):  # only the figures of comparisons need the comparisons, which take longer
         figures = document_of(outcome_of(result)).figures
     check_choice(name, "name", figures)
     drawn: Picture = figures[name].draw(style)
