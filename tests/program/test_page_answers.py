@@ -311,7 +311,7 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open) -> None:
     )
     result = simulate(three, 2, 1, segments=True)
     assert set(result.robots["decision"]) == {2}
-    page = open_page("#t=150", of=result)
+    page = open_page("#t=150", of=result, reduced_motion="reduce")  # colours do not fade into each other
     assert "it says \u201ckind 2 is most common\u201d" in page.inner_text("#verdict-line")
     answers = [f"\u201ckind {kind} is most common\u201d" for kind in range(3)]
     assert page.inner_text("#task").startswith(f"{answers[0]}, {answers[1]} or {answers[2]}?")
