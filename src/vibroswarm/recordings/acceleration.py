@@ -45,8 +45,8 @@ AROUND_S: Final = 0.1
 SLOW_M_S: Final = 0.02
 SLOW_RAD_S: Final = 0.5
 """A robot stands if it moves, and turns, more slowly than this: less than half of what it drives with."""
-CLOCK_S: Final = 0.001
-"""A reading may be this much later than its sample, since times are written to a millisecond."""
+CLOCK_S: Final = 0.0011
+"""A reading may be this much later than its sample: a little more than a millisecond, to which times are written."""
 
 
 class Computed(NamedTuple):
@@ -243,12 +243,9 @@ def _check_window(
     what = f"robot {robot}, sample at {stated(time_s)} s"
     if window.shape[0] > 1:
         spacing_s = np.diff(window[:, 0])
-        rate_hz = 1.0 / float(np.median(spacing_s))
-        mean_hz = (window.shape[0] - 1) / float(window[-1, 0] - window[0, 0])
-        is_even = float(spacing_s.max()) <= WIDEST_GAP * float(np.median(spacing_s))
-        # The mean is the more precise rate, but a gap would lower it. With a gap it is the median, so that the error
-        # is the one below, about missing readings, and not this one about the rate.
-        rate_hz = mean_hz if is_even else rate_hz
+        # Gaps, which would lower the rate, have an error of their own, below.
+        usual_s = spacing_s[spacing_s <= WIDEST_GAP * np.median(spacing_s)]
+        rate_hz = 1.0 / float(usual_s.mean())
         if abs(rate_hz / program.rate_hz - 1.0) > RATE_TOLERANCE:
             raise InputError(
                 f"{what}: readings at {rate_hz:.4g} Hz, but the sensing chain's filter is for {program.rate_hz:g} Hz; "
