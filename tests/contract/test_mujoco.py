@@ -100,6 +100,21 @@ def test_without_contact_they_move_as_kinematic_robots() -> None:
     )
 
 
+def test_their_rays_are_where_those_of_kinematic_robots_are() -> None:
+    """With rays of the left side only they stop before walls at the same places, but for what mass costs."""
+    rays = {"rays.side_m": (0.0, 0.04), "rays.angle_deg": (0.0, 40.0)}
+    scenario = Scenario().with_values({"swarm.robots": 1, "run.t_end_s": 20.0, "arena.width_m": 0.6, **rays})
+    first = pl.col("kind") == "avoid"
+    planar, stepped = (
+        source.batch(scenario, 5, range(24), segments=True).segments.filter(first).group_by("run").first()
+        for source in (PLANAR, FIXED_STEP)
+    )
+    both = planar.join(stepped, on="run", suffix="_by_steps")
+    assert both.height == planar.height == stepped.height > 12
+    gap_m = np.hypot(both["x_m"] - both["x_m_by_steps"], both["y_m"] - both["y_m_by_steps"])
+    assert gap_m.max() < 0.005
+
+
 def test_robots_on_wheels_that_start_too_near_are_moved_apart() -> None:
     """Starts of discs, of which some have a corner in a wall; the others start where they start for every source."""
     scenario = Scenario().with_values(

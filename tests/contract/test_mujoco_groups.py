@@ -17,6 +17,7 @@ from scipy.spatial.distance import pdist, squareform
 from vibroswarm.core.jit import kernel, zero_rows
 from vibroswarm.motion.control_step import ROBOT, Swarm
 from vibroswarm.motion.footprint import overlap
+from vibroswarm.motion.physics.arcs import arc_between
 from vibroswarm.motion.physics.groups import members_of, set_groups
 from vibroswarm.motion.physics.library import calls
 from vibroswarm.motion.physics.wheels_model import (
@@ -70,6 +71,18 @@ def test_groups_are_the_connected_components_of_robots_that_are_near(
     found = {tuple(members[: group_of(first, i, members)].tolist()) for i, size in enumerate(sizes) if size}
     assert found == wanted
     assert largest == max(map(len, wanted))
+
+
+@kernel
+def arc_to(x_m: float, y_m: float, heading_rad: float, dt_s: float) -> tuple[float, float, float]:
+    return arc_between(0.0, 0.0, 0.0, x_m, y_m, heading_rad, dt_s)
+
+
+def test_arcs_are_found_from_their_ends() -> None:
+    """A quarter of a circle of 1 m in 2 s; 10 cm aside, 1 m ahead; and on the spot."""
+    assert arc_to(1.0, 1.0, np.pi / 2, 2.0) == pytest.approx((np.pi / 4, np.pi / 4, 0.0), abs=1e-12)
+    assert arc_to(1.0, 0.1, 0.0, 2.0) == pytest.approx((0.5, 0.0, 0.1))
+    assert arc_to(0.0, 0.0, 1.0, 2.0) == pytest.approx((0.0, 0.5, 0.0))
 
 
 def path_of(gap_m: float | None) -> NDArray[np.float64]:

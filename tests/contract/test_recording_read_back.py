@@ -47,6 +47,7 @@ def side_by_side(mine: pl.DataFrame, theirs: pl.DataFrame) -> pl.DataFrame:
 def test_the_robots_log_holds_every_sample(recording: Recording, made: Result) -> None:
     assert recording.motion.height == made.motion.height
     assert recording.seed is None
+    assert [session["told"]["posteriors_odd"] for session in recording.sessions] == [0, 0]
     both = side_by_side(recording.inference, made.inference)
     for name in ("alpha", "beta", "messages_received", "decision"):
         assert (both[name] == both[f"{name}_made"]).all(), name
@@ -75,12 +76,22 @@ def test_times_are_late_by_at_most_a_camera_loop_and_counters_are_exact(
     assert max(one["told"]["counters_wrapped"] for one in recording.sessions) >= 5  # 100 s of standing each
 
 
+def stands_at(result: Result, robot: int, times: np.ndarray) -> np.ndarray:
+    own = result.segments.filter(run=1, robot=robot).sort("start_s")
+    return (own["kind"] == "stop").to_numpy()[
+        own["start_s"].search_sorted(times, side="right").to_numpy() - 1
+    ]
+
+
 def test_a_session_can_be_watched_where_the_robots_were(recording: Recording, made: Result) -> None:
     times = np.arange(1.0, 399.0, 7.3)
     for robot in range(5):
         seen, was = pose(recording.segments, 1, robot, times), pose(made.segments, 1, robot, times)
         off = np.hypot(*(seen - was)[:, :2].T)
         assert off.max() < 0.004  # a straight line for an arc of a quarter of a second, and 2 mm of standing
+        often = np.arange(1.0, 399.0, 0.05)
+        stands, stood = (stands_at(result, robot, often) for result in (recording, made))
+        assert (stands != stood).mean() < 0.06  # a camera's step at each end of a stop
 
 
 def test_what_became_of_the_robots(recording: Recording, made: Result) -> None:
@@ -106,6 +117,14 @@ def test_the_console_log_holds_samples_after_five_seconds(from_console: Recordin
     assert all(one["told"]["rows_repeated"] == 5 for one in from_console.sessions)
     assert from_console.scenario.walk.walk_duration_scale_ms == 15000.0
     assert "walk.walk_duration_scale_ms" in from_console.stated
+
+
+def test_walking_and_standing_add_up_to_the_time_of_a_line(console_logs: list[Path]) -> None:
+    """In a console log avoidance is a part of walking."""
+    lines = [line.split(",") for line in console_logs[0].read_text().splitlines()]
+    sums_ms = [(1000.0 * float(line[1]), int(line[14]) + int(line[16])) for line in lines if len(line) == 19]
+    assert len(sums_ms) > 100
+    assert np.abs(np.subtract(*np.transpose(sums_ms))).max() < 2.0
 
 
 def test_a_recording_is_kept_and_read_back(recording: Recording, tmp_path: Path) -> None:

@@ -229,7 +229,9 @@ def test_a_lost_row_is_put_back(logs: list[Path], ground: Floor, told: Scenario,
     (tmp_path / "short.csv").write_text("\n".join(lines) + "\n")
     found = recording_of([read_log(tmp_path / "short.csv")], ground, described(told), RULES)
     frame, unsent = replayed_table(found, scenario_of(found, told))
-    assert frame.height == found.motion.height + 2
+    assert frame.height == found.robots["samples"].sum() == found.motion.height + 2
+    stops_s = found.motion["stop_s"]  # that after a lost row is not as long as two
+    assert stops_s.max() < 1.5 * stops_s.median()
     key = ["robot", "sample"]
     restored = _rows_of(found, 0).session
     times_s = dict(
@@ -241,6 +243,13 @@ def test_a_lost_row_is_put_back(logs: list[Path], ground: Floor, told: Scenario,
         assert times_s[robot, sample] == pytest.approx(around)
     assert unsent <= 8  # when it was sent is not known to a second
     assert replay_recording(found, scenario_of(found, told), draws=1).put_back == 2
+    more = found.inference.with_columns(pl.col("messages_received") + 900)  # more than were sent by then
+    for_one, for_three = (
+        replay_recording(replace(found, inference=more), scenario_of(found, told), draws=draws).unsent
+        for draws in (1, 3)
+    )
+    assert for_three == pytest.approx(for_one, rel=0.1)
+    assert for_one > unsent
 
 
 def test_a_lost_row_without_an_energy_to_draw_from_is_refused(
@@ -272,6 +281,8 @@ def test_what_is_told(recording: Recording) -> None:
 def test_outcomes_of_two_draws_by_hand(recording: Recording) -> None:
     """A robot that does not decide counts with its last sample; limits are quantiles of the draws."""
     once = replay_recording(recording, recording.scenario, draws=1)
+    twice = replay_recording(recording, recording.scenario, draws=2)
+    assert twice.robots.filter(draw=0).equals(once.robots)
     robots = once.robots.with_columns(decision=0, decision_time_s=pl.lit(100.0))
     undecided = robots.with_columns(
         draw=pl.lit(1, pl.UInt32),

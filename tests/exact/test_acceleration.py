@@ -21,7 +21,14 @@ from vibroswarm.observation.observe import Places, sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
-from vibroswarm.sensors.acceleration import GRAVITY_M_S2, accelerations, add_noise, response, sensing
+from vibroswarm.sensors.acceleration import (
+    GRAVITY_M_S2,
+    accelerations,
+    add_noise,
+    averaged_readings,
+    response,
+    sensing,
+)
 from vibroswarm.sensors.base import STUDY_GRID
 from vibroswarm.testing.runs import in_pieces
 from vibroswarm.testing.sensor import check_sensor
@@ -102,6 +109,10 @@ def test_a_coupled_pair_moves_as_its_closed_solution(frequency_hz: float) -> Non
     )
 
 
+def test_tiles_that_are_all_driven_slowly_alike_move_as_they_are_driven() -> None:
+    assert response((3, 4), 1e-3, quiet(coupling=0.3).sensor.params).sum(axis=1) == pytest.approx(1.0)
+
+
 def test_robots_feel_the_pair() -> None:
     """Without chance a sample on either tile is the sine of the closed solution."""
     p = quiet(motor_hz=(100.0,)).sensor.params
@@ -126,10 +137,14 @@ def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
     heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
     assert heights == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
     # 15 mm from the edge, feet 20 mm from the middle are on both sides in directions within acos(0.75) of across it.
-    heights = np.abs(accelerations(samples_at([0.185] * 400, [1, 0]), p)[:, 2] - GRAVITY_M_S2).max(axis=1)
+    lateral = quiet(feet_m=0.04, coupling=0.0, lateral=0.1).sensor.params
+    found = accelerations(samples_at([0.185] * 400, [1, 0]), lateral)
+    heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
     straddles = heights < 0.85 * p.amplitude_m_s2
     assert heights[straddles] == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
     assert straddles.mean() == pytest.approx(math.acos(0.75) / (math.pi / 2), abs=0.1)
+    # The horizontal motion is in the direction of the feet.
+    assert (np.abs(found[:, 0]).max(axis=1) / heights)[straddles].min() > 0.07
     # Feet of a large robot are five tiles apart, or off the row: of those on it, the farther one was not felt.
     row = [1] * 12
     far = MODEL.sensed(samples_at([1.3] * 2000, row, 12), quiet(feet_m=1.0, coupling=0.0).sensor.params)[:, 0]
@@ -144,6 +159,9 @@ def test_noise_has_its_standard_deviation_and_no_memory() -> None:
     lagged = (noise[..., 1:] * noise[..., :-1]).mean()
     assert abs(lagged) < 4 * 0.25 / math.sqrt(noise.size)
     assert abs((noise[:, 0] * noise[:, 2]).mean()) < 4 * 0.25 / math.sqrt(noise[:, 0].size)
+    gains = quiet(noise_m_s2=0.5, gain_spread=0.3).sensor.params  # robots' accelerometers magnify noise too
+    spreads = [accelerations(samples_at([0.1], [0, 0], robot=k), gains)[0, :2].std() for k in range(100)]
+    assert np.log(spreads).std() == pytest.approx(0.3, rel=0.2)
 
 
 def logs(samples: Samples, **fields: object) -> np.ndarray:
@@ -161,6 +179,16 @@ def test_motors_keep_their_amplitude_for_a_time_and_are_felt_alike_by_all_robots
     assert np.abs(one - other).max() < 0.02
 
 
+def test_motors_wander_in_frequency_as_stated_and_apart_from_their_amplitude() -> None:
+    p = quiet(motor_hz=(100.0,), frequency_jitter=0.02, motor_jitter=0.5, coupling=0.0).sensor.params
+    wave = accelerations(samples_at([0.1] * 300, [1, 0], every_s=10.0), p)[:, 2] - GRAVITY_M_S2
+    middle, beside = wave[:, 1:-1], wave[:, 2:] + wave[:, :-2]  # beside = 2 cos(2 pi f / rate) middle
+    share = np.arccos((middle * beside).sum(axis=1) / (2.0 * (middle**2).sum(axis=1))) / (2.0 * math.pi)
+    assert (share * p.rate_hz).mean() == pytest.approx(100.0, abs=0.5)
+    assert (share * p.rate_hz).std() == pytest.approx(2.0, rel=0.15)
+    assert np.corrcoef(share, np.log((wave**2).mean(axis=1)))[0, 1] == pytest.approx(0.0, abs=0.2)
+
+
 def test_motors_differ_for_a_run_and_robots_do() -> None:
     times = {"every_s": 30.0}
     tiles = [logs(samples_at([0.1] * 5, [1, 0], run=run, **times), motor_spread=0.3) for run in range(200)]
@@ -172,6 +200,8 @@ def test_motors_differ_for_a_run_and_robots_do() -> None:
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.2
     robots = np.array([logs(samples_at([0.1], [1, 0], robot=k), **gains)[0] for k in range(200)])
     assert robots.std() == pytest.approx(0.2, rel=0.15)
+    runs = np.array([logs(samples_at([0.1], [1, 0], run=run), **gains)[0] for run in range(200)])
+    assert runs.std() == pytest.approx(0.2, rel=0.15)
 
 
 def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
@@ -405,6 +435,9 @@ def test_three_motors_are_told_apart_by_their_frequency() -> None:
         (70.0, 105.0, 245.0), (1, 2, 3), 0.0
     )  # negative control: 245 Hz folds onto 105 Hz
     assert alike < 0.75
+    motors = {"sensor.acceleration.motor_hz": (70.0, 105.0, 150.0)}
+    p = scenario().with_values(QUIET | SEVERAL | motors).sensor.params
+    assert MODEL.reading(MODEL.sensed(samples_at([0.1], [0, 0]), p), p).tolist() == [0]
 
 
 def test_an_axis_shows_a_horizontal_frequency_and_a_magnitude_twice_it() -> None:
@@ -442,6 +475,15 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     assert found["peak_hz"] == pytest.approx(100.0, abs=0.3)
     assert found["peak_height"] == pytest.approx(own, rel=0.05)
     assert found["crossings_hz"] == pytest.approx(100.0, abs=2.0)
+    # A longer signal is averaged before its spectrum is taken, and its peak is as high as without that.
+    p = quiet(motor_hz=(60.0,), features=("peak_height",), axis="z", signal_ms=1000.0).sensor.params
+    assert averaged_readings(p) == 2
+    own = (
+        p.amplitude_m_s2
+        * response((1, 2), 60.0, p)[0, 0]
+        * gain(60.0, 350.0, program.feedback, program.forward)
+    )
+    assert MODEL.sensed(samples, p)[0, 1] == pytest.approx(own, rel=0.05)
 
 
 def test_a_robot_with_other_rates_is_exported() -> None:

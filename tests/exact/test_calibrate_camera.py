@@ -37,6 +37,8 @@ def test_true_positions_are_found_again_from_where_they_were_seen() -> None:
     back = CAMERA.true(*CAMERA.seen(x, y, (1.0, 1.0)), (1.0, 1.0))
     np.testing.assert_allclose(back, (x, y), atol=1e-12)
     assert np.abs(np.subtract(CAMERA.seen(x, y, (1.0, 1.0)), (x, y))).max() > 0.02
+    corners = CAMERA.seen(np.array([0.0, 1.0]), np.array([0.0, 1.0]), (1.0, 1.0))  # are seen in the arena
+    assert np.array(corners).tolist() == [[0.0, 1.0], [0.0, 1.0]]
 
 
 def test_it_is_that_of_a_scenarios_fields() -> None:

@@ -43,6 +43,7 @@ def test_two_samples_of_one_distribution_reach_the_ceiling() -> None:
     expected = np.mean([ceiling("places", draw(1500), 1500, 1500) for _ in range(40)])
     assert reached == pytest.approx(expected, abs=0.003)
     assert null_similarity("places", draw(1500), 1500) < reached - 0.05
+    assert ceiling("still", np.ones((10, 1)), 10, 10) == pytest.approx(1.0)  # all in one bin
 
 
 def test_a_shapeless_simulation_is_near_its_null_however_high_its_similarity() -> None:

@@ -6,6 +6,7 @@ import math
 from itertools import product
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vibroswarm.calibrate.message_loss import (
@@ -18,6 +19,7 @@ from vibroswarm.calibrate.message_loss import (
     gap_sizes,
     jackknife,
     lost_for_good,
+    lost_in_long_windows,
     passing,
     simulated,
     windows_of,
@@ -82,6 +84,9 @@ def test_gaps_by_hand() -> None:
     assert lost_for_good(one).tolist() == [0, 0, 0, 3, 2, 1]  # that of the second window was only late
     assert gap_sizes(one).tolist() == [6]
     assert by_size([one]).tolist() == [0, 0, 0, 1, 0, 0]
+    # The last window is over twice as long as the usual one: it has 6 of 7 lost messages and 8 of 20 sent ones.
+    sent, received, length_s = np.array([4, 4, 4, 8]), np.array([4, 4, 3, 2]), np.array([4.0, 4.0, 4.0, 20.0])
+    assert lost_in_long_windows([Windows(0, 0, sent, received, length_s)]) == pytest.approx((6 / 7, 8 / 20))
 
 
 def test_windows_of_a_simulation_hold_all_messages() -> None:
@@ -93,7 +98,10 @@ def test_windows_of_a_simulation_hold_all_messages() -> None:
     assert [(one.run, one.robot) for one in found] == [(run, robot) for run in (0, 1) for robot in range(5)]
     sent, received = (sum(int(getattr(one, name).sum()) for one in found) for name in ("sent", "received"))
     assert abs(received / sent - 0.8) < 4.0 * math.sqrt(0.16 / sent)
-    one = found[0]
+    one, first = found[0], pl.col("robot") == 0
+    own, others = (result.motion.filter(pl.col("run") == 0, of) for of in (first, ~first))
+    before = [int((others["time_s"] < stop_s).sum()) for stop_s in own["stop_start_s"]]
+    assert np.cumsum(one.sent).tolist() == before
     table = result.inference
     assert (
         one.received.sum()

@@ -23,6 +23,7 @@ from vibroswarm.recordings.threshold import (
     labelled,
     least_cost,
     recommend,
+    robot_and_tile_weights,
     unseen_errors,
 )
 from vibroswarm.scenario.scenario import preset
@@ -84,6 +85,10 @@ def test_the_least_cost_lies_at_the_threshold_itself() -> None:
     assert least_cost(1.0, 1.0, 0.5)(energy, still_first, one) == 1.5
     vibrating_first = np.array([True, False, True, True])
     assert least_cost(1.0, 9.0, 0.5)(energy, vibrating_first, one) == 0.5
+    # Of several ranges of thresholds with the least cost, the longest: here up to an energy without a weight.
+    weight = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
+    kinds = np.array([False, True, False, False, True])
+    assert least_cost(1.0, 1.0, 0.5)(np.arange(1.0, 6.0), kinds, weight) == 4.0
     # Energies are not negative, so that no threshold lies below the energy 0.
     assert least_cost(1.0, 9.0, 0.5)(energy - 1.0, vibrating_first, one) == 1.5
 
@@ -133,6 +138,21 @@ def test_the_profile_holds_every_sample(recording: Recording) -> None:
     profile = edge_profile(data, 1.33)
     assert (profile["still"] + profile["vibrating"]).sum() == data.energy.size
     assert profile["from_m"].to_list()[0] == 0.0
+
+
+def test_errors_in_a_session_are_of_the_threshold_of_the_others(recording: Recording) -> None:
+    data = labelled(recording)
+    other, still = data.session == 1, ~data.vibrating
+    value = equal_error(data.energy[other], data.vibrating[other], np.ones(other.sum()))
+    first = unseen_errors(recording).row(0, named=True)
+    assert (first["session"], first["threshold"]) == (1, value)
+    assert first["false_positive"] == (data.energy[~other & still] > value).mean()
+
+
+def test_robots_and_tiles_are_drawn_independently() -> None:
+    number = np.arange(20)
+    weights = [robot_and_tile_weights(1, draw, number, number) for draw in range(200)]
+    assert np.mean(weights) == pytest.approx(1.0, abs=0.1)
 
 
 def test_wrong_costs(recording: Recording) -> None:

@@ -115,6 +115,9 @@ def test_units_and_numbered_samples(tmp_path: Path) -> None:
     assert by_number.warnings == ()
     (said,) = in_g.warnings
     assert said == "the mean magnitude is 9.814, which is gravity in m/s2, and not in g: add --unit m/s2"
+    in_mm = spectra_of(path, axis="z", unit="mm/s2", by=("tile",), size_m=(1.0, 2.0))  # all are 0.9 m up
+    assert in_mm.whole.power == pytest.approx(1e-6 * by_number.whole.power)
+    assert [one.name for one in in_mm.spectra] == ["", "tile 3, 1", "tile 3, 5"]
 
 
 def driven(seconds: float = 60.0, y_m: float = 0.5) -> pl.DataFrame:
@@ -135,6 +138,10 @@ def test_stops_of_a_recording_without_pauses_are_where_the_robot_stands(tmp_path
     found = spectra_of(file_of(frame, tmp_path), axis="z")
     assert found.samples == 20
     assert [round(line.hz) for line in found.whole.lines] == [61]
+    west = frame.with_columns(
+        heading_rad=pl.Series(np.resize([3.14, -3.14], frame.height))
+    )  # as it is measured
+    assert spectra_of(file_of(west, tmp_path), axis="z").samples == 20
     # Negative controls: without places there are no stops, and a robot that turns in place does not stand.
     with pytest.raises(InputError, match="without a pause"):
         spectra_of(file_of(frame.drop("x_m"), tmp_path), axis="z")

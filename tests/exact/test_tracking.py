@@ -25,7 +25,7 @@ from vibroswarm.tracking.camera import (
     square_of,
 )
 from vibroswarm.tracking.marker_detection import _Detector, _Finder
-from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
+from vibroswarm.tracking.markers import corners_at, dictionary_of, read_markers, usual_markers
 from vibroswarm.tracking.pictures import draw_tracks
 from vibroswarm.tracking.stops import STOPS, clock_offset, stops_of
 from vibroswarm.tracking.track import PLACES_M, too_fast
@@ -294,6 +294,17 @@ def test_a_marker_whose_edges_cannot_be_fitted_is_no_error() -> None:
     height, width = picture.shape
     for marker in range(5):
         finder.in_window(picture, ((0, 0), (width, height)), marker)
+
+
+def test_a_marker_that_is_enlarged_to_be_read_is_where_it_is() -> None:
+    """One of 11 px; pixels have their middles at whole numbers."""
+    picture = np.full((60, 60), 255, dtype=np.uint8)
+    drawn = dictionary_of(MARKERS.dictionary).generateImageMarker(3, 66)
+    picture[22:33, 20:31] = cv2.resize(drawn, (11, 11), interpolation=cv2.INTER_AREA)
+    (corners,) = _Finder(cv2, MARKERS).in_window(
+        cv2.GaussianBlur(picture, (0, 0), 0.7), ((11, 13), (40, 42)), 3
+    )
+    assert corners.mean(axis=0) == pytest.approx([25.0, 27.0], abs=0.05)
 
 
 def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:

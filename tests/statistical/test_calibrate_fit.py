@@ -90,8 +90,8 @@ def test_drives(found: Dataset) -> None:
     assert values["battery_life_s"] == pytest.approx(12_000, rel=0.1)
     fields = fit.fields(BASE)
     assert fields["robot.speed_redraw"] == "robot"
-    assert fields["robot.misalignment_min"] == pytest.approx(-0.06, abs=0.015)
-    assert fields["robot.misalignment_max"] == pytest.approx(0.0, abs=0.015)
+    assert fields["robot.misalignment_min"] == pytest.approx(-0.06, abs=0.01)
+    assert fields["robot.misalignment_max"] == pytest.approx(0.0, abs=0.01)
     BASE.with_values({name: value for name, value in fields.items() if value is not None})
 
 
@@ -157,7 +157,7 @@ def test_speeds_that_differ_by_session_are_found_and_others_are_not() -> None:
 def test_speeds_that_drift_within_sessions_make_the_error_of_the_start_larger() -> None:
     """It is that of a sum of weights times speeds, also where ten drives in a row have the same speed."""
     rng = np.random.default_rng(9)
-    time = np.linspace(0.0, 1200.0, 200)
+    time = 1200.0 * np.linspace(0.0, 1.0, 200) ** 2
     weights = np.linalg.pinv(np.column_stack([np.ones(200), time]))[0]
     for stretch in (1, 10):
         stated = []

@@ -62,6 +62,24 @@ def test_places_are_as_near_as_stated() -> None:
     assert np.quantile(one, 0.9) > 0.2  # and sure of it
 
 
+def test_starts_are_told_with_an_error_in_each_direction() -> None:
+    told = {"localisation__method": "dead_reckoning", "localisation__start_spread_m": 0.1}
+    first = (
+        places_of(**told).filter(sample=0).join(moved().samples, on=["run", "robot", "sample"], suffix="_now")
+    )
+    errors = np.array([first[name] - first[f"{name}_now"] for name in ("x_m", "y_m")])
+    assert errors.std(axis=1) == pytest.approx([0.1, 0.1], rel=0.2)
+    assert np.corrcoef(errors)[0, 1] == pytest.approx(0.0, abs=0.25)
+
+
+def test_each_robot_is_located_with_its_own_ray() -> None:
+    own = locate(GOOD.with_values({"rays.forward_each_m": (0.0, 0.05)}), SEED, moved())
+    for k, forward_m in enumerate((0.0, 0.05)):
+        alike = locate(GOOD.with_values({"rays.forward_m": forward_m}), SEED, moved())
+        rows = pl.col("robot") % 2 == k
+        assert own.filter(rows).equals(alike.filter(rows))
+
+
 def test_a_gyro_that_lies_is_seen_in_the_spread() -> None:
     """Errors of a poor gyro that robots take for a good one are larger than they say."""
     honest = errors_of(places_of(odometry__level="poor"))[1]

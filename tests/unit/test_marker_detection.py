@@ -174,6 +174,8 @@ def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
     one = replace(drawn.MARKERS, robots={0: 0})
     found = detect(tmp_path / "v.avi", one)
     assert tuple(frame for frame, _ in found.unexpected[1]) == (*SEARCHED_WHOLE, 79)
+    bits = 8 * (tmp_path / "v.avi").stat().st_size
+    assert found.bits_per_px == pytest.approx(bits / (80 * np.prod(found.size_px)))
     assert detect(tmp_path / "v.avi", drawn.MARKERS).unexpected == {}
 
 

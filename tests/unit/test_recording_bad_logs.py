@@ -15,6 +15,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings import floor_fit
 from vibroswarm.recordings.assemble_recording import count_lines, recording_of
+from vibroswarm.recordings.column_map import seconds_of
 from vibroswarm.recordings.floor_fit import ORIENTATIONS, check_floor, floor_fits, turned
 from vibroswarm.recordings.log import COUNTED, Log, in_order, unwrapped
 from vibroswarm.recordings.log_readers import read_log
@@ -91,10 +92,11 @@ def test_late_rows_are_put_in_their_place_and_lost_ones_counted(
         rows.insert(104, rows.pop(100))  # within a loop or two of the camera
         rows.insert(212, rows.pop(203))
         rows.pop(first_sample(rows, 30))
+        rows.pop(first_sample(rows))
 
     mended, whole = in_order(read_log(changed(shuffle))), in_order(read_log(logs[0]))
     assert 1 <= mended.counts["rows_late"] <= 2
-    assert mended.counts["samples_lost"] == 1
+    assert mended.counts["samples_lost"] == 2
     assert whole.counts["samples_lost"] == whole.counts["rows_late"] == 0
     assert mended.tracks["time_s"].is_sorted()
 
@@ -206,6 +208,43 @@ def test_a_sample_without_an_energy_leaves_the_path_through_all_others(tmp_path:
     path = recording.segments.select("start_s", "x_m").rows()
     assert [(time_s, pytest.approx(x_m)) in path for time_s, x_m in places] == [True] * 8
     assert recording.sessions[0]["told"]["positions_old"] == 0
+
+
+def test_a_stop_begins_no_sooner_than_the_session_or_the_sample_before(tmp_path: Path, ground: Floor) -> None:
+    log = read_plain(tmp_path, PLAIN.format("note") + "1,0.2,0.5,0.5,1.25,\n1,0.5,0.5,0.5,1.25,\n")
+    recording = recording_of([log], ground, preset("paper"), any_floor=True)
+    assert recording.motion["stop_start_s"].to_list() == [0.0, 0.2]
+
+
+@pytest.mark.parametrize(("last_s", "silent_s"), [(300.0, 0.0), (400.0, 200.0)])
+def test_a_silence_is_longer_than_three_usual_steps(
+    last_s: float, silent_s: float, tmp_path: Path, ground: Floor
+) -> None:
+    rows = "".join(f"1,{time_s},0.5,0.5,1.25,\n" for time_s in (50.0, 100.0, 150.0, 200.0, last_s))
+    log = read_plain(tmp_path, PLAIN.format("note") + rows)
+    recording = recording_of([log], ground, preset("paper"), any_floor=True)
+    assert recording.sessions[0]["told"]["silent_s"] == silent_s
+
+
+def test_a_step_is_a_jump_only_if_it_is_long_and_fast(tmp_path: Path, ground: Floor) -> None:
+    """Nine steps of 5 cm at the usual speed, and one of 5 mm in 10 ms."""
+    places = [*((float(k), 0.1 + 0.05 * k) for k in range(10)), (9.01, 0.555)]
+    rows = "".join(f"1,{time_s},{x_m:.3f},0.5,,\n" for time_s, x_m in places)
+    log = read_plain(tmp_path, PLAIN.format("note") + rows + "1,10.0,0.555,0.5,1.25,\n")
+    recording = recording_of([log], ground, preset("paper"), any_floor=True)
+    assert recording.sessions[0]["told"]["jumps"] == 0
+
+
+def test_a_gap_in_tracking_is_counted_with_its_length(
+    changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
+) -> None:
+    def hide(rows: Rows) -> None:
+        hidden = [row for row in rows[1:] if row[2] == rows[1][2] and row[6] == "None"]
+        rows[:] = [row for row in rows if row not in hidden or not 100.0 < float(row[1]) < 102.0]
+
+    told = recording_of([read_log(changed(hide))], ground, preset("paper")).sessions[0]["told"]
+    assert told["tracking_gaps"] == 1
+    assert told["tracking_gap_longest_s"] == pytest.approx(2.0, abs=0.5)
 
 
 def test_positions_of_another_unit_are_refused(
@@ -331,6 +370,11 @@ def test_times_may_count_from_the_first_row(tmp_path: Path) -> None:
         read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
 
 
+def test_timestamps_count_from_the_earliest_also_if_it_is_not_the_first() -> None:
+    cells, lines = pl.Series(["2026-05-01T10:00:01", "2026-05-01T10:00:00.5"]), pl.Series([2, 3])
+    assert seconds_of(cells, lines, "a.csv", "time", missing=("",)).to_list() == [0.5, 0.0]
+
+
 def test_a_robot_decides_no_sooner_than_its_log_says(
     changed: Callable[[Callable[[Rows], object]], Path], ground: Floor
 ) -> None:
@@ -401,6 +445,14 @@ def test_a_floor_that_is_turned_is_told_so(logs: list[Path], ground: Floor, orie
     fits = floor_fits(wrong, in_order(read_log(logs[0])).samples)
     assert np.array_equal(turned(wrong.tiles, fits[0].orientation), ground.tiles)
     assert fits[0].probability >= 1 / (floor_fit.FLOORS + 1)  # never 0, whatever other floors do
+
+
+def test_the_contrast_of_a_floor_is_of_logarithms() -> None:
+    floor = Floor.filling([[0, 1, 1], [0, 0, 1]])
+    row, column = np.divmod(np.arange(6), 3)
+    places = {"x_m": (column + 0.5) / 3, "y_m": 1 - (row + 0.5) / 2}
+    best = floor_fits(floor, pl.DataFrame({**places, "energy": np.exp(2.0 * floor.tiles.ravel())}))[0]
+    assert (best.orientation, best.contrast) == ("as it is", pytest.approx(2.0))
 
 
 def test_a_floor_that_does_not_fit_is_taken_on_request(logs: list[Path], ground: Floor) -> None:

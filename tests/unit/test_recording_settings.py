@@ -15,7 +15,13 @@ from vibroswarm.documents.recording import _inferred_value, write_pages
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot, write_webots
-from vibroswarm.recordings.infer_settings import infer_gate, infer_settings, infer_tau, infer_threshold
+from vibroswarm.recordings.infer_settings import (
+    infer_credible,
+    infer_gate,
+    infer_settings,
+    infer_tau,
+    infer_threshold,
+)
 from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
@@ -103,8 +109,12 @@ def test_only_own_readings_can_be_the_current_sample(gate: str) -> None:
             "sent": sent, "messages_received": received,
         }
     )  # fmt: skip
-    kind, least = infer_gate([Log("a log", "by hand", samples, tracks=pl.DataFrame())], 0.95)
+    logs = [Log("a log", "by hand", samples, tracks=pl.DataFrame())]
+    kind, least = infer_gate(logs, 0.95)
+    assert infer_credible(logs, [kind, least]).high == pytest.approx(0.99)
     assert kind.value == gate, kind.evidence
+    most = 10 if gate == "total" else 9  # of the undecided ones
+    assert (least.value, least.low, least.high) == (most, most, most + 1)
     assert ("if the current sample counts" in least.evidence) is (gate != "received")
 
 

@@ -177,6 +177,24 @@ def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], gi
     assert all(doubt.kind in ADVICE and doubt.kind in TITLES for doubt in found)
 
 
+def test_a_robot_that_is_seen_late_has_a_gap_before(tmp_path: Path) -> None:
+    def hide_first(corners: np.ndarray[Any, Any]) -> None:
+        corners[:30, 1] = np.nan
+
+    tracking = tracking_of(tmp_path, hide_first)
+    assert tracking.gaps().rows() == [(1, 0.0, pytest.approx(3.0))]
+    assert tracking.share_found() == pytest.approx(1.0 - 30 / 400)
+
+
+def test_the_smallest_marker_is_named_first(tmp_path: Path) -> None:
+    def shrink_one_more(corners: np.ndarray[Any, Any]) -> None:
+        shrink(corners)
+        shrink(corners[:, 1:])
+
+    found = doubts_of(tracking_of(tmp_path, shrink_one_more))
+    assert [doubt.robot for doubt in found if doubt.kind == "small"] == [1, 0]
+
+
 def test_dropped_positions_are_linked_to_a_camera_that_moves(tmp_path: Path) -> None:
     pushed = [floor_moving(dict.fromkeys(MARKERS.floor, [0.0] * 40 + [px] * 4)) for px in (0.2, 2.0)]
     fixed, moving = (tracking_of(tmp_path, floor_seen=floor, dropped=DROPPED) for floor in pushed)
@@ -195,6 +213,10 @@ def test_samples_and_stops_are_matched_once_each_and_the_others_are_named(tmp_pa
     matched, lone = match_samples(tracking.stops, samples, offset)
     assert matched.drop_nulls().select("robot", "stop_end_s").rows() == [(0, ends[0])]
     assert matched.drop_nulls()["residual_s"][0] == pytest.approx(0.02)
+    due_sooner, _ = match_samples(
+        tracking.stops, samples, ClockOffset(100.02, 0.01, 2, 4, control_period_s=0.02)
+    )
+    assert due_sooner.drop_nulls()["residual_s"][0] == pytest.approx(0.02)
     assert lone["robot"].to_list() == [1]
     found = {doubt.kind: doubt.words for doubt in doubts_of(tracking, matched, lone)}
     assert found["late"].startswith("Robot 1 logged a sample at 6.5 s, in a stop that was seen to end at 8.")
@@ -204,6 +226,11 @@ def test_samples_and_stops_are_matched_once_each_and_the_others_are_named(tmp_pa
     assert "stop" not in found
     matched, lone = match_samples(tracking.stops, samples.filter(pl.col("time_s") != 106.5), offset)
     assert {doubt.kind for doubt in doubts_of(tracking, matched, lone)} == {"sample", "stop"}
+    around = pl.DataFrame({"robot": [0, 0], "time_s": [101.0, 119.0]})
+    matched, lone = match_samples(tracking.stops, around, offset)
+    shorter = lone.with_columns(pl.col("start_s") + pl.when(pl.col("robot") == 0).then(1.0).otherwise(0.0))
+    found = doubts_of(tracking, matched, shorter)
+    assert [doubt.robot for doubt in found if doubt.kind == "stop"] == [1, 0]  # the longest first
 
 
 def test_samples_get_the_places_that_the_camera_saw_and_none_in_gaps(
@@ -212,7 +239,9 @@ def test_samples_get_the_places_that_the_camera_saw_and_none_in_gaps(
     """Taken before the video, at 16 cm, halfway between two frames, in a gap of 2 s, and after the video."""
     tracking = tracking_of(tmp_path)
     hidden = pl.col("time_s").is_between(12.0, 14.0) & (pl.col("robot") == 1)
-    tracking = replace(tracking, positions=tracking.positions.filter(~hidden))
+    west = pl.Series(np.resize([3.1, -3.1], tracking.positions.height))
+    positions = tracking.positions.with_columns(heading_rad=west).filter(~hidden)
+    tracking = replace(tracking, positions=positions)
     monkeypatch.setattr(track, "clock_offset", lambda *_: ClockOffset(100.0, 0.01, 2, 4))
     samples = pl.DataFrame({"robot": 1, "time_s": [99.0, 102.0, 103.05, 113.0, 121.0], "energy": 1.0})
     found = track.with_positions(tracking, samples, "log.csv")
@@ -220,6 +249,17 @@ def test_samples_get_the_places_that_the_camera_saw_and_none_in_gaps(
     assert found.log.samples["time_s"].to_list() == [102.0, 103.05]
     assert found.log.samples["x_m"].to_list() == pytest.approx([0.16, 0.1915], abs=1e-6)
     assert found.log.samples["y_m"].to_list() == pytest.approx([0.6, 0.6], abs=1e-6)
+    assert found.log.samples["heading_rad"].abs().min() > 3.0
+    assert found.log.tracks["time_s"].min() == pytest.approx(100.0)  # by the log's clock
+
+
+def test_robots_head_where_their_markers_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The markers' upper edges point up, and the robots drive to the right, clockwise from there."""
+    seen = tracking_of(tmp_path).detections
+    monkeypatch.setattr(track, "detect", lambda *_, **__: seen)
+    monkeypatch.setattr(track, "fit_camera", lambda *_, **__: CAMERA)
+    found = track.track(tmp_path / "video.avi", replace(MARKERS, forward_rad=-np.pi / 2)).positions
+    assert found["heading_rad"].to_numpy() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_frames_are_bounded_and_every_kind_has_some() -> None:
