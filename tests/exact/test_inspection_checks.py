@@ -257,6 +257,24 @@ def test_bits_are_checked_and_told_by_their_own_law() -> None:
     assert set(np.unique(drawn_values(np.random.default_rng(1), samples, 3))) == {0.0, 1.0}
 
 
+def test_bits_are_weighed_by_what_is_claimed_of_them_however_much_tiles_differ() -> None:
+    """Where tiles differ, bits counted by the true rates: the told risk was 12 % in the place of 62 %, by 300 s."""
+    stated = {
+        "run.t_end_s": 60.0,
+        "floor.source": "random:0.0",
+        "sensor.claimed_rates": ((0.9, 0.1), (0.2, 0.8)),
+    }
+    samples = inspect(preset("optimised-places").with_values(stated), bits=True).samples
+    law = replace(samples.law, sensor=samples.law.sensor.model_copy(update={"tile_spread": 0.3}))
+    alike, differ = (
+        inspect(one, question=Question(0.2, (1.0,)), replicates=19).assessment
+        for one in (samples, replace(samples, law=law))
+    )
+    assert alike is not None
+    assert differ is not None
+    assert differ.stopping.told == pytest.approx(alike.stopping.told)
+
+
 @pytest.mark.parametrize(("values", "words"), [(4, "fewer than 20"), (400, "cannot be told apart")])
 def test_a_reference_that_tells_nothing_is_refused(values: int, words: str, tmp_path: Path) -> None:
     random = np.random.default_rng(1)

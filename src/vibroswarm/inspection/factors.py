@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.inspection.damage import contrast_ratios, draws_of, interpolated, tables_of, tiles_below
 from vibroswarm.inspection.samples import Floats, Law, Samples, read_by
-from vibroswarm.observation.energy_model import MOST, likelihood_at
+from vibroswarm.observation.energy_model import MOST, claimed_rates, claims_truth, likelihood_at
 
 STEP: Final = 0.05
 """Change of the log factor over which kappa is computed."""
@@ -195,10 +195,12 @@ def _log_tables(law: Law, contrasts: tuple[float, ...]) -> Floats:
 
 @lru_cache(maxsize=4096)
 def _rates_at(law: Law, factor: float) -> tuple[float, float]:
-    """Return the probability of a reading of 1 on still and on vibrating tiles of a factor.
-
-    It is the true one, also where robots claim another.
-    """
+    """Return the probability, as robots claim it, of a reading of 1 on still and on vibrating tiles of a factor."""
+    if not claims_truth(law.sensor):
+        still, vibrating = np.clip(
+            claimed_rates(law.typical.sensor, law.place, factor)[:, 1], 1e-6, 1.0 - 1e-6
+        )
+        return float(still), float(vibrating)
     table = tables_of(law.typical)
     still, vibrating = (
         np.average(read_by(law, factor * each), weights=np.gradient(table.u))

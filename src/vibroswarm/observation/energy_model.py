@@ -149,12 +149,14 @@ def claims_truth(sensor: Sensor) -> bool:
     return sensor.claimed_rates is None and not claims
 
 
-def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
+def claimed_rates(sensor: Sensor, place: Place | None = None, factor: float = 1.0) -> NDArray[np.float64]:
     """Return the probability, as robots claim it, that a sample on each kind of tile reads as each class.
 
     They are ``sensor.claimed_rates``; else those of the likelihood that the sensor states (``sensors.claims``); else
     the true ones. Averages over factors of tiles and robots are those of ``rates``.
 
+    Args:
+        factor: of the values of a sensor that states a likelihood, if tiles and robots do not differ.
     Returns: (kinds, classes).
     Raises:
         CodeError: the likelihood does not sum to 1.
@@ -166,10 +168,10 @@ def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.floa
     model, p = model_of(sensor), sensor.params
     threshold = getattr(p, "rms_threshold", None)
     if not factors_differ(sensor):
-        return rates_of_likelihood(model, p, threshold)
+        return rates_of_likelihood(model, p, threshold, factor)
     claimed = [
-        weight * rates_of_likelihood(model, p, threshold, factor)
-        for factor, weight in zip(*(each.tolist() for each in typical_factors(sensor)), strict=True)
+        weight * rates_of_likelihood(model, p, threshold, each_factor)
+        for each_factor, weight in zip(*(each.tolist() for each in typical_factors(sensor)), strict=True)
     ]
     return np.asarray(np.sum(claimed, axis=0))
 
