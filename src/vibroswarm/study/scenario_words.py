@@ -119,6 +119,8 @@ def refuse_without_effect(
     fields, scenarios = list(fields), list(scenarios)
     stated = {*fields, *beside}
     choices = [choice for scenario in scenarios for choice in scenario.choices]
+    loaded = strategies.known()
+    may_revise = [getattr(loaded.get(each.strategy.name), "revises", True) for each in scenarios]
     for field in fields:
         needed = NEEDS.get(field)
         # A fault that is set to 0, as in the first of several runs, is no mistake.
@@ -133,6 +135,12 @@ def refuse_without_effect(
             raise InputError(
                 'has no effect on robots that estimate no places; set localisation.method = "mixture", or leave this '
                 "out",
+                field=option + field,
+            )
+        if field == "decision.revise" and not any(may_revise):
+            raise InputError(
+                "has no effect: the strategy never revises a decision by it; use one that does, such as soft, forget, "
+                "reset or fading, or leave this out",
                 field=option + field,
             )
         kind, *path = field.split(".")
