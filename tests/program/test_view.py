@@ -177,15 +177,19 @@ def test_each_of_three_kinds_has_its_colours_and_decisions_their_words() -> None
         assert all(shape in one for one in drawn)
 
 
-def test_further_kinds_are_not_drawn_as_still_or_vibrating() -> None:
-    """Samples read as kind 5 and above were discs, and kinds 8 and 9 had the colours of still and vibrating."""
+def test_each_of_sixteen_kinds_has_tiles_and_samples_of_its_own_look() -> None:
+    """Kind 5 was a disc, 8 had the colours of still, later the looks of 2: tiles by lines, samples by shape differ."""
     three = {"sensor.model": "confusion", "strategy.name": "dirichlet", "task.name": "majority"}
     made = preset("paper").with_values({**three, "floor.source": "random:0.4,0.36,0.24", "run.t_end_s": 60.0})
     playback = Playback(simulate(made, 3, [0]), 0)
-    for kind in range(2, 16):
+    tiles, samples = set(), set()
+    for kind in range(16):
         playback.readings = np.full_like(playback.readings, kind)
-        assert scene_xml(playback, 60.0).count("cylinder") < playback.readings.size  # boxes, not discs
-        assert kind_colours(kind) not in map(kind_colours, (0, 1))
+        samples.add(scene_xml(playback, 60.0))
+        playback.floor = replace(playback.floor, tiles=np.full_like(playback.floor.tiles, kind))
+        tiles.add(floor_picture(playback, 0.0).tobytes())
+        assert kind < 2 or kind_colours(kind) not in map(kind_colours, (0, 1))
+    assert len(tiles) == len(samples) == 16
 
 
 def test_values_are_drawn_between_still_and_vibrating() -> None:

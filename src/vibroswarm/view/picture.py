@@ -29,8 +29,8 @@ from vibroswarm.view.scene import (
     Playback,
     floor_picture,
     kind_colours,
-    look_of,
     robot_parts,
+    shape_of,
     walls,
 )
 
@@ -170,7 +170,7 @@ def scene_xml(playback: Playback, time_s: float) -> str:
 
 
 BOXES: Final = ((0.0033, 0.0033, 45.0), (0.0033, 0.0033, 0.0), (0.006, 0.0015, 90.0), (0.006, 0.0015, 0.0))
-"""Half lengths (m) and rotation (degrees) of samples read as kind 1, 2, ...; see ``scene.look_of``. Of kind 0 they are
+"""Half lengths (m) and rotation (degrees) of samples read as kind 1, 2, ...; see ``scene.shape_of``. Of kind 0 they are
 discs."""
 
 
@@ -179,7 +179,7 @@ def _sample(x_m: float, y_m: float, reading: int) -> str:
     at, colour = (x_m, y_m, 0.0005), kind_colours(reading)[1]
     if reading == 0:
         return _geom("cylinder", (SAMPLE_M / 2, 0.0005), at, colour)
-    ahead_m, left_m, turned_deg = BOXES[look_of(reading, 1 + len(BOXES)) - 1]
+    ahead_m, left_m, turned_deg = BOXES[shape_of(reading) - 1]
     return _geom("box", (ahead_m, left_m, 0.0005), at, colour, turned_deg=turned_deg)
 
 

@@ -175,7 +175,7 @@ ROBOT_HEIGHT_M: Final = 0.025
 SAMPLE_M: Final = 0.008
 """Diameter of a sample."""
 POINTS: Final = ("circle", "diamond", "square", "sparkle", "rounded")
-"""Shapes of samples by their reading, as viser names them; see ``look_of``."""
+"""Shapes of samples by their reading, as viser names them; see ``shape_of``."""
 CHUNK: Final = 64
 """Samples whose clouds of points are replaced together: only the latest change when a sample is added."""
 PIXELS: Final = 400
@@ -241,6 +241,11 @@ def look_of(kind: int, looks: int) -> int:
     return kind if kind < looks else 2 + (kind - 2) % (looks - 2)
 
 
+def shape_of(kind: int) -> int:
+    """Return the index in ``POINTS`` of the shape of samples read as a kind; where colours repeat, shapes do not."""
+    return look_of(kind + max(kind - 2, 0) // (len(KINDS) - 2), len(POINTS))
+
+
 def colour_of(belief: float) -> Colour:
     """Return the colour (RGB) of a belief in the answer "less", from red (0) over pale (0.5) to blue (1)."""
     end = LESS if belief > 0.5 else MORE
@@ -257,16 +262,17 @@ def words_of(belief: float | None, decision: int, answers: tuple[str, ...]) -> s
 
 LINES: Final = ((1, 1), (1, -1), (0, 1), (1, 0), (1, 2), (2, 1))
 """The lines on tiles of kind 2, 3 and so on have one value of p * row + q * column, with these p and q, which are used
-again for further kinds."""
+again for further kinds, with denser lines."""
 LINES_APART: Final = 12
-"""The difference of that value from one line to the next, pixels."""
+"""The difference of that value from one line to the next, pixels; half of it from kind 8 on, a third from 14 on."""
 
 
 def _on_line(kind: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return 1 for pixels on a line of their kind of tile, else 0, (rows, columns) as ``kind``."""
     p, q = np.array(LINES)[(kind - 2) % len(LINES)].transpose(2, 0, 1)
     row, column = np.indices(kind.shape)
-    is_on_line = (kind > 1) & ((p * row + q * column) % LINES_APART == 0)
+    apart = LINES_APART // (1 + np.maximum(kind - 2, 0) // len(LINES))
+    is_on_line = (kind > 1) & ((p * row + q * column) % apart == 0)
     return np.asarray(is_on_line, dtype=np.intp)
 
 
@@ -404,7 +410,7 @@ class Scene:
             np.hstack([places, heights]).astype(np.float32),
             kind_colours(kind)[1],
             point_size=SAMPLE_M,
-            point_shape=POINTS[look_of(kind, len(POINTS))],
+            point_shape=POINTS[shape_of(kind)],
             point_shading="flat",
             precision="float32",
         )

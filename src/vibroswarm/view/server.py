@@ -79,7 +79,8 @@ def legend(playback: Playback) -> str:
         return (
             "Over each robot: its decision. Each kind has a colour: light of its tiles, dark of samples read as this "
             "kind, of robots that decided for it, and of the lines on tiles of kind 2 and above. Samples: discs of "
-            "kind 0, diamonds of kind 1, squares or other shapes of others. Kind 8 looks like kind 2, and so on."
+            "kind 0, diamonds of kind 1, squares or other shapes of others. Kind 8 has the colour of kind 2, with "
+            "denser lines and samples of another shape, and so on."
         )
     of_robot = "its decision"
     if playback.has_beliefs:
