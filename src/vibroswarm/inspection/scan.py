@@ -7,9 +7,8 @@
 | permuted p-value | - | the same with values exchanged within robots and blocks of ``BLOCK_S`` |
 
 Intact surfaces have the differences between robots and tiles that the law states; exchanged values have no differences
-between tiles, so that the permuted p-value is too small where tiles differ: with 17 %, below 5 % on 25 % of intact
-surfaces. With several looks T is the largest
-over looks, of the surface as of the intact ones, so that false calls are as stated however often is looked.
+between tiles, so that the permuted p-value is too small where tiles differ. With several looks T is the largest over
+looks, of the surface as of the intact ones, so that false calls are as stated however often is looked.
 """
 
 from __future__ import annotations
