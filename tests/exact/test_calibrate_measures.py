@@ -22,6 +22,7 @@ from vibroswarm.calibrate.similarity import (
     effect_size,
     mean_distance,
     null_similarity,
+    similarity,
 )
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
@@ -248,6 +249,12 @@ RANGES = {
 }
 DROPPED_FROM = {"vibrating": 5.0, "still": 3.0}
 BINS = {"avoidance": 79, "vibrating": 59, "still": 59, "places": 225, "distances": 576, "steps": 1521}
+
+
+def test_an_unknown_feature_is_refused_and_not_taken_for_places() -> None:
+    values = np.random.default_rng(1).random((30, 2))
+    with pytest.raises(InputError, match=r"^feature: there is no 'place', did you mean 'places'"):
+        similarity("place", values, values)
 
 
 @pytest.mark.parametrize("feature", FEATURES)

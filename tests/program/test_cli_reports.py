@@ -271,7 +271,7 @@ def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.Captu
         ("detect --fills 2", "--fills: 2 is not from 0 to 1"),
         (
             "detect --fills 0.461 --runs 2",
-            "error: fills: 'random:0.461': 0.461 of 5 x 5 tiles is 11.525 tiles",
+            "error: --fills: 'random:0.461': 0.461 of 5 x 5 tiles is 11.525 tiles",
         ),
         ("detect --strategy soft --runs 2", "'soft' is neutral at a boundary of 0.5 only"),
         (

@@ -24,7 +24,7 @@ import polars as pl
 
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.floor import Floor, refuse_kinds
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -164,6 +164,7 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
     Raises:
         InputError: no such feature.
     """
+    check_choice(feature, "feature", FEATURES)
     energy, vibrating = samples["energy"].to_numpy(), samples["vibrating"].to_numpy()
     if feature == "vibrating":
         return np.asarray(energy[vibrating & (energy < VIBRATING_BELOW)][:, None])
@@ -177,11 +178,9 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
         return moved.select("time_s", "distance_m").to_numpy()
     if feature == "steps":
         return stepped.select("dx_m", "dy_m").to_numpy()
-    if feature == "avoidance":
-        avoided = stepped.filter(pl.col("avoid_s") > 1e-9)
-        missing_s = AUTHORS_SHORT_S * pl.col("wraps") if as_published else 0.0
-        return avoided.select(pl.col("avoid_s") - missing_s).to_numpy()
-    raise InputError(f"there is no feature '{feature}' (there are {', '.join(FEATURES)})", field="feature")
+    avoided = stepped.filter(pl.col("avoid_s") > 1e-9)
+    missing_s = AUTHORS_SHORT_S * pl.col("wraps") if as_published else 0.0
+    return avoided.select(pl.col("avoid_s") - missing_s).to_numpy()
 
 
 def histogram(values: Floats, feature: str) -> Floats:
@@ -191,7 +190,10 @@ def histogram(values: Floats, feature: str) -> Floats:
 
     Args:
         values: (n, 1) or (n, 2), as ``values_of`` returns them.
+    Raises:
+        InputError: no such feature.
     """
+    check_choice(feature, "feature", FEATURES)
     # Only the feature "places" is not in ``_EDGES``: its edges depend on the values.
     edges = _EDGES.get(feature) or [np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1)]
     return np.histogramdd(values, bins=edges)[0].ravel()

@@ -14,6 +14,7 @@ from vibroswarm.cli.scenario_options import warned, words_of
 from vibroswarm.cli.studies import run_parts
 from vibroswarm.cli.terminal import report, say
 from vibroswarm.core.numbers import stated
+from vibroswarm.errors import named
 
 if TYPE_CHECKING:
     from vibroswarm.study.spec import Study
@@ -90,16 +91,17 @@ def detect(
         page_cells = None if output.out is None else 0
         return run_parts(study, execution, replace(output, out=place), page_cells=page_cells)
 
-    found = detect_by(
-        run_study,
-        base,
-        error,
-        false_alarms,
-        robots=scenario.robots,
-        fills=fills,
-        runs=runs,
-        seed=scenario.seed,
-        folder=output.out,
-    )
+    with named("--fills", of="fills"):
+        found = detect_by(
+            run_study,
+            base,
+            error,
+            false_alarms,
+            robots=scenario.robots,
+            fills=fills,
+            runs=runs,
+            seed=scenario.seed,
+            folder=output.out,
+        )
     if found is not None:  # None: only a shard or a batch of the runs was requested
         deliver(found, output, "detect", found.tables)

@@ -295,7 +295,8 @@ def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> I
         yield figure(f"detection-{robots}-robots", part, times, f"{count(robots, 'robot')}{some}")
     if len(numbers) > 1:
         part = drawable.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
-        named = pl.col("robots").map_elements(lambda robots: count(robots, "robot"), pl.String)
+        words = [count(robots, "robot") for robots in numbers]
+        named = pl.col("robots").replace_strict(numbers, words, return_dtype=pl.String)
         yield figure("detection-robots", part, named, "By robots, at the end")
 
 

@@ -278,16 +278,26 @@ def draw_belief(
     panels[0].set_xlim(0, most(frame["time_s"]) or 1.0)
     panels[0].set_ylim(-0.02, 1.02)  # a margin, so that lines at 0 and 1 are visible
     few_ticks(panels[-1].xaxis, sizes)
+    over = f"{label} over time{': ' + of_runs([runs], 'run') if runs else ''}"
+    ordered = sorted(columns, key=_share_of_quantile)
+    return Picture(
+        figure,
+        pl.concat(parts).select("series", "time_s", *ordered),
+        f"{over}. {_lines_of_belief(pairs, unit, thresholds, boundary)}.",
+    )
+
+
+def _lines_of_belief(
+    pairs: list[tuple[str, str]], unit: str, thresholds: Sequence[float], boundary: float | None
+) -> str:
+    """Return what the lines and bands of ``draw_belief`` are, for its caption."""
     bands = " and ".join(f"{_percent(low)} to {_percent(high)}" for low, high in pairs)
-    caption = (
-        f"{label} over time{': ' + of_runs([runs], 'run') if runs else ''}. Line: median"
+    return (
+        "Line: median"
         + (f"; bands: {bands} of the {unit}s" if bands else "")
         + (f"; dashed: {' and '.join(number(level) for level in thresholds)}" if thresholds else "")
         + (f"; dotted: {number(boundary)}" if boundary is not None else "")
-        + "."
     )
-    ordered = sorted(columns, key=_share_of_quantile)
-    return Picture(figure, pl.concat(parts).select("series", "time_s", *ordered), caption)
 
 
 def quantile_pairs(frame: pl.DataFrame) -> list[tuple[str, str]]:

@@ -204,8 +204,8 @@ class Store:
         same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
         check_definition(folder / MARKER, study.hash, saved_hash, manifest["versions"], same_text=same_text)
         store = cls(folder, study, hash=saved_hash)
+        check_is_folder(folder / SHARDS)
         if shards:
-            check_is_folder(folder / SHARDS)
             store.refresh()
         return store
 
