@@ -199,7 +199,7 @@ def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:
 def test_too_many_factors_are_refused() -> None:
     with pytest.raises(InputError, match="at most"):
         Scenario().with_values(
-            {"sensor.tile_spread": 0.1, "sensor.robot_spread": 0.1, "floor.rows": 2000, "floor.columns": 2000}
+            {"sensor.tile_spread": 0.1, "sensor.robot_spread": 0.1, "floor.rows": 1500, "floor.columns": 1500}
         )
     with pytest.raises(InputError, match=r"sensor\.edge_blur_m"):
         Scenario().with_values({"sensor.edge_blur_m": -0.1})

@@ -284,7 +284,9 @@ def take(
     # The strategy writes its message to a zeroed row.
     counts.messages[m] = counts.zero_message[0]
     sends = on_sample(s, a, x, counts.messages[m], sample_draws(seed, run, i, number, known_uniform), p, w)
-    if x.t_s >= swarm.failures[e].opposite_from_s:  # a faulty robot sends the opposite of its message
+    # A faulty robot sends the opposite of its message. The time is read again: kept in ``x`` while ``on_sample`` runs,
+    # it makes the replay of soft feedback a third slower.
+    if rows.time_s[k] >= swarm.failures[e].opposite_from_s:
         opposite_of(counts.messages[m], w)
     row.samples += 1
     row.sent += 1
