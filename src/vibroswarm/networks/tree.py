@@ -19,7 +19,7 @@ tree level by level, and the robots of a level are spread evenly over the nodes 
 other robot in turn; it waits until the message has arrived or is lost. It then sends its log to the base. A node does
 one thing at a time, and a hop occupies both of its nodes. A lost message is not sent again. A message reserves the
 nodes of its path when it is sent, so that the hops of two messages do not interleave. Robots also hear the radio while
-they sample.
+they sample. They share no clock: a message is sent at a random time within the control period of its sample.
 
 By the radio's data sheet, a frame of 32 bytes at 1 Mbit/s with its acknowledgement takes 0.7 ms on air, so ``frame_ms``
 cannot be less. The default, 2.1 ms, is a compromise: with the library's 25 ms it is nearest to the published shares of

@@ -12,8 +12,8 @@ tile for those of several tiles around it.
 | name | symbol | unit | equation |
 |---|---|---|---|
 | map | p_t | - | as of ``places``, with the likeliest pair of error rates |
-| uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` after a robot sampled there or chose it |
-| step | d | m | moving average of the distance between two samples, with a memory of 8 samples |
+| uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` after an own sample or a message's target |
+| step | d | m | moving average of the distance between two samples, with a memory of 8 samples; it begins at 15 cm |
 | unsure of its place | - | - | standard deviation above ``sure_within`` times the shorter side of a tile |
 | points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / 16, 7 cm from walls or farther |
 | worth of a point | - | - | sum over tiles of U_t exp(-distance of the tile's middle / ``range_m``), \
@@ -78,8 +78,8 @@ class Choice:
         Field(
             ge=0,
             le=1e6,
-            description="Time for which a tile is worth half after a robot sampled or drove there, s: longer for "
-            "slower robots.",
+            description="Time for which a tile is worth half after the robot sampled or another drove there, s: longer "
+            "for slower robots.",
         ),
     ] = 25.0
     sure_within: Annotated[
