@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.decidability import decidability
+from vibroswarm.documents.run import run_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.source import MOTION
@@ -26,6 +27,7 @@ from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.document import Text
 from vibroswarm.simulation import simulate
 
 PAPER, CALIBRATED = preset("paper"), preset("calibrated")
@@ -209,3 +211,14 @@ def test_undamaged_floors_no_longer_raise_an_alarm() -> None:
     # And so do robots that think their sensor better than it is.
     better = {**TILES, "decision.assumed_false_positive": 0.05}
     assert share_that_says_more(0.0, 40, **better)[0] > 0.9
+
+
+def test_a_run_says_with_what_robots_compare_what_they_read_if_that_is_not_the_boundary() -> None:
+    for fields, told in ({}, False), (TILES, True):
+        short = PAPER.with_values({"run.t_end_s": 20.0, **fields})
+        document = run_document(simulate(short, 1, 1), 0)
+        words = [part.words for part in document.parts if isinstance(part, Text)]
+        boundary = (
+            "Robots compare the share of ones with 50.12 %, expected on a floor with 50 % vibrating tiles."
+        )
+        assert (boundary in words) == told

@@ -17,6 +17,7 @@ from scipy import ndimage, stats
 from helpers.commands import output_of, refusal_of
 from vibroswarm import Scenario, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import answers_in
+from vibroswarm.documents.run import run_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
@@ -479,3 +480,22 @@ def test_detection_is_on_a_floor_that_stays(capsys: pytest.CaptureFixture[str]) 
     assert "change: must be left out" in refusal_of(
         capsys, "detect", "--runs", "1", "--set", "change.at_s=10", "--set", "change.to=invert"
     )
+
+
+def test_answers_that_became_right_are_told_from_those_that_were() -> None:
+    """Robots that take all for still decide so at once; the floor changes later."""
+    blind = {
+        "run.t_end_s": 200.0,
+        "decision.min_observations": 5,
+        "sensor.rms_threshold": 3.0,
+        "change.at_s": 150.0,
+    }
+    became, were = (
+        run_document(
+            simulate(preset("paper").with_values({**blind, "floor.source": floor, "change.to": to}), 1, 1), 0
+        )
+        for floor, to in (("random:0.6", "invert"), ("random:0.4", "random:0.04"))
+    )
+    assert became.answer[-1] == "Right by the floor at the end; when given, 0 % of the answers were right."
+    assert not [words for words in were.answer if "when given" in words]
+    assert "(1 of 25 tiles vibrates, fill ratio 0.04 at the end)" in were.parts[0].words

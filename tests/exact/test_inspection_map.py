@@ -14,6 +14,7 @@ from scipy.special import expit
 
 from helpers.inspections import drawn_samples, enumerated
 from vibroswarm.analysis.map_scores import calibration, map_scores
+from vibroswarm.documents.inspection import inspection_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.inspection import inspect
@@ -164,6 +165,14 @@ def test_maps_over_time_are_scored_by_the_floor_at_each_time() -> None:
         pooled = x.copy()
         pooled[wrong] = 0.5
         assert replace(found, pooled=pooled).right_from_s == right_from_s
+    open_too = replace(found, pooled=np.repeat([0.99, 0.5, 0.01], [3, 4, 18])[None, :].repeat(len(x), axis=0))
+    assert (
+        inspection_document(open_too)
+        .answer[0]
+        .startswith(
+            "3 of 25 tiles vibrate and 18 are still, each with more than 95 %; 4 are open, after 298 s."
+        )
+    )
 
 
 def test_samples_of_a_file_are_the_same_in_all_units(tmp_path: Path) -> None:

@@ -14,14 +14,15 @@ from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.analysis.pareto import pareto_front
-from vibroswarm.documents.detection import detection_document
+from vibroswarm.documents.detection import detection_document, hardest
 from vibroswarm.documents.tradeoff import tradeoff_document
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.study.detection import Detection, detect
+from vibroswarm.study.detection import Detection, detect, fills_around
 from vibroswarm.study.tradeoff import Tradeoff, time_error_curve
+from vibroswarm.study.words import detection_scenario
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
 
@@ -195,6 +196,9 @@ def test_pairs_by_hand() -> None:
     assert found.select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
         (0.2, 2, 50.0, True), (0.2, 3, 20.0, False), (0.3, 2, 50.0, True), (0.4, 2, None, False), (0.4, 3, 20.0, True),
     ]  # fmt: skip
+    assert hardest(found).select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
+        (0.3, 2, 50.0, True), (0.4, 3, 20.0, True),
+    ]  # fmt: skip
 
 
 def test_on_the_boundary_nothing_can_be_missed() -> None:
@@ -254,6 +258,14 @@ def test_the_document_of_a_detection_names_each_limit_and_draws_the_latest_time(
     at_the_end = document.figures["detection-robots"].drawn.numbers
     assert at_the_end["missed"].to_list() == [0.0] * 5
     assert document.figures["detection-1-robots"].title == "1 robot (drawn: 1 of 2 swarms)"
+    tables["needed"] = need.with_columns(runs=pl.Series([100, 100, 101, 100, 100]))
+    assert Detection(tables, scenario, 5, 0.12, 0.2).runs == 100  # the fewest
+    tables["pairs"] = tables["pairs"].with_columns(time_s=pl.when(pl.col("fill_ratio") < 0.7).then("time_s"))
+    strict = detection_document(Detection(tables, scenario, 5, 0.05, 0.2)).answer
+    assert strict[0].endswith("; not 80 % by 100 s.")
+    assert strict[-1].startswith(
+        "Of 100 runs of each floor, at most 0 may be missed, and at most 12 be false"
+    )
 
 
 @pytest.mark.parametrize(("fills", "longer"), [([0.0, 1.0], 1), ([0.48, 0.52], 4)])
@@ -262,6 +274,16 @@ def test_runs_are_longer_only_where_nothing_is_found(fills: list[float], longer:
     found = detect(soon, 0.2, robots=[2], fills=fills, runs=20)
     assert found.scenario.run.t_end_s == 60.0 * longer
     assert found.finds_nothing == (longer > 1)
+
+
+def test_fill_ratios_are_dense_just_above_a_boundary() -> None:
+    for more_than, below, above in (
+        (0.03, [0.0, 0.01, 0.02], [0.04, 0.05, 0.06, 0.08, 0.10]),
+        (0.97, [0.0, 0.32, 0.65], [0.98, 0.99, 1.0]),
+    ):
+        scenario = detection_scenario(more_than, tiles="10x10")
+        assert fills_around(scenario) == (below + above, [])
+        assert scenario.decision.boundary_of == "tiles"
 
 
 def test_the_document_of_a_trade_off_draws_times_and_leaves_out_what_decides_alike(

@@ -642,6 +642,15 @@ def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
         assert 40.0 < timing.ms(found.work) < 80.0
 
 
+def test_memory_that_does_not_suffice_is_said() -> None:
+    flash, ram = timing.FLASH_BYTES, timing.RAM_BYTES - timing.STACK_BYTES
+    assert timing.unfit(scenario_for("soft"), c_library.Memory(flash, ram, ""), None) == []
+    assert timing.unfit(scenario_for("soft"), c_library.Memory(flash + 1, ram + 1, ""), None) == [
+        "it takes 262145 bytes of flash, and there are 262144",
+        "it takes 28673 bytes of static RAM, and there are 32768 with 4096 for the stack",
+    ]
+
+
 @needs_arm
 def test_what_does_not_fit_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

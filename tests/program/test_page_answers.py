@@ -110,11 +110,15 @@ def test_the_question_the_outcome_and_now_are_told_apart(open_page: Open, record
     share = f"{100 * record.fill_ratio:.1f}".removesuffix(".0")
     assert page.inner_text("#task") == f"Does more than 50 % of the floor vibrate? Truth: no ({share} %)."
     assert page.inner_text("[data-fact=votes] dd") == "3 of 5 say: mostly still\n2 of 5 undecided"
+    assert page.inner_text("#verdict-more") == "Decided right: 3, wrong: 0."
+    assert f"5, {200 * record.body['radius_m']:g} cm across" in page.text_content("#details")
     assert page.inner_text("#outcome-time") == "Outcome, at the end of the run (4 min 0 s)"
     assert page.inner_text(".now-line") == "Now, at 10.0 s\n0 of 5 decided"
     page.evaluate("vibroswarm.seek(100)")
     assert page.inner_text("#clock-minutes") == "1:40 / 4:00 min"
     assert page.inner_text("#now-time") == "100.0 s (1 min 40 s)"
+    page.evaluate("vibroswarm.seek(119.97)")
+    assert page.inner_text("#now-time") == "120.0 s (2 min 0 s)"  # not 1 min 60 s
 
 
 def test_a_note_under_a_resting_pointer_follows_time(open_page: Open) -> None:
@@ -402,7 +406,8 @@ def test_it_shows_what_robots_report_as_time_goes_on(
     assert result.reports is not None
     times = result.motion.select("robot", "sample", "time_s")
     told = result.reports.filter(pl.col("name") == "estimate").join(times, on=["robot", "sample"])
-    for robot, at_s in ((0, 50.0), (3, 120.0), (4, 200.0)):
+    first_s = told.filter(pl.col("robot") == 1)["time_s"].min()
+    for robot, at_s in ((0, 50.0), (1, first_s), (3, 120.0), (4, 200.0)):
         last = told.filter((pl.col("robot") == robot) & (pl.col("time_s") <= at_s)).sort("time_s")["value"][
             -1
         ]
@@ -490,12 +495,15 @@ def test_a_threshold_near_one_is_told_as_it_is_and_no_belief_is_one(
 ) -> None:
     """A belief of 1 is one that was rounded to it."""
     certain = {
-        "inference": record.inference.with_columns(belief_below=pl.lit(1.0)),
+        "inference": record.inference.with_columns(
+            belief_below=pl.when(pl.col("robot") == 2).then(0.02).otherwise(1.0)
+        ),
         "robots": record.robots.with_columns(
-            belief_at_decision=pl.lit(1.0), decision=pl.lit(0, dtype=pl.Int8)
+            belief_at_decision=pl.when(pl.col("robot") == 2).then(0.0).otherwise(1.0),
+            decision=(pl.col("robot") == 2).cast(pl.Int8),
         ),
     }
     page = open_page("#t=200", of=ruled(record, {"credible_threshold": 1 - 1e-9}, **certain))
     assert "below 1e-9 mostly vibrating" in page.inner_text("#belief-lead")
-    assert set(page.locator("#roster [data-column=belief]").all_text_contents()) == {"> 0.999"}
+    assert set(page.locator("#roster [data-column=belief]").all_text_contents()) == {"> 0.999", "0.020"}
     assert page.inner_text("[data-fact=certainty] dd") == "> 0.999\nlowest > 0.999"

@@ -41,6 +41,7 @@ def test_the_command_leaves_report_tables_and_pictures(folder: Path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "<svg" in page
     assert "reproduce --only fill-ratios --runs 40 --seed 1 --columns paper,text" in page
+    assert "inconclusive: 40 runs are too few to decide; use " in page
     assert 'src="http' not in page
     captions = pl.read_csv(folder / "pictures" / "captions.csv")
     assert captions.height == 6 + 3

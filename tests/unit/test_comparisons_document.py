@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from vibroswarm import preset, simulate
 from vibroswarm.analysis.intervals import share_interval
 from vibroswarm.calibrate.classifier import ClassifierAccuracy
+from vibroswarm.calibrate.features import WORDS
+from vibroswarm.calibrate.interval_classifier import IntervalAccuracy, Told
 from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
 from vibroswarm.documents.calibration import comparison_document, comparisons_document
 
@@ -63,6 +67,13 @@ def test_a_recording_of_one_robot_is_compared_without_the_classifier() -> None:
         "Without the classifier: a classifier split by robot needs at least two robots."
     )
     assert document.answer[0].startswith("Most different: ")
+    alike = [replace(one, at_equal_counts=one.null + 0.01) for one in found.similarities]
+    alike[1] = replace(alike[1], at_equal_counts=alike[1].null)
+    even = comparison_document(replace(found, similarities=tuple(alike))).answer[-1]
+    assert even == f"No more similar than evenly spread values: {WORDS[alike[1].feature]}."
+    told = IntervalAccuracy(Told((0.5, 0.7), (0.4, 0.5, 0.9)), Told((), ()), {"turn_rad": 0.6})
+    ranges = comparison_document(replace(found, intervals=told)).tables["intervals_told_apart"].frame
+    assert ranges.row(0)[1:] == pytest.approx((0.6, 0.5, 0.7, 0.6, 0.4, 0.9))
     assert comparisons_document({"one": found, "two": found}).answer == (
         "The classifier compared no simulation.",
     )

@@ -42,7 +42,7 @@ def test_show_draws_here_and_to_a_file(capsys, tmp_path):
     path = tmp_path / "f.svg"
     command = ("floors", "show", "stripe:0.46", "--out", path)
     out = output_of(capsys, *command)
-    assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster" in " ".join(out.split())
+    assert "fill ratio 0.46, Moran index 0.876, entropy 1.000, 1 cluster." in " ".join(out.split())
     assert out.splitlines()[-1] == f"Saved: {path}"
     assert path.read_text().startswith("<?xml")
     assert "--force" in refusal_of(capsys, *command)

@@ -18,7 +18,7 @@ from helpers.manifests import resealed
 from helpers.scenario_fields import named
 from vibroswarm import inspect, replay, verdict
 from vibroswarm.core.folders import FORMAT
-from vibroswarm.core.tables import ALLOWED, check_table
+from vibroswarm.core.tables import ALLOWED, Schema, check_table
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
@@ -174,6 +174,12 @@ def test_each_column_of_each_table_is_checked(made: Path, name: str) -> None:
             assert caught.value.field == "file", (column, way)
             count += 1
     assert count >= 4 * len(TABLES[name])
+
+
+def test_the_first_wrong_row_is_named() -> None:
+    table, schema = pl.DataFrame({"ones": [0.5, 1.5, 0.5, 2.5]}), Schema({"ones": pl.Float64})
+    with pytest.raises(InputError, match=r"'ones' holds 1\.5 in row 1; it has to be from 0 to 1"):
+        check_table(table, schema, "file", "floors")
 
 
 KEYS: list[tuple[str, str, Change]] = [

@@ -201,9 +201,11 @@ def test_the_worst_floor_is_measured_by_other_motions(standings: Standings) -> N
     errors[:, ::2] = np.array([0.1, 0.3, 0.2, 0.2])[:, None]
     errors[:, 1::2] = np.array([0.9, 0.05, 0.8, 0.7])[:, None]
     values = {**standings.values, "forced_error": np.array([errors] * 3)}
-    floor, error = Standings(standings.league, values, standings.study).worst_floor(0)
+    alike = Standings(standings.league, values, standings.study)
+    floor, error = alike.worst_floor(0)
     assert floor == standings.league.floors[1]
     assert error.estimate == pytest.approx(0.05)
+    assert alike.table["decision_time_s"].is_sorted(), "where errors are equal"
 
 
 def test_differences_floor_by_floor(standings: Standings) -> None:

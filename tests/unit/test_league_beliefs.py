@@ -134,6 +134,9 @@ def test_ratios_that_few_units_change_hold_the_truth() -> None:
         _, low, high = ratio_interval(bottom * (random.random(100) > 0.03), bottom)
         held += low <= 0.97 <= high
     assert held / 400 > 0.91
+    right = np.repeat([0.0, 1.0], [3, 97])
+    of_larger_units = ratio_interval(5.0 * right, np.full(100, 5.0))
+    assert of_larger_units == pytest.approx(ratio_interval(right, np.ones(100)))
 
 
 def test_what_a_robot_is_told_is_as_documented() -> None:

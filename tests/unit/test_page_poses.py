@@ -122,17 +122,18 @@ def test_turn_tails_are_thinned_and_kinds_kept(long_record: RunRecord) -> None:
     assert np.isin(stops["start_s"].to_numpy(), begins).all()
 
 
-def test_a_jump_stays_a_jump() -> None:
-    rows = {"robot": [0, 0], "start_s": [0.0, 1.0], "x_m": [0.1, 0.9], "y_m": [0.1, 0.9]}
+@pytest.mark.parametrize(("to_m", "turned_rad"), [(0.9, 2.0), (0.101, 0.0)])
+def test_a_jump_stays_a_jump(to_m: float, turned_rad: float) -> None:
+    rows = {"robot": [0, 0], "start_s": [0.0, 1.0], "x_m": [0.1, to_m], "y_m": [0.1, to_m]}
     rest = {
-        "heading_rad": [0.0, 2.0],
+        "heading_rad": [0.0, turned_rad],
         "speed_m_s": [0.0, 0.0],
         "turn_rate_rad_s": [0.0, 0.0],
         "kind": ["drive"] * 2,
     }
     robots, _ = tracks(pl.DataFrame({**rows, **rest}), 2.0)
     drawn = shown(packed_track(robots[0]), np.array([0.99, 1.0]))
-    np.testing.assert_allclose(drawn[:, 1], [0.1, 0.9], atol=1e-9)
+    np.testing.assert_allclose(drawn[:, 1], [0.1, to_m], atol=1e-9)
 
 
 def test_a_log_in_millimetres_does_not_fill_the_memory() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -49,6 +51,11 @@ def rows(results: list[Result]) -> pl.DataFrame:
 def came(rows: pl.DataFrame) -> list[CellResult]:
     shuffled = rows.sample(fraction=1.0, shuffle=True, seed=1)
     return summarise(CELLS, *arrays_of(shuffled, NUMBERS, RUNS, ROBOTS))
+
+
+def test_a_cell_alone_has_the_fewer_of_its_runs_and_those_of_the_reproduction() -> None:
+    of_500 = replace(CELLS[0], runs=500)
+    assert [f"--runs {n} " in of_500.command(most, 1) for n, most in ((10, 10), (500, 1000))] == [True, True]
 
 
 def test_rows_are_those_of_the_summary_whatever_their_order(

@@ -817,6 +817,7 @@ def test_the_front_is_what_nothing_beats():
     assert front["number"].to_list() == list(range(1, front.height + 1))
     assert holds(lines_of(picture), front.select("time", "error").to_numpy())
     off, on = (line for line in picture.figure.axes[0].lines if line.get_marker() in ("s", "o"))
+    assert "steps-post" in {line.get_drawstyle() for line in picture.figure.axes[0].lines}
     assert (off.get_markerfacecolor(), len(off.get_xdata())) == (PAPER, 30 - front.height)
     assert on.get_markerfacecolor() != PAPER
     bars = np.concatenate([part.get_segments() for part in picture.figure.axes[0].collections])

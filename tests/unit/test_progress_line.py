@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from vibroswarm import Study, preset
+from vibroswarm.cli import progress as of_commands
 from vibroswarm.core import progress_line
 from vibroswarm.core.progress_line import ProgressLine, in_notebook, is_watched
+from vibroswarm.study.runner import StudyProgress
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -34,6 +36,18 @@ def test_the_line_is_rewritten_and_always_ends_at_the_last_run(monkeypatch: pyte
     assert last.startswith(f"simulating [{'#' * 30}] 120 of 120 runs, ")
     assert last.endswith("1 batches failed")
     assert len(last) >= len(first)
+
+
+def test_a_line_of_a_command_says_how_long_the_rest_takes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now_s = 0.0
+    monkeypatch.setattr(of_commands.time, "monotonic", lambda: now_s)
+    with of_commands.study_progress("simulating") as show:
+        now_s = 20.0
+        show(StudyProgress(done=100, wanted=400, failed=1))
+    said = "simulating: 100 of 400 runs (25 %), 5 per second, 60 s left, 1 batch failed\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_bar_is_shown_where_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -292,6 +292,8 @@ def test_a_winner_at_a_bound_is_a_warning(found: Found, truth: Truth) -> None:
 
 def test_what_was_not_done_is_a_warning(found: Found, truth: Truth) -> None:
     assert not warned(page_of(found, truth), "finished")
+    too_few_for_a_step = replace(found, search=found.search.with_settings(final=70, budget=100))
+    assert not warned(page_of(too_few_for_a_step, truth), "finished")
     longer = replace(found, search=found.search.with_settings(final=600, budget=700))
     assert warned(page_of(longer, truth), "The search is not finished: 90 of 690 runs.")
     assert warned(page_of(found, None), "not scored on fresh runs")
@@ -443,7 +445,7 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     )
     eta = nodes.best.cell.point["strategy.soft.eta"]
     assert warned(report, "edge of the grid", "feedback η") == (eta in (10.0, 1000.0))
-    assert not warned(report, "`kappa`")  # two values have no middle
+    assert not warned(report, "feedback κ")  # two values have no middle
     write_grid(nodes, tmp_path)
     again = Grid.read(tmp_path / "grid.toml")
     assert again.study.hash == nodes.grid.study.hash

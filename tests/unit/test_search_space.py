@@ -60,6 +60,7 @@ def test_choices_have_equal_shares() -> None:
     assert [space.values(np.array([u]))["strategy.name"] for u in (0.0, 0.3, 0.4, 0.7, 1.0)] == [
         "none", "none", "positive", "soft", "soft",
     ]  # fmt: skip
+    assert space.point({"strategy.name": "soft"}) == pytest.approx([5 / 6])  # the middle of its part
     assert space.values(space.point({"strategy.name": "soft"})) == {"strategy.name": "soft"}
 
 

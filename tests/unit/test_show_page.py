@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.numbers import (
+    counts,
     decimals_of,
     duration,
     every,
@@ -26,6 +27,7 @@ from vibroswarm.core.numbers import (
     number,
     percent,
     some,
+    span,
     verb,
     with_limits,
 )
@@ -370,6 +372,8 @@ def test_words_follow_the_number_of_things() -> None:
     assert [first_of(6, n, "floor") for n in (5, 6, 9)] == ["", "", "the first 6 of 9 floors"]
     assert [some(list("abc"), most) for most in (2, 3)] == ["a, b and 1 more", "a, b and c"]
     assert [every(n, "robot") for n in (1, 2, 1000)] == ["the robot", "both robots", "all 1,000 robots"]
+    assert [counts(n, "run") for n in ([5, 5], [1000, 500, 100])] == ["5 runs", "100 to 1,000 runs"]
+    assert [span(values) for values in ([2.0, None, 2.0], [2.5, 1.0], [])] == ["2", "1.0 to 2.5", "-"]
 
 
 def test_numbers_of_a_column_have_the_same_decimals_and_their_limits():
@@ -398,6 +402,8 @@ def test_settings_have_no_more_decimals_than_they_need():
     assert decimals_of([2.0, None, 40.0]) == 0
     assert decimals_of([0.486, 0.5]) == 3
     assert decimals_of([29.17, 0.417]) == 1
+    assert decimals_of([29.17, 0.06]) == 1
+    assert decimals_of([29.17, 0.04]) is None  # it would be written as 0
 
 
 def test_times_have_the_unit_that_suits_them():

@@ -144,6 +144,12 @@ def test_a_table_of_hundreds_of_columns_is_laid_out_at_once(monkeypatch: pytest.
     assert sum(line.startswith("cell") for line in text.splitlines()) == len(tried)
 
 
+def test_columns_that_do_not_fit_together_fill_the_width() -> None:
+    frame = pl.DataFrame({"0": list("abcde"), **{letter: [1] * 5 for letter in string.ascii_letters[:30]}})
+    text = printed(Table(frame, names=1), width=40)
+    assert max(map(len, text.splitlines())) == 40  # a name and 13 numbers, each after two blanks
+
+
 def test_letters_of_two_columns_and_of_none() -> None:
     lines = printed(Table(pl.DataFrame({"floor": ["床" * 5, "a\u0301"], "n": [1, 22]}))).splitlines()
     assert lines[-2:] == ["床" * 5 + "   1", "a\u0301" + " " * 9 + "  22"]
@@ -165,6 +171,7 @@ def test_the_answer_comes_first_and_paragraphs_break_between_words() -> None:
     text = printed(Text(f"Saved in {path} and a share of 12 % and 5 robots"), width=60, answer="It vibrates.")
     assert text.splitlines()[0] == "It vibrates."
     assert text.splitlines()[1:4] == ["", "Saved in", path]
+    assert printed(Table(CELLS), Text("It is so.")).endswith("\n\nIt is so.\n"), "an empty line below a table"
     for width in range(40, 70):
         assert "12 %" in printed(Text("a " * 20 + "share of 12 % of all"), width=width), (
             "a number and its unit"

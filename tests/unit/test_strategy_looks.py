@@ -48,6 +48,7 @@ def test_series_of_one_strategy_share_its_colour_and_differ_in_their_marks() -> 
     found = looks_of(["soft, robots 5", "soft, robots 10", "none, robots 5", "none, robots 10"])
     assert [one.colour for one in found] == [SERIES[2], SERIES[2], SERIES[0], SERIES[0]]
     assert len({(one.colour, one.marker) for one in found}) == 4
+    assert found[0].line != found[1].line
     assert looks_of(["5 robots", "10 robots"]) == [look(0), look(1)]
 
 

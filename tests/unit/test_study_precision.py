@@ -64,6 +64,7 @@ def test_a_precision_from_words(text: str, share: float) -> None:
     precision = Precision.from_words(text)
     assert precision.half_width == share
     assert Precision.from_words(precision.as_values()["until"]) == precision
+    assert ".%" not in precision.as_values()["until"]
 
 
 @pytest.mark.parametrize("text", ["2", "%", "0%", "-1%", "100%", "nan%", "inf%", "two%", 2, 0.02, None, True])

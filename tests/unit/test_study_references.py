@@ -23,6 +23,11 @@ def test_cells_that_differ_in_their_end() -> None:
     ] * 4
 
 
+def test_runs_that_stop_early_are_not_replayed() -> None:
+    soon = {"run.stop": ["all_decided"], "decision.min_observations": [5], "strategy.soft.eta": [1e3, 2e3]}
+    assert [one.pooled for one in found(soon)] == [None, None]
+
+
 def test_what_is_said_where_it_is_no_bound() -> None:
     drawn, fixed, neither = found({"floor.source": ["random:0.48", "stripe:0.48", "random:0.52"]})
     assert drawn.says == neither.says == ()

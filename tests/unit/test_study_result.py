@@ -432,6 +432,11 @@ def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pyt
     assert all(answer.matched is not None for answer in requested.answers)
     assert [sorted(names) for names in together] == [["none", "positive", "soft"]]
     assert result.compare("none", equal_error=True).sentences[1].startswith("At equal error")
+    compared = requested.comparisons
+    some = {
+        (one.cell.number, one.reference.number): one.matched for one in requested.answers[1:] if one.matched
+    }
+    assert why_not_at_equal_error(result, compared, some).startswith("1 pair not compared at equal error: ")
 
 
 def test_scenarios_replayed_together_reach_what_each_reaches_alone() -> None:

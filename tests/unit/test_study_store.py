@@ -25,6 +25,7 @@ from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
 from vibroswarm.documents.study_folder import study_state
+from vibroswarm.documents.study_words import warnings_of
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.source import MotionState, Source, forget, register, source
 from vibroswarm.simulation import versions
@@ -220,6 +221,13 @@ def test_something_else_in_the_place_of_a_shard_is_refused_and_stays(
     file.rmdir() if what == "folder" else file.unlink()
     assert STUDY.run(copy, workers=1).store.damaged == []
     assert one_of(copy, kind).read_bytes() == whole or kind == "*.json"  # which names versions
+
+
+def test_runs_that_are_missing_are_said(tmp_path: Path) -> None:
+    store = Store.open_or_create(tmp_path, STUDY)
+    made_up(store, 0, 20)
+    found = outcome_of(StudyResult.open(tmp_path), compare=False)
+    assert "20 of 60 runs are missing; run the same command again." in warnings_of(found)
 
 
 def test_files_of_writers_that_were_killed_do_not_count(copy: Path) -> None:

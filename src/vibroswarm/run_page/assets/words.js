@@ -5,8 +5,8 @@ const STATE_WORDS = { drive: "driving", turn: "turning", avoid: "avoiding", stop
 const seconds = (value) => `${value.toFixed(1)} s`;
 const exactSeconds = (value) => `${Number(value.toFixed(3))} s`;
 const minutes = (value) => {
-  const whole = Math.floor(value / 60 + 1e-9), rest = Math.max(value - 60 * whole, 0);
-  return whole ? `${whole} min ${Number(rest.toFixed(1))} s` : `${Number(rest.toFixed(1))} s`;
+  const tenths = Math.round(10 * value), whole = Math.floor(tenths / 600), rest = (tenths % 600) / 10; // never 60 s
+  return whole ? `${whole} min ${rest} s` : `${rest} s`;
 };
 // Seconds, and from a minute on minutes beside them.
 const bothTimes = (value) => (value < 60 ? seconds(value) : `${seconds(value)} (${minutes(value)})`);
