@@ -68,23 +68,40 @@ def test_readings_of_a_ratio_are_as_much_likelier_on_vibrating_tiles(spread: flo
         assert mean == pytest.approx(drawn(sensor, kind).mean(), rel=0.005)
 
 
-def test_measured_energies_give_shares_of_bins() -> None:
-    rng = np.random.default_rng(1)
-    still, vibrating = rng.gamma(4.0, 0.25, 4000), rng.gamma(6.0, 0.4, 4000)
-    sensor = Sensor(
-        model="energies", still_energies=tuple(still.tolist()), vibrating_energies=tuple(vibrating.tolist())
-    )
-    energy = np.linspace(0.6, 3.0, 50).astype(np.float32)
-    expected = gamma(6.0, 0.0, 0.4).logpdf(energy) - gamma(4.0, 0.0, 0.25).logpdf(energy)
-    found, clear = ratios(sensor, energy), np.abs(expected) < 2.0
-    assert clear.sum() > 15
-    assert np.abs(found - expected)[clear].mean() < 0.4
-    assert (np.sign(found) == np.sign(expected))[np.abs(expected) > 1.0].all()
-    apart = sensor.model_copy(
-        update={"still_energies": (*range(1, 17),), "vibrating_energies": (*range(17, 33),)}
-    )
-    # 16 bins of two energies each: 2 + 1/2 of one kind, and 0 + 1/2 of the other.
-    assert ratios(apart, np.array([4, 30], dtype=np.float32)) == pytest.approx([-np.log(5.0), np.log(5.0)])
+def measured(still: np.ndarray, vibrating: np.ndarray) -> Sensor:
+    of_each = [tuple(energies.tolist()) for energies in (still, vibrating)]
+    return Sensor(model="energies", still_energies=of_each[0], vibrating_energies=of_each[1])
+
+
+@pytest.mark.parametrize("at", [0.0, 10.0])
+def test_measured_energies_have_a_density_also_beyond_the_last(at: float) -> None:
+    """At 6 values beyond each end there was that of the outer bin of a histogram."""
+    laws = gamma(4.0, at, 0.25), gamma(6.0, at, 0.4)
+    sensor = measured(*(law.ppf((np.arange(300) + 0.5) / 300) for law in laws))
+    value = at + np.linspace(0.05, 6.0, 200)
+    for kind, law in enumerate(laws):
+        found, known = np.exp(log_likelihood(sensor, kind, value)), law.pdf(value)
+        assert np.trapezoid(found, value) == pytest.approx(1.0, abs=0.02)
+        assert np.abs(found - known).max() < 0.15 * known.max()
+        assert found[-1] < 0.03 * known.max()
+    expected = np.subtract(*(law.logpdf(value) for law in reversed(laws)))
+    clear = (expected > -3.0) & (expected < 4.0)
+    assert ratios(sensor, value.astype(np.float32))[clear] == pytest.approx(expected[clear], abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("still", "vibrating", "at", "expected"),
+    [
+        (np.repeat([0.0, 1.0], [90, 10]), np.repeat([0.0, 1.0], [40, 60]), [0.0, 1.0], [4 / 9, 6.0]),
+        (np.repeat([1.0, 2.0], [99, 1]), np.repeat([1.0, 2.0], [50, 50]), [1.0, 2.0], [50 / 99, 50.0]),
+        (np.zeros(20), np.zeros(5), [0.0, 9.0], [1.0] * 2),
+    ],
+)
+def test_of_equal_energies_the_shares_count(
+    still: np.ndarray, vibrating: np.ndarray, at: list[float], expected: list[float]
+) -> None:
+    found = np.exp(ratios(measured(still, vibrating), np.array(at, dtype=np.float32)))
+    assert found == pytest.approx(expected, rel=0.3)
 
 
 def test_of_several_kinds_it_is_that_of_any_but_still() -> None:

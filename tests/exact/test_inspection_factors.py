@@ -95,6 +95,27 @@ def test_where_still_values_show_no_factor_it_counts_as_that_of_tiles(still):
     assert (told[1][-1] != told[0][-1]).all()
 
 
+def test_intact_surfaces_are_cleared_by_measured_values_as_by_their_law():
+    """Values of intact tiles had their density from steps between the measured ones, and surfaces were not cleared."""
+    at = (np.arange(300) + 0.5) / 300
+    laws = (gamma(5.0, 0.0, 1.2), gamma(3.0, 0.0, 1.0))
+    law = law_of_measured(*(each.ppf(at) for each in laws), "measured", (0.17, 0.12))
+    samples = replace(drawn_samples(5, count=800, spread_m=0.0), law=replace(law, draws=()))
+    values = drawn_values(np.random.default_rng(1), samples, 8)
+    assert (
+        rule_of(samples, declared(samples.size_m, [0.2]), Question(0.2, (1.0,))).told(values) < 0.05
+    ).all()
+
+
+def test_factors_of_robots_are_averaged_over_by_measured_values_too():
+    """They were estimated and taken as known: told 3.6 % was 4.8 %, and fewer intact surfaces were cleared."""
+    vibrating, still = np.random.default_rng(1).gamma(9.0, ([2.0], [1.0]), (2, 100))
+    law = law_of_measured(vibrating, still, "measured", (0.0, 0.12))
+    samples = replace(drawn_samples(5, count=200, spread_m=0.0), law=law)
+    tile = rule_of(samples, declared(samples.size_m, [0.2]), Question(0.2)).tile
+    np.testing.assert_array_equal(tile, np.unique(samples.frame["robot"], return_inverse=True)[1])
+
+
 def test_tiles_that_differ_much_less_than_robots_count_as_alike():
     samples, told = drawn_samples(5, count=200, spread_m=0.0), []
     for of_tiles in (None, 0.06, 0.07):

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -33,10 +33,9 @@ from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import viewed
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
-from vibroswarm.observation.energy_model import MOST, energy_of, likelihood_at, mean_density
+from vibroswarm.observation.energy_model import MOST, energy_of, likelihood_at
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors.base import MOST_KINDS
-from vibroswarm.sensors.energies import histogram, in_bins, measured_of
 
 TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
@@ -139,7 +138,7 @@ def contrast_ratios(law: Law, value: Floats, contrast: float) -> Floats:
     """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
 
     At contrast 1 it is that of the law; below, that of the likelihood that the sensor claims at the contrast
-    (``energy_model.likelihood_at``). That of measured values is a histogram, in the bins of contrast 1.
+    (``energy_model.likelihood_at``).
     """
     if contrast >= 1.0:
         return ratios_at(law, value)
@@ -205,19 +204,10 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
 
 @lru_cache(maxsize=512)
 def _contrast_table(law: Law, contrast: float) -> Floats:
-    table, sensor = tables_of(law), law.sensor
-    if sensor.vibrating_energies is not None:  # measured values, whose density is that of a histogram
-        still, vibrating = (measured_of(kind, sensor) for kind in (0, 1))
-        between = values_at(law, (np.arange(vibrating.size) + 0.5) / vibrating.size, True, contrast)
-        # In the bins of contrast 1: those of its own would have the same largest ratio at every contrast, so that
-        # contrasts could not be compared.
-        edges, densities = histogram([still, between], [still, vibrating])
-        off, on = (mean_density(sensor, table.value, partial(in_bins, edges, of)) for of in densities)
-    else:
-        off, on = (
-            np.maximum(likelihood_at(sensor, share, table.value, law.place), 1e-12)
-            for share in (0.0, contrast)
-        )
+    value = tables_of(law).value
+    off, on = (
+        np.maximum(likelihood_at(law.sensor, share, value, law.place), 1e-12) for share in (0.0, contrast)
+    )
     return np.asarray(np.clip(np.log(on) - np.log(off), -MOST, MOST))
 
 

@@ -118,13 +118,12 @@ def of_typical_robots(
 def judge_of(law: Law) -> Law:
     """Return the law by which samples are judged: robots' spread is in the place of that of tiles, if much larger.
 
-    It must be so in each of the laws that are its error. Laws of measured values are left as they are: the density that
-    they give values beyond those measured is a guess, which a hundred samples of a robot multiply.
+    It must be so in each of the laws that are its error.
     """
     sensors = [law.sensor, *(one.judge for one in law.draws)]
     spreads = [(one.tile_spread or 0.0, one.robot_spread or 0.0) for one in sensors]
     tiles_count = any(of_tiles > min(MOST_TILES, of_robots / 2.0) for of_tiles, of_robots in spreads)
-    if law.sensor.vibrating_energies is not None or tiles_count or not any(map(max, spreads)):
+    if tiles_count or not any(map(max, spreads)):
         return law
     first, *others = (
         one.model_copy(update={"tile_spread": one.robot_spread, "robot_spread": None}) for one in sensors

@@ -20,6 +20,7 @@ with an energy above theta_E is of the kind whose motor, as the rate folds it, i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import combinations
 from typing import Annotated, Any, Final, Literal, NamedTuple
@@ -69,7 +70,7 @@ from vibroswarm.sensors.base import (
     Values,
     register,
 )
-from vibroswarm.sensors.energies import histogram
+from vibroswarm.sensors.energies import density_of
 
 GRAVITY_M_S2: Final = 9.81
 STUDY: Final = SenseProgram()
@@ -530,16 +531,16 @@ def reading(value: Values, p: Any) -> NDArray[np.int64]:
 
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
-    """Return the density of energies on a kind of tile, from a histogram of those at reference places."""
-    edges, densities = _histogram(p, getattr(p, "place", STUDY_GRID))
-    return densities[kind][np.searchsorted(edges, value[:, 0], side="right")]
+    """Return the density of energies on a kind of tile, from those at reference places."""
+    return _densities(p, getattr(p, "place", STUDY_GRID))[kind](value[:, 0])
 
 
 @lru_cache(maxsize=16)
-def _histogram(p: Any, place: Place) -> tuple[Values, list[Values]]:
-    """Return the histogram of energies at reference places of a grid; cached, as each piece of a run needs it."""
+def _densities(p: Any, place: Place) -> list[Callable[[Values], Values]]:
+    """Return the densities of energies at reference places of a grid; cached, as each piece of a run needs it."""
     own = acceleration.reference_values(acceleration.at_place(p, place))
-    return histogram([values[:, 0] for values in own])
+    energies = [values[:, 0] for values in own]
+    return [density_of(each, energies) for each in energies]
 
 
 HARMONICS: Final = (1, 2, 3)

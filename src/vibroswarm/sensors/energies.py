@@ -4,25 +4,39 @@
 |---|---|---|---|
 | energy | E | as measured | of n sorted energies of the tile's kind, the one with index floor(u n) |
 | reading | O | 0, 1 | 1 if E > theta_E |
-| likelihood | - | 1 / unit of E | share of a kind's energies in the bin of E (counts plus 0.5) over the bin's width |
+| likelihood | - | 1 / unit of E | kernel density of asinh(E / s) on its tile's kind, times the slope of asinh(E / s) |
+
+asinh(E / s) is logarithmic beyond s, a share of the median |E|, and holds for zeros and energies below. Its density is
+also that of values beyond those measured, which factors of tiles and robots reach: histograms have no tails there.
 
 Its parameters, ``vibrating_energies`` and ``still_energies``, are fields of the section ``sensor`` itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.elementary import exp, log
 from vibroswarm.errors import InputError
+from vibroswarm.floors.patches import mixed
 from vibroswarm.sensors.base import SensorModel, Values, register
 from vibroswarm.sensors.gamma import above_threshold
 
-BINS: Final = 16
-"""Number of bins of the likelihood. Each holds the same number of energies, counting both kinds together."""
+LINEAR: Final = 0.3
+"""s of asinh(E / s), in medians of the |E| that are not 0."""
+POINTS: Final = 1024
+"""Points of the table of the density."""
+NARROW: Final = 0.9
+"""Width of the kernel: this times the standard deviation within kinds times n^-1/5 (Silverman 1986)."""
+LEAST: Final = 0.1
+"""Least standard deviation within kinds that counts, over the range of all: energies of a kind may all be equal."""
+REACH: Final = 4
+"""Half width of a kernel, in its standard deviations."""
 
 
 def measured_of(kind: int, p: Any) -> Values:
@@ -43,40 +57,65 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
 
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
-    """Return the density of energies on a kind of tile, from a histogram; energies beyond it are in its outer bins."""
-    edges, densities = _histogram_of(tuple(p.still_energies), tuple(p.vibrating_energies))
-    return in_bins(edges, densities[kind], value)
+    """Return the density of energies on a kind of tile, by a kernel; it is positive everywhere."""
+    return likelihood_at(float(kind), value, p)
 
 
-def in_bins(edges: Values, densities: Values, value: Values) -> Values:
-    """Return the density of each value by that of its bin (``histogram``)."""
-    return densities[np.searchsorted(edges, value, side="right")]
+def likelihood_at(contrast: float, value: Values, p: Any) -> Values:
+    """Return the density of energies at a contrast: of those between the energies of both kinds at equal quantiles."""
+    return _density_at(contrast, tuple(p.still_energies), tuple(p.vibrating_energies))(value)
 
 
-@lru_cache(maxsize=2)
-def _histogram_of(*measured: tuple[float, ...]) -> tuple[Values, list[Values]]:
-    """Return the ``histogram`` of measured energies; cached, as every factor of tiles and robots needs it again."""
-    return histogram([np.asarray(energies, dtype=np.float64) for energies in measured])
+@lru_cache(maxsize=4)
+def _density_at(
+    contrast: float, still: tuple[float, ...], vibrating: tuple[float, ...]
+) -> Callable[[Values], Values]:
+    """Return the density at a contrast; cached, as every factor of tiles and robots needs it again."""
+    kinds = [np.sort(np.array(energies)) for energies in (still, vibrating)]
+    if contrast in (0.0, 1.0):
+        return density_of(kinds[int(contrast)], kinds)
+    u = (np.arange(len(vibrating)) + 0.5) / len(vibrating)
+    off, on = (energies[(u * energies.size).astype(np.int64)] for energies in kinds)
+    return density_of(mixed(off, on, contrast), kinds)
 
 
-def histogram(
-    measured: Sequence[Values], binned: Sequence[Values] | None = None
-) -> tuple[Values, list[Values]]:
-    """Return inner edges of bins, and the density of the values measured on each kind of tile in each bin.
+def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values], Values]:
+    """Return the density of values of one kind of tile, or between two kinds, as a function.
 
-    Values beyond the histogram are in its outer bins. Bins are the same for all kinds.
+    All kinds have the same kernel: at equal values, which are many of some sensors, densities differ as shares do. One
+    value more of each kind counts as spread over the table, so that no density is 0.
 
     Args:
-        binned: values of which each bin has the same number; None: those that are measured.
+        measured: the values of each kind, by which the kernel and its table are chosen.
     """
-    together = np.concatenate(measured if binned is None else binned)
-    # If many energies are equal, some quantiles coincide; each is used once, so there are fewer bins.
-    edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
-    ends = np.concatenate([[together.min()], edges, [together.max()]])
-    widths = np.maximum(np.diff(ends), 1e-9)  # a bin of equal energies has no width
-    bins = [np.searchsorted(edges, values, side="right") for values in measured]
-    counts = [np.bincount(own, minlength=edges.size + 1) + 0.5 for own in bins]  # so that no share is 0
-    return edges, [of_kind / of_kind.sum() / widths for of_kind in counts]
+    from scipy.ndimage import correlate1d
+
+    size = np.abs(np.concatenate(measured))
+    unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
+    scaled = [_asinh(each / unit) for each in measured]
+    low, high = float(min(map(np.min, scaled))), float(max(map(np.max, scaled)))
+    number = min(each.size for each in measured)
+    within = math.sqrt(sum(float(each.var()) for each in scaled) / len(scaled))
+    width = NARROW * (max(within, LEAST * (high - low)) or 1.0) * number**-0.2
+    margin = REACH * width + 0.5 * (high - low)
+    at = np.linspace(low - margin, high + margin, POINTS)
+    step = float(at[1] - at[0])
+    reach = math.ceil(REACH * width / step)
+    kernel = exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
+    nearest = np.rint((_asinh(values / unit) - low + margin) / step).astype(np.int64)
+    counts = np.bincount(nearest, minlength=POINTS) / values.size
+    smooth = correlate1d(counts, kernel / kernel.sum(), mode="constant")
+    return partial(_density, unit, at, (number * smooth + 1.0 / POINTS) / (number + 1) / step)
+
+
+def _density(unit: float, at: Values, table: Values, value: Values) -> Values:
+    """Return the density of values, by that of asinh(value / unit) at the points ``at``."""
+    return np.asarray(np.interp(_asinh(value / unit), at, table) / np.hypot(value, unit))
+
+
+def _asinh(x: Values) -> Values:
+    """Return asinh of each number, alike on all processors."""
+    return np.copysign(log(np.abs(x) + np.hypot(x, 1.0)), x)
 
 
 def check(p: Any) -> None:
@@ -95,6 +134,7 @@ energies = register(
         reading=above_threshold,
         share_at_most=share_at_most,
         likelihood=likelihood,
+        likelihood_at=likelihood_at,
         check=check,
         in_section=True,
         scales=True,
