@@ -10,9 +10,9 @@ that samples give is a mean over the laws (``over_laws``) |
 | factors | - | of each robot and of each tile, log-normal of mean 1, by the spreads of the law |
 
 A surface is judged by a law that was fitted to a reference; what it measures was not part of that reference. So are the
-drawn surfaces: each is judged by a law fitted to a resampled reference, and measures what this reference left out. A
-law that judged values like those to which it was fitted would tell them apart better than any others: with a hundred
-measured values of each kind half of all intact surfaces were called.
+drawn surfaces: each is judged by a law fitted to a resampled reference, and measures what this reference left out,
+spread as the kernel of the law spreads it. A law that judged values like those to which it was fitted would tell them
+apart better than any others: with a hundred measured values of each kind one in seven intact surfaces was called.
 
 Tiles without a grid are squares of ``TILE_M``. Nothing varies with time: drift is tested, not simulated (``checks``).
 """

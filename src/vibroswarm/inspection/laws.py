@@ -50,6 +50,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.sensors.energies import smoothed
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""
@@ -59,6 +60,8 @@ MEASURED: Final = 64
 """The same of measured energies."""
 LARGEST: Final = 2_000_000
 """With more energies in all draws there are fewer draws: so many energies have hardly an error."""
+SMOOTH: Final = 4000
+"""Energies of a kind that drawn surfaces have, unless more were measured."""
 TOLD_APART: Final = 0.01
 """Largest p-value with which measured energies of two kinds differ (Mann-Whitney, of those that a law has not seen)."""
 FITTED: Final = (*FIELDS, *SPREADS)
@@ -186,6 +189,7 @@ def law_of_measured(
     sensor = preset("paper").with_values(values).sensor
     draws = tuple(_resampled(sensor, vibrating, still))
     _check_told_apart(words, sensor, draws, vibrating, still)
+    draws = tuple(Draw(one.judge, _smoothed(one.truth, (still, vibrating))) for one in draws)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
     )
@@ -208,6 +212,18 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Dra
             seen[kind] = tuple(each[chosen].tolist())
             left_out[kind] = tuple(np.delete(each, chosen).tolist())
         yield Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out))
+
+
+def _smoothed(truth: Sensor, measured: tuple[Floats, Floats]) -> Sensor:
+    """Return a law of energies between and beyond those measured too, as surfaces have them.
+
+    By the measured ones alone no drawn surface had an energy beyond them, so that too many surfaces were called.
+    """
+    update: dict[str, Any] = {}
+    for field in ("vibrating_energies", "still_energies"):
+        energies = np.array(getattr(truth, field))
+        update[field] = tuple(smoothed(energies, measured, max(1, SMOOTH // energies.size)).tolist())
+    return truth.model_copy(update=update)
 
 
 def _check_told_apart(

@@ -90,13 +90,8 @@ def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values],
     """
     from scipy.ndimage import correlate1d
 
-    size = np.abs(np.concatenate(measured))
-    unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
-    scaled = [_asinh(each / unit) for each in measured]
-    low, high = float(min(map(np.min, scaled))), float(max(map(np.max, scaled)))
+    unit, width, low, high = _kernel_of(measured)
     number = min(each.size for each in measured)
-    within = math.sqrt(sum(float(each.var()) for each in scaled) / len(scaled))
-    width = NARROW * (max(within, LEAST * (high - low)) or 1.0) * number**-0.2
     margin = REACH * width + 0.5 * (high - low)
     at = np.linspace(low - margin, high + margin, POINTS)
     step = float(at[1] - at[0])
@@ -106,6 +101,30 @@ def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values],
     counts = np.bincount(nearest, minlength=POINTS) / values.size
     smooth = correlate1d(counts, kernel / kernel.sum(), mode="constant")
     return partial(_density, unit, at, (number * smooth + 1.0 / POINTS) / (number + 1) / step)
+
+
+def smoothed(values: Values, measured: Sequence[Values], each: int) -> Values:
+    """Return values that are distributed as the density of ``values``: ``each`` of them about every one.
+
+    Args:
+        measured: as of ``density_of``.
+    """
+    from scipy.special import ndtri
+
+    unit, width, _, _ = _kernel_of(measured)
+    scaled = np.add.outer(_asinh(values / unit), width * ndtri((np.arange(each) + 0.5) / each)).ravel()
+    return np.asarray(0.5 * unit * (exp(scaled) - exp(-scaled)))  # sinh
+
+
+def _kernel_of(measured: Sequence[Values]) -> tuple[float, float, float, float]:
+    """Return s of asinh(E / s), the standard deviation of the kernel, and the ends of the scaled values."""
+    size = np.abs(np.concatenate(measured))
+    unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
+    scaled = [_asinh(each / unit) for each in measured]
+    low, high = float(min(map(np.min, scaled))), float(max(map(np.max, scaled)))
+    number = min(each.size for each in measured)
+    within = math.sqrt(sum(float(each.var()) for each in scaled) / len(scaled))
+    return unit, NARROW * (max(within, LEAST * (high - low)) or 1.0) * number**-0.2, low, high
 
 
 def _density(unit: float, at: Values, table: Values, value: Values) -> Values:
