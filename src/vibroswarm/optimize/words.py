@@ -71,6 +71,8 @@ def _refuse_without_effect(search: Search) -> None:
     fields = sorted(field for field in varied if field.partition(".")[0] not in selected)
     if not set(CHOOSES_PLACES).isdisjoint(search.space.names):
         fields = [field for field in fields if not OF_PLACES.fullmatch(field)]
+    if "strategy.name" in search.space.names:
+        fields = [field for field in fields if field != "decision.revise"]
     refuse_without_effect(fields, (cell.scenario for cell in search.cases))
 
 

@@ -138,9 +138,8 @@ class Change(FrozenModel):
         """Return the changes of a run's floor.
 
         Args:
-            floor: at time 0. arena_m: width and height of the arena, inside which patches appear. until_s: later
-                changes are left out, and one at this very time, which no sample reads. seed, run: select random
-                changes.
+            floor: at time 0. arena_m: width and height of the arena, inside which patches appear. until_s: time up to
+                which tiles are redrawn. seed, run: select random changes.
         Raises:
             InputError: ``to`` names no floor, or one of another size.
         """
@@ -152,8 +151,7 @@ class Change(FrozenModel):
         before = tiles
         for step, (time_s, to) in enumerate(self.steps()):
             before = _next(to, replace(floor, tiles=before), arena_m, step, seed, run)
-            if time_s < until_s:
-                later.append((time_s, before))
+            later.append((time_s, before))
         return changes_between(tiles, later)
 
 
@@ -259,9 +257,6 @@ def change_warnings(change: Change, t_end_s: float, is_final: bool) -> Iterator[
     """
     late = [stated(time_s) for time_s in change.at_s or () if time_s >= t_end_s]
     if late:
-        yield (
-            f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s, which "
-            "has no effect"
-        )
+        yield f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s"
     if change.is_given and is_final:
         yield "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading"
