@@ -134,6 +134,19 @@ def test_a_robot_that_faces_west_stands(tmp_path: Path) -> None:
     assert found["time_s"].to_list() == pytest.approx([time_s[-1]])
 
 
+@pytest.mark.parametrize("step", [-1, 0])
+def test_numbered_readings_whose_times_do_not_rise_are_refused(step: int, tmp_path: Path) -> None:
+    time_s = 5.0 + step * np.arange(COUNT) / RATE_HZ
+    pl.DataFrame({"robot": 0, "sample": 1, "time_s": time_s, "ax": 0.0, "ay": 0.0, "az": 9.81}).write_csv(
+        tmp_path / "a.csv"
+    )
+    seen_s = np.arange(101) / 10.0
+    tracks = pl.DataFrame({"robot": 0, "time_s": seen_s, "x_m": 0.5, "y_m": 0.5, "heading_rad": 0.0})
+    log = Log("places", "camera", log_frame({}, SAMPLES).clear(), log_frame(tracks.to_dict(), TRACKS))
+    with pytest.raises(InputError, match="the times of its readings do not rise"):
+        samples_found(log, tmp_path / "a.csv", SenseProgram())
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "leave_out", "said"),
     [

@@ -243,6 +243,8 @@ def _check_window(
     what = f"robot {robot}, sample at {stated(time_s)} s"
     if window.shape[0] > 1:
         spacing_s = np.diff(window[:, 0])
+        if spacing_s.min() <= 0.0:
+            raise InputError(f"{what}: the times of its readings do not rise", field=str(path))
         # Gaps, which would lower the rate, have an error of their own, below.
         usual_s = spacing_s[spacing_s <= WIDEST_GAP * np.median(spacing_s)]
         rate_hz = 1.0 / float(usual_s.mean())
