@@ -89,6 +89,19 @@ def test_measured_energies_have_a_density_also_beyond_the_last(at: float) -> Non
     assert ratios(sensor, value.astype(np.float32))[clear] == pytest.approx(expected[clear], abs=0.6)
 
 
+def test_beyond_all_measured_energies_the_nearer_kind_stays_the_likelier_and_a_wild_one_changes_little() -> (
+    None
+):
+    at = (np.arange(300) + 0.5) / 300
+    still, vibrating = gamma(4.0, 0.0, 0.25).ppf(at), gamma(6.0, 0.0, 0.4).ppf(at)
+    beyond = vibrating.max() * np.array([1.2, 2.0, 10.0, 1e6], dtype=np.float32)
+    assert (ratios(measured(still, vibrating), beyond) > 1.0).all()
+    assert (ratios(measured(still, vibrating), np.array([1e-3, 1e-9], dtype=np.float32)) < -1.0).all()
+    value = np.linspace(0.3, 4.0, 50).astype(np.float32)
+    with_wild = ratios(measured(np.append(still, 1e9), vibrating), value)
+    assert with_wild == pytest.approx(ratios(measured(still, vibrating), value), abs=0.5)
+
+
 @pytest.mark.parametrize(
     ("still", "vibrating", "at", "expected"),
     [

@@ -107,6 +107,13 @@ def test_intact_surfaces_are_cleared_by_measured_values_as_by_their_law():
     ).all()
 
 
+def test_damage_of_half_a_contrast_lies_between_few_measured_values():
+    """Of readings of 0 and 1 it counted as intact: told risks of 3.6 % were 50 %."""
+    vibrating, still = ((np.arange(100) < ones).astype(float) for ones in (80, 10))
+    law = law_of_measured(vibrating, still, "measured")
+    assert contrast_ratios(law, np.array([0.5]), 0.5) > 1.0
+
+
 def test_factors_of_robots_are_averaged_over_by_measured_values_too():
     """They were estimated and taken as known: told 3.6 % was 4.8 %, and fewer intact surfaces were cleared."""
     vibrating, still = np.random.default_rng(1).gamma(9.0, ([2.0], [1.0]), (2, 100))

@@ -79,7 +79,8 @@ def tables_of(law: Law) -> Table:
         # Values of a few samples are far from all others, as in a long tail: half of the points are quantiles.
         value = np.unique(np.concatenate([value[::2], still[::4], vibrating[::4]]))
     few = np.unique((still, vibrating))
-    if few.size <= MOST_KINDS:  # a sensor of classes: there is nothing between them
+    # A sensor of classes has nothing between them; damage of a contrast has energies between few measured ones.
+    if few.size <= MOST_KINDS and law.sensor.vibrating_energies is None:
         value = few
     if law.bits:
         value = np.array([0.0, 1.0])
@@ -205,10 +206,15 @@ def _interpolate(x: Floats, at: Floats, values: Floats, begin: NDArray[np.int64]
 @lru_cache(maxsize=512)
 def _contrast_table(law: Law, contrast: float) -> Floats:
     value = tables_of(law).value
-    off, on = (
-        np.maximum(likelihood_at(law.sensor, share, value, law.place), 1e-12) for share in (0.0, contrast)
-    )
-    return np.asarray(np.clip(np.log(on) - np.log(off), -MOST, MOST))
+    return np.asarray(np.clip(log_density(law, contrast, value) - log_density(law, 0.0, value), -MOST, MOST))
+
+
+def log_density(law: Law, contrast: float, value: Floats) -> Floats:
+    """Return the log likelihood of energies on damage of a contrast; finite, also where the law has none."""
+    least = (
+        1e-12 if law.sensor.vibrating_energies is None else 0.0
+    )  # that of measured ones is never 0, in any unit
+    return np.asarray(np.log(np.maximum(likelihood_at(law.sensor, contrast, value, law.place), least)))
 
 
 CRACK_M: Final = 0.02

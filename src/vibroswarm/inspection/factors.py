@@ -30,9 +30,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.inspection.damage import contrast_ratios, draws_of, interpolated, tables_of, tiles_below
+from vibroswarm.inspection.damage import (
+    contrast_ratios,
+    draws_of,
+    interpolated,
+    log_density,
+    tables_of,
+    tiles_below,
+)
 from vibroswarm.inspection.samples import Floats, Law, Samples, read_by
-from vibroswarm.observation.energy_model import MOST, claimed_rates, claims_truth, likelihood_at
+from vibroswarm.observation.energy_model import MOST, claimed_rates, claims_truth
 
 STEP: Final = 0.05
 """Change of the log factor over which kappa is computed."""
@@ -188,7 +195,7 @@ def _log_tables(law: Law, contrasts: tuple[float, ...]) -> Floats:
     value, typical = tables_of(law.typical).value, law.typical
     still = np.zeros(value.size)
     if _tile_spread(law):
-        still = np.log(np.maximum(likelihood_at(typical.sensor, 0.0, value, typical.place), 1e-12))
+        still = log_density(typical, 0.0, value)
     return np.stack([still, *(contrast_ratios(typical, value, contrast) for contrast in contrasts)])
 
 

@@ -32,9 +32,9 @@ LINEAR: Final = 0.3
 POINTS: Final = 1024
 """Points of the table of the density."""
 NARROW: Final = 0.9
-"""Width of the kernel: this times the standard deviation within kinds times n^-1/5 (Silverman 1986)."""
+"""Width of the kernel: this times the spread within kinds times n^-1/5 (Silverman 1986)."""
 LEAST: Final = 0.1
-"""Least standard deviation within kinds that counts, over the range of all: energies of a kind may all be equal."""
+"""Least spread within kinds that counts, over the range of all: energies of a kind may all be equal."""
 REACH: Final = 4
 """Half width of a kernel, in its standard deviations."""
 
@@ -82,25 +82,27 @@ def _density_at(
 def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values], Values]:
     """Return the density of values of one kind of tile, or between two kinds, as a function.
 
-    All kinds have the same kernel: at equal values, which are many of some sensors, densities differ as shares do. One
-    value more of each kind counts as spread over the table, so that no density is 0.
+    All kinds have the same kernel, so that shares count where many energies are equal. One value more of each kind is
+    spread widely about its own, by Laplace's distribution: beyond all values the nearer kind stays the likelier one.
 
     Args:
         measured: the values of each kind, by which the kernel and its table are chosen.
     """
     from scipy.ndimage import correlate1d
 
-    unit, width, low, high = _kernel_of(measured)
+    unit, spread, low, high = _scale_of(measured)
     number = min(each.size for each in measured)
+    width = NARROW * spread * number**-0.2
     margin = REACH * width + 0.5 * (high - low)
     at = np.linspace(low - margin, high + margin, POINTS)
     step = float(at[1] - at[0])
-    reach = math.ceil(REACH * width / step)
-    kernel = exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
+    away = np.abs(np.arange(1 - POINTS, POINTS)) * step
+    narrow = exp(-0.5 * (away[away <= REACH * width] / width) ** 2)
+    wide = exp(-away / spread)
     nearest = np.rint((_asinh(values / unit) - low + margin) / step).astype(np.int64)
     counts = np.bincount(nearest, minlength=POINTS) / values.size
-    smooth = correlate1d(counts, kernel / kernel.sum(), mode="constant")
-    return partial(_density, unit, at, (number * smooth + 1.0 / POINTS) / (number + 1) / step)
+    near, far = (correlate1d(counts, each / each.sum(), mode="constant") for each in (narrow, wide))
+    return partial(_density, unit, at, (number * near + far) / (number + 1) / step)
 
 
 def smoothed(values: Values, measured: Sequence[Values], each: int) -> Values:
@@ -111,20 +113,28 @@ def smoothed(values: Values, measured: Sequence[Values], each: int) -> Values:
     """
     from scipy.special import ndtri
 
-    unit, width, _, _ = _kernel_of(measured)
+    unit, spread, _, _ = _scale_of(measured)
+    width = NARROW * spread * min(kind.size for kind in measured) ** -0.2
     scaled = np.add.outer(_asinh(values / unit), width * ndtri((np.arange(each) + 0.5) / each)).ravel()
     return np.asarray(0.5 * unit * (exp(scaled) - exp(-scaled)))  # sinh
 
 
-def _kernel_of(measured: Sequence[Values]) -> tuple[float, float, float, float]:
-    """Return s of asinh(E / s), the standard deviation of the kernel, and the ends of the scaled values."""
+def _scale_of(measured: Sequence[Values]) -> tuple[float, float, float, float]:
+    """Return s of asinh(E / s), the spread of scaled values within kinds, and the ends of all."""
     size = np.abs(np.concatenate(measured))
     unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
     scaled = [_asinh(each / unit) for each in measured]
-    low, high = float(min(map(np.min, scaled))), float(max(map(np.max, scaled)))
-    number = min(each.size for each in measured)
-    within = math.sqrt(sum(float(each.var()) for each in scaled) / len(scaled))
-    return unit, NARROW * (max(within, LEAST * (high - low)) or 1.0) * number**-0.2, low, high
+    within = math.sqrt(sum(_spread(each) ** 2 for each in scaled) / len(scaled))
+    every = np.concatenate(scaled)
+    range_ = float(np.subtract(*np.quantile(every, (0.99, 0.01))))  # a single wild value does not count
+    return unit, max(within, LEAST * range_) or 1.0, float(every.min()), float(every.max())
+
+
+def _spread(scaled: Values) -> float:
+    """Return the standard deviation, or that of a normal distribution with the same quartiles, if it is smaller."""
+    quartiles = float(np.subtract(*np.quantile(scaled, (0.75, 0.25)))) / 1.34
+    deviation = float(scaled.std())
+    return min(deviation, quartiles) if quartiles > 0.0 else deviation
 
 
 def _density(unit: float, at: Values, table: Values, value: Values) -> Values:
