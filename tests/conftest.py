@@ -29,7 +29,9 @@ pytest_plugins = [
     "helpers.page_browser",
 ]
 
-os.environ["VIBROSWARM_CONFIG"] = ""  # the settings of whoever runs the tests change nothing
+# The settings of whoever runs the tests change nothing.
+os.environ["VIBROSWARM_CONFIG"] = ""
+os.environ.pop("FORCE_COLOR", None)
 
 # A tenth of the time went into looking for garbage among the libraries and tests that are loaded: Python looks less
 # often, and from the first test on not at these.
@@ -40,10 +42,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-# In CI the same examples every time, so that a red run can be made again; elsewhere new ones.
-settings.register_profile("ci", derandomize=True, print_blob=True)
-if os.environ.get("CI") == "true":
-    settings.load_profile("ci")
+# In CI the same examples every time, so that a red run can be made again; elsewhere new ones. No example has a
+# deadline, which a busy machine would miss.
+settings.register_profile("ci", derandomize=True, print_blob=True, deadline=None)
+settings.register_profile("elsewhere", deadline=None)
+settings.load_profile("ci" if os.environ.get("CI") == "true" else "elsewhere")
 
 
 def pytest_configure(config: pytest.Config) -> None:

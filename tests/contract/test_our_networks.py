@@ -158,7 +158,7 @@ def test_delays_are_fixed_and_exponential() -> None:
         assert np.unique((fixed.arrival_tick - fixed.tick[:, None])[fixed.state != OWN]).tolist() == [ticks]
     drawn = logs(over("delay", fixed_s=2.0, random_s=3.0), 8)
     found = [log.arrival_tick - log.tick[:, None] for log in drawn]
-    apart = [row[row >= 0] for row in found[0]]  # to each receiver it is another
+    apart = [row[row >= 0] for row in found[0]]  # each receiver has its own delay
     assert np.mean([np.ptp(row) > 0 for row in apart if row.size > 1]) > 0.95
     delay_s = 0.02 * np.concatenate([d[d > -1e6] for d in (np.where(f < 0, -1e9, f) for f in found)])
     assert delay_s.size > 2500

@@ -124,7 +124,7 @@ def test_walking_and_standing_add_up_to_the_time_of_a_line(console_logs: list[Pa
     lines = [line.split(",") for line in console_logs[0].read_text().splitlines()]
     sums_ms = [(1000.0 * float(line[1]), int(line[14]) + int(line[16])) for line in lines if len(line) == 19]
     assert len(sums_ms) > 100
-    assert np.abs(np.subtract(*np.transpose(sums_ms))).max() < 2.0
+    assert np.abs(np.subtract(*np.transpose(sums_ms))).max() < 1e-6
 
 
 def test_a_recording_is_kept_and_read_back(recording: Recording, tmp_path: Path) -> None:

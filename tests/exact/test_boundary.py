@@ -213,7 +213,7 @@ def test_undamaged_floors_no_longer_raise_an_alarm() -> None:
     assert share_that_says_more(0.0, 40, **better)[0] > 0.9
 
 
-def test_a_run_says_with_what_robots_compare_what_they_read_if_that_is_not_the_boundary() -> None:
+def test_a_run_names_the_share_robots_compare_with_unless_it_is_the_boundary() -> None:
     for fields, told in ({}, False), (TILES, True):
         short = PAPER.with_values({"run.t_end_s": 20.0, **fields})
         document = run_document(simulate(short, 1, 1), 0)

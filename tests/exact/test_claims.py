@@ -116,6 +116,7 @@ def test_factors_of_tiles_widen_what_is_claimed() -> None:
     """Against a million draws of the claimed law times the factor."""
     law, spread = stats.gamma([1.0, 2.0]), 0.3
     sensor = mine(lambda kind, value, p: stats.gamma.pdf(value, 1.0 + kind), scales=True)
+    np.testing.assert_allclose(claimed_rates(sensor, factor=2.0), claimed_of(*law.cdf(0.25)), atol=5e-5)
     sensor = sensor.model_copy(update={"tile_spread": spread})
     generator = np.random.default_rng(3)
     factor = np.exp(spread * generator.standard_normal((250_000, 1)) - 0.5 * spread**2)

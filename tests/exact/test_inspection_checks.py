@@ -257,8 +257,8 @@ def test_bits_are_checked_and_told_by_their_own_law() -> None:
     assert set(np.unique(drawn_values(np.random.default_rng(1), samples, 3))) == {0.0, 1.0}
 
 
-def test_bits_are_weighed_by_what_is_claimed_of_them_however_much_tiles_differ() -> None:
-    """Where tiles differ, bits counted by the true rates: the told risk was 12 % in the place of 62 %, by 300 s."""
+def test_bits_are_weighed_by_claimed_rates_also_where_tiles_differ() -> None:
+    """With true rates instead of claimed ones, the told risk was 12 % instead of 62 % where tiles differ."""
     stated = {
         "run.t_end_s": 60.0,
         "floor.source": "random:0.0",

@@ -297,7 +297,7 @@ def test_a_marker_whose_edges_cannot_be_fitted_is_no_error() -> None:
 
 
 def test_a_marker_that_is_enlarged_to_be_read_is_where_it_is() -> None:
-    """One of 11 px; pixels have their middles at whole numbers."""
+    """A marker of 11 px; pixel centres are whole numbers."""
     picture = np.full((60, 60), 255, dtype=np.uint8)
     drawn = dictionary_of(MARKERS.dictionary).generateImageMarker(3, 66)
     picture[22:33, 20:31] = cv2.resize(drawn, (11, 11), interpolation=cv2.INTER_AREA)

@@ -48,7 +48,10 @@ def open_page(tabs: Tabs, page_path: Path, tmp_path: Path) -> Iterator[Open]:
         if of is not None:
             file = tmp_path / f"page {next(number)}.html"
             write_page(record_of(of) if isinstance(of, Result) else of, file)
-        return tabs.open(file.as_uri() + hash_, **{"viewport": {"width": 1280, "height": 800}} | options)
+        page = tabs.open(file.as_uri() + hash_, **{"viewport": {"width": 1280, "height": 800}} | options)
+        if options.get("java_script_enabled", True):
+            page.evaluate("document.fonts.ready.then(() => null)")  # the page lays itself out again then
+        return page
 
     yield opened
     assert tabs.emptied() == []

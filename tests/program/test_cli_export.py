@@ -642,7 +642,7 @@ def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
         assert 40.0 < timing.ms(found.work) < 80.0
 
 
-def test_memory_that_does_not_suffice_is_said() -> None:
+def test_too_little_memory_is_reported() -> None:
     flash, ram = timing.FLASH_BYTES, timing.RAM_BYTES - timing.STACK_BYTES
     assert timing.unfit(scenario_for("soft"), c_library.Memory(flash, ram, ""), None) == []
     assert timing.unfit(scenario_for("soft"), c_library.Memory(flash + 1, ram + 1, ""), None) == [

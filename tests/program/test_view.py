@@ -178,7 +178,7 @@ def test_each_of_three_kinds_has_its_colours_and_decisions_their_words() -> None
 
 
 def test_each_of_sixteen_kinds_has_tiles_and_samples_of_its_own_look() -> None:
-    """Kind 5 was a disc, 8 had the colours of still, later the looks of 2: tiles by lines, samples by shape differ."""
+    """Tiles differ by colour and lines, samples by colour and shape."""
     three = {"sensor.model": "confusion", "strategy.name": "dirichlet", "task.name": "majority"}
     made = preset("paper").with_values({**three, "floor.source": "random:0.4,0.36,0.24", "run.t_end_s": 60.0})
     playback = Playback(simulate(made, 3, [0]), 0)

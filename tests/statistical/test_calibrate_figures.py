@@ -134,7 +134,9 @@ def test_rays_of_one_side_are_found_from_where_robots_turn_at_a_wall() -> None:
 def test_the_wall_ahead_and_the_incidence_on_it(x_m: float, y_m: float, course: float) -> None:
     """Anticlockwise of straight at it; also beside a nearer wall that lies behind."""
     assert _to_wall(x_m, y_m, course + 0.2, (1.0, 1.0)) == pytest.approx((0.1, 0.2))
-    assert _to_wall(x_m, y_m, course + np.pi, (1.0, 1.0))[0] > 0.4
+    assert _to_wall(x_m, y_m, course + 1.8, (1.0, 1.0)) == pytest.approx((0.1, 1.8))
+    for turned in (1.95, np.pi):
+        assert _to_wall(x_m, y_m, course + turned, (1.0, 1.0))[0] > 0.4
 
 
 def test_fitted_energies_are_rounded_by_their_unit() -> None:
@@ -159,7 +161,7 @@ def test_wheels_turn_at_half_the_track_from_the_middle() -> None:
 
 
 def test_laws_of_few_robots_by_hand() -> None:
-    """Of a mean Student's with 2 degrees of freedom, of a variance the inverse of chi square's with 4."""
+    """The mean follows Student's t (2 degrees of freedom), the variance an inverse chi-square (4)."""
     means = drawn_means(np.array([1.0, 2.0, 3.0]), np.array([0.025, 0.975]))
     assert means == pytest.approx(2.0 + np.array([-1.0, 1.0]) * 4.302653 / 3**0.5)
     assert drawn_variances(3.0, 4, np.array([0.5])) == pytest.approx(12.0 / 3.356694)

@@ -284,7 +284,7 @@ def test_a_gate_that_no_robot_of_a_cell_reached_is_warned_of() -> None:
     )
 
 
-def test_of_many_warnings_of_a_kind_the_first_are_said() -> None:
+def test_only_the_first_warnings_of_a_kind_are_listed() -> None:
     weak = preset("paper").with_values({"run.t_end_s": 2.0, "floor.source": "random:0.52"})
     study = Study.of(weak, 2, sensor__rms_threshold=[1.5 + k / 100 for k in range(8)])
     *_, sixth, more, _ = warnings_of(outcome_of(study.run(progress=False), compare=False))

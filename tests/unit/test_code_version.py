@@ -76,7 +76,7 @@ def test_it_is_kept_and_a_damaged_file_is_written_again(monkeypatch: pytest.Monk
     path = folder / f"syntax-hash-{source_hash()}.txt"
     text = path.read_text(encoding="ascii")
     assert text.startswith(found)
-    # Computed once, above: it takes half a second.
+    # Not computed again: it takes half a second.
     monkeypatch.setattr(code_version, "syntax_hash", lambda package, sources: found)
     other = "1" if found[0] == "0" else "0"
     for damaged in (b"\xff half a fi", text.replace(found[0], other, 1).encode(), found.encode(), b""):

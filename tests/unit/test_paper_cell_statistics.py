@@ -53,7 +53,7 @@ def came(rows: pl.DataFrame) -> list[CellResult]:
     return summarise(CELLS, *arrays_of(shuffled, NUMBERS, RUNS, ROBOTS))
 
 
-def test_a_cell_alone_has_the_fewer_of_its_runs_and_those_of_the_reproduction() -> None:
+def test_a_cells_command_has_the_smaller_number_of_runs() -> None:
     of_500 = replace(CELLS[0], runs=500)
     assert [f"--runs {n} " in of_500.command(most, 1) for n, most in ((10, 10), (500, 1000))] == [True, True]
 

@@ -111,7 +111,8 @@ def test_only_own_readings_can_be_the_current_sample(gate: str) -> None:
     )  # fmt: skip
     logs = [Log("a log", "by hand", samples, tracks=pl.DataFrame())]
     kind, least = infer_gate(logs, 0.95)
-    assert infer_credible(logs, [kind, least]).high == pytest.approx(0.99)
+    credible = infer_credible(logs, [kind, least])
+    assert (credible.low, credible.high) == (0.5, pytest.approx(0.99))
     assert kind.value == gate, kind.evidence
     most = 10 if gate == "total" else 9  # of the undecided ones
     assert (least.value, least.low, least.high) == (most, most, most + 1)
