@@ -260,7 +260,7 @@ def test_bits_are_checked_and_told_by_their_own_law() -> None:
 def test_bits_are_weighed_by_claimed_rates_also_where_tiles_differ() -> None:
     """With true rates instead of claimed ones, the told risk was 12 % instead of 62 % where tiles differ."""
     stated = {
-        "run.t_end_s": 60.0,
+        "run.t_end_s": 30.0,
         "floor.source": "random:0.0",
         "sensor.claimed_rates": ((0.9, 0.1), (0.2, 0.8)),
     }

@@ -51,6 +51,12 @@ def test_a_space_may_choose_whether_robots_estimate_places(tmp_path: Path) -> No
         search_of(file)
 
 
+def test_a_space_may_choose_whether_robots_revise(tmp_path: Path) -> None:
+    file = tmp_path / "search.toml"
+    file.write_text('[space]\n"decision.revise" = [true, false]\n"strategy.name" = ["none", "soft"]\n')
+    assert "decision.revise" in search_of(file).space.names
+
+
 def test_a_log_scale_has_its_geometric_mean_in_the_middle() -> None:
     assert Dimension("x", 1.0, 10000.0, "log").value(0.5) == pytest.approx(100.0)
 
