@@ -37,6 +37,8 @@ LEAST: Final = 0.1
 """Least spread within kinds that counts, over the range of all: energies of a kind may all be equal."""
 REACH: Final = 4
 """Half width of a kernel, in its standard deviations."""
+WILD: Final = 16
+"""Spreads beyond the outer hundredths of all values from which on a value counts as if it were there."""
 
 
 def measured_of(kind: int, p: Any) -> Values:
@@ -99,8 +101,8 @@ def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values],
     away = np.abs(np.arange(1 - POINTS, POINTS)) * step
     narrow = exp(-0.5 * (away[away <= REACH * width] / width) ** 2)
     wide = exp(-away / spread)
-    nearest = np.rint((_asinh(values / unit) - low + margin) / step).astype(np.int64)
-    counts = np.bincount(nearest, minlength=POINTS) / values.size
+    places = (np.clip(_asinh(values / unit), low, high) - low + margin) / step
+    counts = np.bincount(np.rint(places).astype(np.int64), minlength=POINTS) / values.size
     near, far = (correlate1d(counts, each / each.sum(), mode="constant") for each in (narrow, wide))
     return partial(_density, unit, at, (number * near + far) / (number + 1) / step)
 
@@ -120,14 +122,20 @@ def smoothed(values: Values, measured: Sequence[Values], each: int) -> Values:
 
 
 def _scale_of(measured: Sequence[Values]) -> tuple[float, float, float, float]:
-    """Return s of asinh(E / s), the spread of scaled values within kinds, and the ends of all."""
+    """Return s of asinh(E / s), the spread of scaled values within kinds, and the ends of all but wild ones."""
     size = np.abs(np.concatenate(measured))
     unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
     scaled = [_asinh(each / unit) for each in measured]
     within = math.sqrt(sum(_spread(each) ** 2 for each in scaled) / len(scaled))
     every = np.concatenate(scaled)
-    range_ = float(np.subtract(*np.quantile(every, (0.99, 0.01))))  # a single wild value does not count
-    return unit, max(within, LEAST * range_) or 1.0, float(every.min()), float(every.max())
+    low, high = (float(end) for end in np.quantile(every, (0.01, 0.99)))
+    spread = max(within, LEAST * (high - low)) or 1.0
+    return (
+        unit,
+        spread,
+        max(float(every.min()), low - WILD * spread),
+        min(float(every.max()), high + WILD * spread),
+    )
 
 
 def _spread(scaled: Values) -> float:
