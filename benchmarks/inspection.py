@@ -52,7 +52,7 @@ from vibroswarm.inspection.patches import (
     shares_of,
 )
 from vibroswarm.inspection.pod import INTACT
-from vibroswarm.inspection.region import CELL_M, DRAWN, Region, posterior_of, region_of
+from vibroswarm.inspection.region import CELL_M, DRAWN, Region, coarse_shares, posterior_of, region_of
 from vibroswarm.inspection.samples import SAMPLES, Law, Samples
 from vibroswarm.inspection.scan import (
     BLOCK_S,
@@ -334,10 +334,16 @@ UNDECLARED = (
 
 def measure_region(count: int) -> None:
     """Print how often the joint region of a called patch holds the damage, among surfaces that are called."""
-    for name in ("optimised-places", "calibrated"):
+    law = Law(preset("paper").sensor, "preset paper")
+    exact = (at_exact_places(generator(n, "places for regions"), 800, law) for n in range(count))
+    simulated = [
+        (name, inspections(name, count, 600.0, "random:0.0", 9))
+        for name in ("optimised-places", "calibrated")
+    ]
+    for name, found in [*simulated, ("800 exact places", exact)]:
         held, called = dict.fromkeys(SORTS + UNDECLARED, 0), dict.fromkeys(SORTS + UNDECLARED, 0)
         of_declared, of_others = generator(9, "damage for regions"), generator(10, "damage for regions")
-        for number, samples in enumerate(inspections(name, count, 600.0, "random:0.0", 9)):
+        for number, samples in enumerate(found):
             for what in SORTS + UNDECLARED:
                 random = of_declared if what in SORTS else of_others
                 damages, sides = damages_of(what, random, 1)
@@ -350,6 +356,7 @@ def measure_region(count: int) -> None:
                 critical = critical_of(samples, patches, shares, number, replicates=99)
                 there = np.ones(value.size, dtype=bool)
                 boxes, _ = called_patches(read, patches, shares, critical, 0.5, there)
+                shares = coarse_shares(read, patches)
                 for box in boxes[: len(damages)]:
                     region = region_of(posterior_of(read, patches, shares, there))
                     there &= ~near(read, box)

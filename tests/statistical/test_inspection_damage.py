@@ -16,7 +16,7 @@ from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.missed import pooled_trials
 from vibroswarm.inspection.others import by_tiles
 from vibroswarm.inspection.patches import Form, declared, log_likelihoods, raster, scan_statistic, shares_of
-from vibroswarm.inspection.region import HELD, posterior_of, region_of
+from vibroswarm.inspection.region import HELD, coarse_shares, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.scan import CELLS, intact_statistics, p_value, statistic_of
 from vibroswarm.inspection.stopping import Question, rule_of
@@ -157,6 +157,23 @@ def test_told_risks_are_not_below_true_ones_except_at_weaker_contrast(plain: lis
     assert cleared["half"] / (cleared["half"] + cleared["intact"]) > 0.12
 
 
+def test_regions_by_many_exact_places_hold_damage_between_declared_places() -> None:
+    """The control: shares of exact places, of which the nearest declared one is as unlikely as any."""
+    held = {coarse_shares: 0, shares_of: 0}
+    for seed in range(40):
+        random, law = np.random.default_rng(seed), Law(preset("paper").sensor, "the truth")
+        samples = replace(drawn_samples(seed, count=1000, spread_m=0.0), law=law)
+        side_m = random.uniform(0.2, 0.28)
+        x_m, y_m = random_places(random, np.full(1, side_m), samples.size_m)
+        values = drawn_values(random, samples, 1, patch_of(x_m, y_m, side_m))[:, 0]
+        read, patches = samples.with_columns(value=values), declared(samples.size_m)
+        for shares in held:
+            region = region_of(posterior_of(read, patches, shares(read, patches), np.ones(1000, dtype=bool)))
+            held[shares] += region.holds(Form(side_m, side_m), x_m[0], y_m[0])
+    assert held[coarse_shares] >= binom.ppf(0.001, 40, HELD)
+    assert held[shares_of] < binom.ppf(0.001, 40, HELD)
+
+
 def test_the_region_holds_the_place_size_and_contrast_of_damage_that_was_called(
     plain: list[Samples], calibrated: list[Samples]
 ) -> None:
@@ -170,10 +187,11 @@ def test_the_region_holds_the_place_size_and_contrast_of_damage_that_was_called(
         x_m, y_m = random_places(random, np.full(8, 0.17), samples.size_m)
         values = drawn_values(random, samples, 8, patch_of(x_m, y_m, 0.17, 0.9))
         regions, there = [], np.ones(samples.frame.height, dtype=bool)
+        weighed = coarse_shares(samples, patches)
         called = statistic_of(samples, patches, shares, values) >= critical
         for value in values.T:
             read = samples.with_columns(value=value)
-            regions.append(region_of(posterior_of(read, patches, shares, there)))
+            regions.append(region_of(posterior_of(read, patches, weighed, there)))
         for k in np.flatnonzero(called):
             damage = Form(0.17, 0.17), x_m[k], y_m[k], 0.9
             held.append(regions[k].holds(*damage))

@@ -17,7 +17,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
 from vibroswarm.inspection.laws import law_of_measured, law_of_sessions
 from vibroswarm.inspection.patches import Form, declared, log_likelihoods, scan_statistic, shares_of
-from vibroswarm.inspection.region import posterior_of, region_of
+from vibroswarm.inspection.region import coarse_shares, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.scan import intact_statistics, p_value
 from vibroswarm.inspection.stopping import Question, rule_of
@@ -136,7 +136,7 @@ def held(with_error: bool, laws: int) -> int:
             value=measured
         )
         patches = declared(judged.size_m)
-        posterior = posterior_of(judged, patches, shares_of(judged, patches), np.full(600, True))
+        posterior = posterior_of(judged, patches, coarse_shares(judged, patches), np.full(600, True))
         count += region_of(posterior).holds(Form(0.2, 0.2), float(x_m[0]), float(y_m[0]))
     return count
 

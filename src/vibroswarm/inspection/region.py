@@ -12,6 +12,9 @@
 L_jc takes samples as independent. Where tiles and robots differ, the power 1 / d gives it the width that it would have
 with fewer, independent samples: without it the region of squares of 20 cm held their contrast in 65 % (``calibrated``).
 
+Places of samples count as at least as uncertain as declared ones are apart (``coarse_shares``): by 1,000 exact places
+of samples the region of squares of 20 to 28 cm held them in 38 %, and holds them in 97.
+
 One patch is presumed: each called patch has a region, by the samples that are not on those called before it. Between
 the places, sizes and contrasts of the declared set the probability falls linearly: damage lies between them.
 """
@@ -30,7 +33,7 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.damage import contrast_ratios, over_laws, tables_of, tiles_below
-from vibroswarm.inspection.patches import Form, Patches, Shares, log_likelihoods
+from vibroswarm.inspection.patches import AROUND, Form, Patches, Shares, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Floats, Law, Samples
 
 HELD: Final = 0.9
@@ -143,6 +146,27 @@ def between(forms: tuple[Form, ...]) -> tuple[Form, ...]:
 
 def _shape(form: Form) -> tuple[bool, float]:
     return form.is_disc, round(form.width_m / form.height_m, 6)
+
+
+def coarse_shares(samples: Samples, patches: Patches) -> Shares:
+    """Return the shares of samples whose places are known no better than places of each form are apart.
+
+    Damage lies between declared places: by many sharp places the nearest of them would be as unlikely as any other.
+    """
+    parts = []
+    for k, form in enumerate(patches.forms):
+        own, least_m = patches.form == k, AROUND / math.sqrt(3.0) * form.step_m
+        spreads = {name: np.maximum(samples.column(name), least_m) for name in ("spread_x_m", "spread_y_m")}
+        alone = Patches(patches.left_m[own], patches.bottom_m[own], patches.form[own] - k, (form,))
+        parts.append(shares_of(samples.with_columns(**spreads), alone))
+    begin = np.cumsum([0, *(part.first[-1] for part in parts)])
+    first = [part.first[:-1] + before for part, before in zip(parts, begin, strict=False)]
+    return Shares(
+        np.append(np.concatenate(first), begin[-1]),
+        np.concatenate([part.sample for part in parts]),
+        np.concatenate([part.share for part in parts]),
+        parts[0].place,
+    )
 
 
 def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_]) -> Posterior:

@@ -36,9 +36,8 @@ from vibroswarm.inspection.patches import (
     logs_at_looks,
     raster,
     scan_statistic,
-    shares_of,
 )
-from vibroswarm.inspection.region import Region, between, posterior_of, region_of
+from vibroswarm.inspection.region import Region, between, coarse_shares, posterior_of, region_of
 from vibroswarm.inspection.samples import Floats, Samples
 
 REPLICATES: Final = 999
@@ -146,8 +145,6 @@ def scan(
     # By the samples of the look with the largest T, which is the last one unless there are several.
     there = look <= each.argmax()
     called, cells = called_patches(samples, patches, shares, critical, prior, there)
-    if called and weighed.forms != patches.forms:
-        shares = shares_of(samples, weighed)
     return Scan(
         statistic,
         p_value(statistic, drawn),
@@ -156,7 +153,7 @@ def scan(
         replicates,
         level,
         called,
-        tuple(_regions(samples, weighed, shares, called, there)),
+        tuple(_regions(samples, weighed, called, there)),
         patches.forms,
         cells,
         looks,
@@ -236,9 +233,12 @@ def rasters(
 
 
 def _regions(
-    samples: Samples, patches: Patches, shares: Shares, called: Sequence[Box], there: NDArray[np.bool_]
+    samples: Samples, patches: Patches, called: Sequence[Box], there: NDArray[np.bool_]
 ) -> Iterator[Region]:
     """Yield the region of each called patch, by the samples that are not on those before it."""
+    if not called:
+        return
+    shares = coarse_shares(samples, patches)
     for box in called:
         yield region_of(posterior_of(samples, patches, shares, there))
         there = there & ~near(samples, box)
