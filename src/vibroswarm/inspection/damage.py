@@ -211,9 +211,8 @@ def _contrast_table(law: Law, contrast: float) -> Floats:
 
 def log_density(law: Law, contrast: float, value: Floats) -> Floats:
     """Return the log likelihood of energies on damage of a contrast; finite, also where the law has none."""
-    least = (
-        1e-12 if law.sensor.vibrating_energies is None else 0.0
-    )  # that of measured ones is never 0, in any unit
+    # Densities of measured energies are never 0, and small numbers where energies are large ones.
+    least = 1e-12 if law.sensor.vibrating_energies is None else 0.0
     return np.asarray(np.log(np.maximum(likelihood_at(law.sensor, contrast, value, law.place), least)))
 
 

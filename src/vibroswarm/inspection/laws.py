@@ -189,6 +189,7 @@ def law_of_measured(
     sensor = preset("paper").with_values(values).sensor
     draws = tuple(_resampled(sensor, vibrating, still))
     _check_told_apart(words, sensor, draws, vibrating, still)
+    # Only now: the check looks for the measured energies themselves.
     draws = tuple(Draw(one.judge, _smoothed(one.truth, (still, vibrating))) for one in draws)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"

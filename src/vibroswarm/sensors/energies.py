@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -92,9 +92,7 @@ def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values],
     """
     from scipy.ndimage import correlate1d
 
-    unit, spread, low, high = _scale_of(measured)
-    number = min(each.size for each in measured)
-    width = NARROW * spread * number**-0.2
+    unit, spread, width, low, high = _scale_of(measured)
     margin = REACH * width + 0.5 * (high - low)
     at = np.linspace(low - margin, high + margin, POINTS)
     step = float(at[1] - at[0])
@@ -102,6 +100,7 @@ def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values],
     narrow = exp(-0.5 * (away[away <= REACH * width] / width) ** 2)
     wide = exp(-away / spread)
     places = (np.clip(_asinh(values / unit), low, high) - low + margin) / step
+    number = min(each.size for each in measured)
     counts = np.bincount(np.rint(places).astype(np.int64), minlength=POINTS) / values.size
     near, far = (correlate1d(counts, each / each.sum(), mode="constant") for each in (narrow, wide))
     return partial(_density, unit, at, (number * near + far) / (number + 1) / step)
@@ -115,14 +114,25 @@ def smoothed(values: Values, measured: Sequence[Values], each: int) -> Values:
     """
     from scipy.special import ndtri
 
-    unit, spread, _, _ = _scale_of(measured)
-    width = NARROW * spread * min(kind.size for kind in measured) ** -0.2
-    scaled = np.add.outer(_asinh(values / unit), width * ndtri((np.arange(each) + 0.5) / each)).ravel()
-    return np.asarray(0.5 * unit * (exp(scaled) - exp(-scaled)))  # sinh
+    scale = _scale_of(measured)
+    offsets = scale.width * ndtri((np.arange(each) + 0.5) / each)
+    scaled = np.add.outer(_asinh(values / scale.unit), offsets).ravel()
+    return np.asarray(0.5 * scale.unit * (exp(scaled) - exp(-scaled)))  # sinh
 
 
-def _scale_of(measured: Sequence[Values]) -> tuple[float, float, float, float]:
-    """Return s of asinh(E / s), the spread of scaled values within kinds, and the ends of all but wild ones."""
+class _Scale(NamedTuple):
+    unit: float
+    """s of asinh(E / s), by which energies are scaled."""
+    spread: float
+    """Of scaled energies within kinds."""
+    width: float
+    """Standard deviation of the kernel."""
+    low: float
+    high: float
+    """Ends of the scaled energies but wild ones."""
+
+
+def _scale_of(measured: Sequence[Values]) -> _Scale:
     size = np.abs(np.concatenate(measured))
     unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
     scaled = [_asinh(each / unit) for each in measured]
@@ -130,9 +140,10 @@ def _scale_of(measured: Sequence[Values]) -> tuple[float, float, float, float]:
     every = np.concatenate(scaled)
     low, high = (float(end) for end in np.quantile(every, (0.01, 0.99)))
     spread = max(within, LEAST * (high - low)) or 1.0
-    return (
+    return _Scale(
         unit,
         spread,
+        NARROW * spread * min(each.size for each in measured) ** -0.2,
         max(float(every.min()), low - WILD * spread),
         min(float(every.max()), high + WILD * spread),
     )

@@ -105,6 +105,11 @@ CHOOSES_PLACES: Final = ("strategy.name", "localisation.method")
 """Fields that say whether they do."""
 
 
+def _may_revise(scenario: Scenario) -> bool:
+    loaded = strategies.known().get(scenario.strategy.name)
+    return loaded is None or loaded.revises
+
+
 def refuse_without_effect(
     fields: Iterable[str], scenarios: Iterable[Scenario], option: str = "", beside: Iterable[str] = ()
 ) -> None:
@@ -119,8 +124,6 @@ def refuse_without_effect(
     fields, scenarios = list(fields), list(scenarios)
     stated = {*fields, *beside}
     choices = [choice for scenario in scenarios for choice in scenario.choices]
-    loaded = strategies.known()
-    may_revise = [getattr(loaded.get(each.strategy.name), "revises", True) for each in scenarios]
     for field in fields:
         needed = NEEDS.get(field)
         # A fault that is set to 0, as in the first of several runs, is no mistake.
@@ -137,7 +140,7 @@ def refuse_without_effect(
                 "out",
                 field=option + field,
             )
-        if field == "decision.revise" and not any(may_revise):
+        if field == "decision.revise" and not any(_may_revise(each) for each in scenarios):
             raise InputError(
                 "has no effect: the strategy never revises a decision by it; use one that does, such as soft, forget, "
                 "reset or fading, or leave this out",
