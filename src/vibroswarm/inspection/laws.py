@@ -50,7 +50,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.sensors.energies import smoothed
+from vibroswarm.sensors.energies import Scale, scale_of, smoothed
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""
@@ -190,7 +190,8 @@ def law_of_measured(
     draws = tuple(_resampled(sensor, vibrating, still))
     _check_told_apart(words, sensor, draws, vibrating, still)
     # Only now: the check looks for the measured energies themselves.
-    draws = tuple(Draw(one.judge, _smoothed(one.truth, (still, vibrating))) for one in draws)
+    scale = scale_of((still, vibrating))
+    draws = tuple(Draw(one.judge, _smoothed(one.truth, scale)) for one in draws)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
     )
@@ -215,7 +216,7 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Dra
         yield Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out))
 
 
-def _smoothed(truth: Sensor, measured: tuple[Floats, Floats]) -> Sensor:
+def _smoothed(truth: Sensor, scale: Scale) -> Sensor:
     """Return a law of energies between and beyond those measured too, as surfaces have them.
 
     By the measured ones alone no drawn surface had an energy beyond them, so that too many surfaces were called.
@@ -223,7 +224,7 @@ def _smoothed(truth: Sensor, measured: tuple[Floats, Floats]) -> Sensor:
     update: dict[str, Any] = {}
     for field in ("vibrating_energies", "still_energies"):
         energies = np.array(getattr(truth, field))
-        update[field] = tuple(smoothed(energies, measured, max(1, SMOOTH // energies.size)).tolist())
+        update[field] = tuple(smoothed(energies, scale, max(1, SMOOTH // energies.size)).tolist())
     return truth.model_copy(update=update)
 
 
@@ -240,15 +241,18 @@ def _check_told_apart(
         random, gap = generator(1, "equal energies"), np.diff(different).min(initial=1.0)
         vibrating, still = (each + gap * (random.random(each.size) - 0.5) for each in (vibrating, still))
         draws = tuple(_resampled(sensor, vibrating, still))
-    means: list[Floats] = []
-    for field, energies in (("vibrating_energies", vibrating), ("still_energies", still)):
-        at, index = np.unique(energies, return_inverse=True)
-        total, number = np.zeros(at.size), np.zeros(at.size)
-        for draw in draws:
+    # A draw judges the energies of both kinds before the next one: its densities are computed once.
+    kinds = {
+        "vibrating_energies": np.unique(vibrating, return_inverse=True),
+        "still_energies": np.unique(still, return_inverse=True),
+    }
+    total, number = ({field: np.zeros(at.size) for field, (at, _) in kinds.items()} for _ in range(2))
+    for draw in draws:
+        for field, (at, _) in kinds.items():
             unseen = np.searchsorted(at, np.array(getattr(draw.truth, field)))
-            np.add.at(total, unseen, ratios_of_values(Law(draw.judge, ""), at[unseen]))
-            np.add.at(number, unseen, 1)
-        means.append((total / np.maximum(number, 1))[index])
+            np.add.at(total[field], unseen, ratios_of_values(Law(draw.judge, ""), at[unseen]))
+            np.add.at(number[field], unseen, 1)
+    means = [(total[field] / np.maximum(number[field], 1))[index] for field, (_, index) in kinds.items()]
     p = float(mannwhitneyu(means[0], means[1], alternative="greater").pvalue)
     if p > TOLD_APART:
         raise InputError(

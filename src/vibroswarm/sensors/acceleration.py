@@ -70,7 +70,7 @@ from vibroswarm.sensors.base import (
     Values,
     register,
 )
-from vibroswarm.sensors.energies import density_of
+from vibroswarm.sensors.energies import density_of, scale_of
 
 GRAVITY_M_S2: Final = 9.81
 STUDY: Final = SenseProgram()
@@ -540,7 +540,8 @@ def _densities(p: Any, place: Place) -> list[Callable[[Values], Values]]:
     """Return the densities of energies at reference places of a grid; cached, as each piece of a run needs it."""
     own = acceleration.reference_values(acceleration.at_place(p, place))
     energies = [values[:, 0] for values in own]
-    return [density_of(each, energies) for each in energies]
+    scale = scale_of(energies)
+    return [density_of(each, scale) for each in energies]
 
 
 HARMONICS: Final = (1, 2, 3)

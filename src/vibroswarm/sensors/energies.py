@@ -73,56 +73,26 @@ def _density_at(
     contrast: float, still: tuple[float, ...], vibrating: tuple[float, ...]
 ) -> Callable[[Values], Values]:
     """Return the density at a contrast; cached, as every factor of tiles and robots needs it again."""
-    kinds = [np.sort(np.array(energies)) for energies in (still, vibrating)]
+    kinds, scale = _kinds_of(still, vibrating)
     if contrast in (0.0, 1.0):
-        return density_of(kinds[int(contrast)], kinds)
+        return density_of(kinds[int(contrast)], scale)
     u = (np.arange(len(vibrating)) + 0.5) / len(vibrating)
     off, on = (energies[(u * energies.size).astype(np.int64)] for energies in kinds)
-    return density_of(mixed(off, on, contrast), kinds)
+    return density_of(mixed(off, on, contrast), scale)
 
 
-def density_of(values: Values, measured: Sequence[Values]) -> Callable[[Values], Values]:
-    """Return the density of values of one kind of tile, or between two kinds, as a function.
-
-    All kinds have the same kernel, so that shares count where many energies are equal. One value more of each kind is
-    spread widely about its own, by Laplace's distribution: beyond all values the nearer kind stays the likelier one.
-
-    Args:
-        measured: the values of each kind, by which the kernel and its table are chosen.
-    """
-    from scipy.ndimage import correlate1d
-
-    unit, spread, width, low, high = _scale_of(measured)
-    margin = REACH * width + 0.5 * (high - low)
-    at = np.linspace(low - margin, high + margin, POINTS)
-    step = float(at[1] - at[0])
-    away = np.abs(np.arange(1 - POINTS, POINTS)) * step
-    narrow = exp(-0.5 * (away[away <= REACH * width] / width) ** 2)
-    wide = exp(-away / spread)
-    places = (np.clip(_asinh(values / unit), low, high) - low + margin) / step
-    number = min(each.size for each in measured)
-    counts = np.bincount(np.rint(places).astype(np.int64), minlength=POINTS) / values.size
-    near, far = (correlate1d(counts, each / each.sum(), mode="constant") for each in (narrow, wide))
-    return partial(_density, unit, at, (number * near + far) / (number + 1) / step)
+@lru_cache(maxsize=4)
+def _kinds_of(still: tuple[float, ...], vibrating: tuple[float, ...]) -> tuple[list[Values], Scale]:
+    """Return the sorted energies of both kinds and their scale, which densities at all contrasts share."""
+    kinds = [np.sort(np.array(energies)) for energies in (still, vibrating)]
+    return kinds, scale_of(kinds)
 
 
-def smoothed(values: Values, measured: Sequence[Values], each: int) -> Values:
-    """Return values that are distributed as the density of ``values``: ``each`` of them about every one.
+class Scale(NamedTuple):
+    """By what energies are scaled, and their kernel: the same for all kinds (``scale_of``)."""
 
-    Args:
-        measured: as of ``density_of``.
-    """
-    from scipy.special import ndtri
-
-    scale = _scale_of(measured)
-    offsets = scale.width * ndtri((np.arange(each) + 0.5) / each)
-    scaled = np.add.outer(_asinh(values / scale.unit), offsets).ravel()
-    return np.asarray(0.5 * scale.unit * (exp(scaled) - exp(-scaled)))  # sinh
-
-
-class _Scale(NamedTuple):
     unit: float
-    """s of asinh(E / s), by which energies are scaled."""
+    """s of asinh(E / s)."""
     spread: float
     """Of scaled energies within kinds."""
     width: float
@@ -130,9 +100,12 @@ class _Scale(NamedTuple):
     low: float
     high: float
     """Ends of the scaled energies but wild ones."""
+    number: int
+    """Energies of the kind that has fewer."""
 
 
-def _scale_of(measured: Sequence[Values]) -> _Scale:
+def scale_of(measured: Sequence[Values]) -> Scale:
+    """Return the scale of the measured energies of each kind."""
     size = np.abs(np.concatenate(measured))
     unit = LINEAR * float(np.median(size[size > 0.0])) if size.any() else 1.0
     scaled = [_asinh(each / unit) for each in measured]
@@ -140,13 +113,45 @@ def _scale_of(measured: Sequence[Values]) -> _Scale:
     every = np.concatenate(scaled)
     low, high = (float(end) for end in np.quantile(every, (0.01, 0.99)))
     spread = max(within, LEAST * (high - low)) or 1.0
-    return _Scale(
+    number = min(each.size for each in measured)
+    return Scale(
         unit,
         spread,
-        NARROW * spread * min(each.size for each in measured) ** -0.2,
+        NARROW * spread * number**-0.2,
         max(float(every.min()), low - WILD * spread),
         min(float(every.max()), high + WILD * spread),
+        number,
     )
+
+
+def density_of(values: Values, scale: Scale) -> Callable[[Values], Values]:
+    """Return the density of values of one kind of tile, or between two kinds, as a function.
+
+    All kinds have the same kernel, so that shares count where many energies are equal. One value more of each kind is
+    spread widely about its own, by Laplace's distribution: beyond all values the nearer kind stays the likelier one.
+    """
+    from scipy.ndimage import correlate1d
+
+    unit, spread, width, low, high, number = scale
+    margin = REACH * width + 0.5 * (high - low)
+    at = np.linspace(low - margin, high + margin, POINTS)
+    step = float(at[1] - at[0])
+    away = np.abs(np.arange(1 - POINTS, POINTS)) * step
+    narrow = exp(-0.5 * (away[away <= REACH * width] / width) ** 2)
+    wide = exp(-away / spread)
+    places = (np.clip(_asinh(values / unit), low, high) - low + margin) / step
+    counts = np.bincount(np.rint(places).astype(np.int64), minlength=POINTS) / values.size
+    near, far = (correlate1d(counts, each / each.sum(), mode="constant") for each in (narrow, wide))
+    return partial(_density, unit, at, (number * near + far) / (number + 1) / step)
+
+
+def smoothed(values: Values, scale: Scale, each: int) -> Values:
+    """Return values that are distributed as the density of ``values``: ``each`` of them about every one."""
+    from scipy.special import ndtri
+
+    offsets = scale.width * ndtri((np.arange(each) + 0.5) / each)
+    scaled = np.add.outer(_asinh(values / scale.unit), offsets).ravel()
+    return np.asarray(0.5 * scale.unit * (exp(scaled) - exp(-scaled)))  # sinh
 
 
 def _spread(scaled: Values) -> float:
