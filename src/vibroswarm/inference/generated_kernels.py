@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from threading import RLock
 from types import FunctionType, ModuleType
 from typing import Any, Final
 from uuid import uuid4
@@ -67,6 +68,10 @@ TRUTH: Final = """found = own_{hook}({arguments})
 """Body of a hook that calls a user's and refuses what is no truth value: a probability would count as True."""
 TRUTHS: Final = ("on_sample", "on_timer", "lost")
 """Hooks that return a truth value."""
+
+
+_building = RLock()
+"""Held while modules are made: a thread would import the module that another has registered and not filled yet."""
 
 
 @cache
@@ -165,13 +170,15 @@ def network_arrays_for(strategy: Strategy, network: Network, params: object, siz
 def hooks_of(strategy: Strategy, network: Network) -> ModuleType:
     """Return the module ``hooks`` of a strategy and a network: their compiled functions under the names of hooks."""
     try:
-        return _hooks_of(strategy, network, key_of(strategy, network))
+        key = key_of(strategy, network)
     except UnknownValueError as unknown:
         warn_once(
             f"strategy '{strategy.name}' or network '{network.name}' reads {unknown}, of which no change can be seen: "
             "its kernels are compiled at every start"
         )
-        return _hooks_of(strategy, network, "")
+        key = ""
+    with _building:
+        return _hooks_of(strategy, network, key)
 
 
 @cache
@@ -189,7 +196,8 @@ def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
     Raises:
         ValueError: the module does not import from ``default_hooks``.
     """
-    return _kernels(hooks_of(strategy, network), template)
+    with _building:
+        return _kernels(hooks_of(strategy, network), template)
 
 
 @cache
