@@ -37,7 +37,7 @@ BEYOND_S = 60.0
 """Motions last longer than the inspection, so that they have enough samples with the times of the other engine too."""
 KEY = ("run", "robot", "sample")
 TRACKS = {"robot.drive_track_m": 0.0949, "robot.turn_track_m": 0.0545}
-"""Effective tracks of robots on wheels (docs/figures/mujoco.md)."""
+"""Effective tracks of robots on wheels (tests/contract/test_mujoco.py)."""
 BASE = preset("paper").with_values({"strategy.name": "soft"})
 
 Floats = NDArray[np.float64]

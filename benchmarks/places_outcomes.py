@@ -10,7 +10,7 @@ A cell: mean decision time in s (end of the run if undecided)/% of robots wrong,
 interval (the run is the unit)/% undecided. Forced: % whose belief at the end of the run is on the wrong side, decided
 or not, of soft and of the last column, over all floors of the case. Less: % wrong of the last column less that of soft,
 over all floors, paired by run, with its 95 % interval. Bytes: sent by a robot in a whole run, by soft and by places.
-What a case has as "felt" robots are not told. The grid is known.
+What a case has as "felt" robots are not told. The grid is known, but for the table of grids.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ def measured(name: str, case: Case, runs: int, seed: int) -> pl.DataFrame:
         truth = int(float(floor_source.partition(":")[2]) > base.decision.decision_boundary)
         for label in (SOFT, *case.rows):
             values = {"strategy.name": SOFT} if label == SOFT else ROWS[label]
-            scenario = base.with_values({"floor.source": floor_source} | values)
+            told = {"floor.source": case.values.get("floor.source", floor_source)}
+            scenario = base.with_values(told | values)
             agents = ended(scenario, floor, runs, seed, timeline, readings)
             decision = agents["decision"].reshape(runs, -1)
             time_s = np.where(agents["decision"] == -1, base.run.t_end_s, agents["decided_s"])
@@ -165,9 +166,9 @@ def percent(name: str, of_runs: Array) -> dict[str, float]:
 
 def markdown(found: pl.DataFrame, table: str) -> str:
     """Return a table of what was measured, a line per case and floor; settings that few cases have are listed below."""
-    columns, cases = COLUMNS[table], TABLES[table]
+    columns = COLUMNS[table]
     shown = columns[-1]
-    head = ["case", "f", *columns, "forced", "less", "bytes", *(["wanted"] if table == "reached" else [])]
+    head = ["case", "f", *columns, "forced", "less", "bytes"]
     more: dict[str, list[str]] = {}
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for name in dict.fromkeys(found["case"].to_list()):
@@ -178,7 +179,6 @@ def markdown(found: pl.DataFrame, table: str) -> str:
             f"{soft['forced']:.1f}; {last['forced']:.1f}",
             f"{last['less']:+.1f}+-{last['less_half']:.1f}",
             f"{soft['bytes']:.0f}; {last['bytes']:.0f}",
-            *([cases[name].wanted] if table == "reached" else []),
         ]
         for floor in (each for each in of_case["floor"].unique(maintain_order=True) if each != "all"):
             cells = {row["row"]: cell(row) for row in of_case.filter(floor=floor).iter_rows(named=True)}

@@ -154,7 +154,7 @@ def test_another_major_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_wheels_drive_veer_and_turn_as_they_were_fitted() -> None:
-    """Robots far from walls: speed as commanded; they veer and turn as on longer axles (docs/figures/mujoco.md)."""
+    """Robots far from walls: speed as commanded; they veer and turn as on longer axles."""
     own = {"robot.speed_redraw": "robot", "robot.misalignment_min": 0.05, "robot.misalignment_max": 0.05}
     scenario = Scenario().with_values(OPEN | own)
     rolled, stepped = (

@@ -10,7 +10,7 @@ with R = theta_c (the value that the robots were programmed with), b_k and s_k t
 the lateral offset (to the left positive) of ray k, and F how far ahead of the robot's centre its rays start
 (``rays.forward_each_m``). For given angles, the F of least absolute error is a weighted median. The outermost angle is
 found on a grid; the ratios between the rays' angles are those of the base scenario. Cones instead of rays explain the
-study's recordings no better (docs/figures/calibration.md).
+study's recordings no better.
 
 Turns at the end of a leg are uniform up to a largest angle A, of which robots leave out the tolerance T
 (``walk.turn_tolerance_deg``). Those beyond a_0 (``wall_approach.LEAST_TURN``) have the mean (a_0 + A - T) / 2, so A is
