@@ -62,6 +62,15 @@ def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:
     assert "mirror image" in lean.says
 
 
+def test_robots_that_weigh_readings_by_error_rates_are_not_misled_by_the_share_of_ones() -> None:
+    """False alarms alone exceed a boundary of 3 %."""
+    asked = {"floor__source": "random:0.0", "decision__decision_boundary": 0.03}
+    assert at(**asked, strategy__name="none").verdict == "wrong side"
+    knowing = at(**asked, strategy__name="places")
+    assert (knowing.verdict, knowing.is_warning) == ("not assessed", False)
+    assert "weigh each reading by the sensor's error rates" in knowing.says
+
+
 def test_no_threshold_mends_labels_that_are_swapped() -> None:
     d = decidability(preset("text"))
     assert (d.mending_low, d.mending_high) == (None, None)

@@ -124,7 +124,8 @@ class Decidability(ForJson):
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
     """Compute whether a scenario's question can be decided from the samples that its swarm will take.
 
-    The verdict is "not assessed" for a task other than ``fill_ratio``. Correcting thresholds are computed for
+    The verdict is "not assessed" for a task other than ``fill_ratio``, and where only robots that do not know the
+    sensor's error rates would find the question undecidable. Correcting thresholds are computed for
     ``boundary_of = "readings"`` only: with "tiles" the tested boundary allows for the sensor's errors.
 
     Args:
@@ -154,13 +155,21 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     if floor.surface is not PLAIN:
         share = expected_ones_on(sensor, floor, size)
     asks_fill_ratio = scenario.task.name == "fill_ratio" and floor.surface is PLAIN
-    verdict = _side(share, tested, truth) if asks_fill_ratio else "not assessed"
-    says = (
-        _words(verdict, share, boundary, tested, truth)
-        if asks_fill_ratio
-        else f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
-        "ones."
-    )
+    verdict: Word = _side(share, tested, truth)
+    says = _words(verdict, share, boundary, tested, truth)
+    if not asks_fill_ratio:
+        says = (
+            f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
+            "ones."
+        )
+    elif truth is not None and verdict != "decidable" and _weighs_by_rates(scenario):
+        says = (
+            f"{percent(share)} of the samples read as vibrating; robots that weigh each reading by the sensor's error "
+            "rates do not compare this share with the boundary."
+        )
+        asks_fill_ratio = False
+    if not asks_fill_ratio:
+        verdict = "not assessed"
     low, high, mend = None, None, ""
     has_threshold = model_of(sensor).share_at_most is not None
     if asks_fill_ratio and scenario.decision.boundary_of == "readings" and has_threshold:
@@ -188,6 +197,11 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         mending_low=low,
         mending_high=high,
     )
+
+
+def _weighs_by_rates(scenario: Scenario) -> bool:
+    """Return whether robots weigh each reading by the error rates of their sensor, whatever the boundary is of."""
+    return scenario.strategy.entry is not None and scenario.strategy.entry.knows_error_rates
 
 
 def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float, error: float) -> Decidability:
