@@ -285,6 +285,29 @@ def test_a_curve_may_end_below_one_and_above_90_percent() -> None:
         assert fit.a90_m < fit.a90_95_m < 0.15
 
 
+@pytest.mark.slow
+def test_a90_95_is_too_small_more_often_where_the_curve_ends_just_above_90_percent() -> None:
+    """docs/figures/inspect.md has the shares of 200 fits."""
+    size_m, false = np.repeat(np.linspace(0.03, 0.30, 14), 60), 0.05
+    share = {}
+    for top in (0.93, 1.0):
+        pod = false + (top - false) * expit(5.0 * np.log(size_m / 0.09))
+        true_m = 0.09 * np.exp(logit((0.9 - false) / (top - false)) / 5.0)
+        draws = [np.random.default_rng([7, seed]) for seed in range(60)]
+        fits = [
+            fit_pod(
+                size_m,
+                (draw.random(size_m.size) < pod) * 1.0,
+                draw.binomial(2000, false),
+                2000,
+                asymptote=True,
+            )
+            for draw in draws
+        ]
+        share[top] = np.mean([fit.a90_95_m < true_m for fit in fits])  # one that does not exist holds
+    assert share[1.0] <= 0.05 < share[0.93] < 0.2
+
+
 def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -223,3 +223,18 @@ def test_a_folder_in_place_of_a_file_of_a_search_is_refused(tmp_path: Path, name
     (tmp_path / name).mkdir()
     with pytest.raises(InputError, match=r"exists but is not a search|is a folder"):
         run_search(Search.from_toml(SMALL), tmp_path)
+
+
+def test_the_fields_of_space_keep_their_order_in_the_folder_and_another_order_is_refused(
+    tmp_path: Path,
+) -> None:
+    gate = '"decision.gate" = ["own", "total"]\n'
+    search = Search.from_toml(SMALL.replace("[pso]", f"{gate}[pso]"))
+    run_search(search, tmp_path, workers=1)
+    assert Search.read(tmp_path / "search.toml").space == search.space
+    moved = Search.from_toml(SMALL.replace("[space]", f"[space]\n{gate}"))
+    assert moved.hash == search.hash
+    with pytest.raises(
+        InputError, match=r"order of the fields of space is .*min_observations.*decision.gate.* there"
+    ):
+        run_search(moved, tmp_path)

@@ -150,7 +150,10 @@ class Nsga2(OptunaSampler):
 
 
 class Cmaes(OptunaSampler):
-    """Covariance matrix adaptation in the unit cube, around its centre or the first start; choices count as ordered."""
+    """Covariance matrix adaptation in the unit cube, around its centre or the first start; choices count as ordered.
+
+    Optuna draws the first generation uniformly, since it does not know the space yet, and does not learn from it.
+    """
 
     name, orders_choices = "cmaes", True
 

@@ -56,7 +56,7 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.factors import check_names
-from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.spec import Cell, Study, as_toml
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""
@@ -327,16 +327,14 @@ class Search(NotebookView):
         return values | {"pso": swarm}
 
     def to_toml(self) -> str:
-        """Write the search as TOML; ``from_toml`` reads one with the same hash.
+        """Write the search as TOML; ``from_toml`` reads one with the same hash, and the fields in the same order.
 
         Raises:
             InputError: its cost is a function, which a file cannot hold.
         """
-        import tomli_w
-
         if any(objective.function is not None for objective in self.objectives):
             raise InputError("a cost that is a function cannot be written to a file", field="objective")
-        return tomli_w.dumps(self.to_values())
+        return as_toml(self.to_values())
 
     def with_settings(self, **changed: Any) -> Search:
         """Copy the search with some ``SearchSettings`` ``changed``."""
@@ -470,6 +468,9 @@ def differences(there: Search, given: Search) -> list[str]:
         there: the search that a folder holds. given: the search that was to be run there.
     """
     old, new = dict(_flat(there.to_values())), dict(_flat(given.to_values()))
+    # their order is that of the coordinates of a point; as the hash leaves it out, it is compared here
+    order = "order of the fields of space"
+    old[order], new[order] = there.space.names, given.space.names
     return [
         f"{name} is {old.get(name, 'not set')!r} there and {new.get(name, 'not set')!r} here"
         for name in dict.fromkeys([*old, *new])

@@ -243,7 +243,7 @@ class SearchFolder:
         manifest, saved = read_definition(self.folder, "search"), saved_search(self.folder)
         # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
         other = search.with_settings(fresh=saved.settings.fresh)
-        if manifest["hash"] not in (search.hash, other.hash):
+        if manifest["hash"] not in (search.hash, other.hash) or saved.space.names != search.space.names:
             different = differences(saved, other)
             raise InputError(
                 f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",

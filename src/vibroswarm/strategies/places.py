@@ -10,7 +10,7 @@ sample is sent at once.
 | name | symbol | unit | equation |
 |---|---|---|---|
 | share of a place on tile t | q_t | - | probability that the sample was taken on t: \
-normal in x and y about the mean, cut off at 4 standard deviations, sum 1 |
+normal in x and y about the mean, 0 on tiles farther than 4 standard deviations, sum 1 |
 | map | p_t | - | probability that t vibrates: 1 / (1 + exp(-sum over senders j of w_j l_jt)) |
 | probability of reading r on tile t | m_t | - | p_t P(r, vibrating) + (1 - p_t) P(r, still), by the error rates |
 | evidence of sender j on tile t | l_jt | - | \
@@ -26,7 +26,7 @@ under the map without them |
 | decision | - | - | once the belief is past p_c on either side, with ``min_samples`` own and heard readings |
 
 A sender whose readings do not depend on the place has a high suspicion. At each reading of a sender, its older
-readings lose the fraction 1 / 60 of their weight in surprise and suspicion. After the share
+readings lose the fraction 1 / 60 of their weight in surprise, suspicion and counts. After the share
 ``falls_from`` of the run, the score needed falls linearly to 0 at the end of the run, so that no robot stays undecided.
 
 - Message: sender and reading (1 byte), number (1), x and y to 1 mm (2 each), standard deviations to 1 mm (1 each): 8

@@ -629,15 +629,16 @@ class Study(NotebookView):
 
 
 def as_toml(values: Mapping[str, Any]) -> str:
-    """Write a study's values as TOML, blocks last.
+    """Write the values of a study or search as TOML, blocks last.
 
-    Blocks and their fields keep their order, since the order of the cells follows from it. Names of fields are written
-    with dots, in quotes.
+    Blocks and their fields keep their order, since the order of the cells, and of a point's coordinates, follows from
+    it. Names of fields are written with dots, in quotes.
     """
     import tomli_w
 
-    parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in BLOCKS})]
-    for name in (name for name in values if name in BLOCKS):
+    blocks = (*BLOCKS, "space")
+    parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in blocks})]
+    for name in (name for name in values if name in blocks):
         # The block ``list`` is an array of tables, each with the head [[list]]; every other block is one table.
         head, tables = (f"[[{name}]]", values[name]) if name == "list" else (f"[{name}]", [values[name]])
         for table in tables:
