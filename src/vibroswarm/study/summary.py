@@ -219,14 +219,16 @@ def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tup
     t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
     parts = (
         (
-            figures,
+            _narrowed(figures),
             times_by_run(robots, t_end_s),
             runs.select(*WALK),
             robots.select(most=counted(cell.scenario)),
         )
         for figures, robots, runs in result.parts(number)
     )
-    table, times, walked, most = (pl.concat(part) for part in zip(*parts, strict=True))
+    table, times, walked, most = (
+        pl.concat(part, how="vertical_relaxed") for part in zip(*parts, strict=True)
+    )
     outcome = CellOutcome(
         cell=cell,
         summary=_with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled),
@@ -237,6 +239,16 @@ def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tup
         unreached=gate_unreached(cell.scenario, most["most"].max()),
     )
     return outcome, compared_columns(table)
+
+
+def _narrowed(figures: pl.DataFrame) -> pl.DataFrame:
+    """Return figures by run, those that are small whole numbers or null, as most are, in a byte each."""
+    columns = []
+    for column in figures.drop("run", "consensus"):
+        narrow = column.cast(pl.Int8, strict=False)
+        is_exact = narrow.null_count() == column.null_count() and (narrow == column).all()
+        columns.append(narrow if is_exact else column)
+    return figures.with_columns(columns)
 
 
 def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
