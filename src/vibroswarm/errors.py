@@ -180,7 +180,9 @@ def share_from(text: object, field: str) -> float:
         with suppress(InvalidOperation):  # divided as a decimal, so that 21.9 % is the float 0.219
             share = float(Decimal(text.strip()[:-1]) / 100)
     if not 0 < share < 1:
-        raise InputError(f"{text!r} is not a percentage; give one such as 2%", field=field)
+        raise InputError(
+            f"{shown(text)} is not a percentage above 0% and below 100%; give one such as 2%", field=field
+        )
     return share
 
 

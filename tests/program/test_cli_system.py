@@ -54,6 +54,17 @@ def test_outputs_that_cannot_be_written(line: str, code: int | None, said: str) 
     assert len(stderr.splitlines()) <= 1
 
 
+def test_pictures_need_no_windows(tmp_path: Path) -> None:
+    """A backend of the environment that matplotlib does not know ended in a traceback."""
+    line = f"MPLBACKEND=nonsense {sys.executable} -m vibroswarm floors show diagonal:0.48 --out {tmp_path}/floor.png"
+    assert started(line) == (0, "")
+
+
+def test_a_working_folder_that_was_removed_is_not_called_an_output(tmp_path: Path) -> None:
+    line = f"cd {tmp_path} && mkdir gone && cd gone && rmdir ../gone && SCENARIO --out scenario.toml"
+    assert started(line) == (2, "vibroswarm: error: the working folder was removed; change to another one\n")
+
+
 LONG = "x" * 300
 
 

@@ -27,6 +27,7 @@ def test_kinds_and_energies(tmp_path):
         ("kind,energy\nwobbling,1\n", "line 2: 'wobbling' is not a kind"),
         ("kind,energy\nstill,-1\n", "line 2: '-1' is not an energy"),
         ("kind,energy\nstill,nan\n", "line 2: 'nan' is not an energy"),
+        ("kind,energy\nstill,1e10\n", "line 2: '1e10' is not an energy; use a number from 0 to 1e9"),
         ("kind,energy\nstill,inf\n", "line 2: 'inf' is not an energy"),
         ("kind,energy\nstill,1,2\n", "line 2: 3 columns where the first line has 2"),
     ],

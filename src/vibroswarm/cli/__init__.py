@@ -57,6 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             # Threads of linear algebra would take a tenth of a short command to start. Ours is small, our workers
             # already use all cores, and its last bits would depend on the number of cores.
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+            # Pictures are files: the backend for windows that is set may be missing or mistyped.
+            os.environ["MPLBACKEND"] = "agg"
         code = _code(argv)
         if argv is None:  # the process ends now: its exit need not search all that is loaded for garbage
             interruption.ignore()
@@ -188,6 +190,8 @@ def _failed_with(error: OSError) -> int:
         return _failed(f"{shown_name(name)}: cannot be used: {cause}", code)
     if error.errno is None:  # raised by a library, such as one that cannot be loaded
         return _failed(cause, 1)
+    if number == errno.ENOENT:  # only `os.getcwd` has no name to give
+        return _failed("the working folder was removed; change to another one", 2)
     # `atomic_io` names the files it writes, so an error of the system without a name is about this process's output.
     _silence(sys.stdout)
     return _failed(f"the output could not be written: {cause}", 1)

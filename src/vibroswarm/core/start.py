@@ -22,8 +22,12 @@ def leave_working_folder_out(package: str) -> None:
     """
     if sys.flags.safe_path or not _is_run_as_module():
         return
-    own_folder = os.path.dirname(os.path.abspath(package))  # noqa: PTH100, PTH120 - pathlib is slow
-    if sys.path[:1] == [os.getcwd()] != [own_folder]:  # noqa: PTH109
+    try:
+        working_folder = os.getcwd()  # noqa: PTH109 - pathlib is slow
+    except FileNotFoundError:  # it was removed, and so is not on the search path
+        return
+    own_folder = os.path.dirname(os.path.abspath(package))  # noqa: PTH100, PTH120
+    if sys.path[:1] == [working_folder] != [own_folder]:
         del sys.path[0]
 
 

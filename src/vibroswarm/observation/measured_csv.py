@@ -16,6 +16,8 @@ LARGEST_BYTES = 64 * 2**20
 """Size limit of the file."""
 MAX_ENERGIES = 1_000_000
 """Limit on the number of energies of each kind of tile."""
+MAX_ENERGY = 1e9
+"""Largest energy, as in a scenario (``scenario.fields.Energies``)."""
 
 
 def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -23,7 +25,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
 
     Args:
         path: a CSV file whose first line names the columns ``kind`` (vibrating or still, 1 or 0) and ``energy`` (RMS,
-            >= 0); other columns and, below the first line, empty lines are ignored.
+            0 to ``MAX_ENERGY``); other columns and, below the first line, empty lines are ignored.
     Raises:
         InputError: the file cannot be read, is larger than ``LARGEST_BYTES`` or is not a CSV file; its first line lacks
             a column; a line is wrong (the message names it); a kind has no energy, or more than ``MAX_ENERGIES``.
@@ -76,7 +78,7 @@ def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
     Args:
         row: cells of the line. head: names of the columns. where: file and line, for messages.
     Raises:
-        InputError: the row has another number of columns, an unknown kind, or no energy of 0 or more.
+        InputError: the row has another number of columns, an unknown kind, or an energy outside 0 to ``MAX_ENERGY``.
     """
     if len(row) != len(head):
         raise InputError(f"{len(row)} columns where the first line has {len(head)}", field=where)
@@ -87,6 +89,6 @@ def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
         energy = float(text)
     except ValueError:
         energy = math.nan  # refused below
-    if not 0 <= energy < math.inf:
-        raise InputError(f"{shown(text)} is not an energy; use a number of 0 or more", field=where)
+    if not 0 <= energy <= MAX_ENERGY:
+        raise InputError(f"{shown(text)} is not an energy; use a number from 0 to 1e9", field=where)
     return KINDS[kind], energy
