@@ -422,7 +422,7 @@ def _imprecise(outcome: Outcome) -> str:
         for one in outcome.cells
         if one.settled is not None
         and not one.settled.reached
-        and not until.reached(*one.summary.figures[until.figure][:3])
+        and not until.reached(one.summary.figures[until.figure], one.cell.scenario.run.t_end_s)
     ]
     if not imprecise:
         return ""

@@ -3,6 +3,8 @@
 Looking repeatedly is corrected for. The interval of look k = 1, 2, ... has the level 1 - a_k with
 a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level, whatever the
 number of looks. So the last interval is valid, although it was chosen because it was the first that is narrow enough.
+Runs that are nearly alike have a narrow interval, whatever rarely happens. So the runs of a mean must also be so many
+that the upper limit of what happened in none of them, times how far runs can be apart, is within the precision.
 A group of cells needs no more runs ("is settled") once the figure is precise enough in each of its cells, or once it
 has the most runs that are allowed.
 """
@@ -16,7 +18,7 @@ from decimal import Decimal
 from typing import Any, Final
 
 from vibroswarm.analysis import figures
-from vibroswarm.analysis.intervals import check_level
+from vibroswarm.analysis.intervals import Interval, check_level, wilson_limits
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, keep_plain, share_from, whole_number_of
 
@@ -110,11 +112,19 @@ class Precision(NotebookView):
         """Return the level of the interval at a look, which is counted from 0 here: equation (1) with k = look + 1."""
         return 1.0 - (1.0 - self.level) * 6.0 / (math.pi * (look + 1)) ** 2
 
-    def reached(self, estimate: float, low: float, high: float) -> bool:
-        """Return whether [low, high] is narrow enough; an interval of width 0 is not, as it comes from too few data.
+    def reached(self, found: Interval, t_end_s: float) -> bool:
+        """Return whether an interval is narrow enough; one of width 0 is not, as it comes from too few data.
 
-        Limits that are infinite or nan, as those of a figure with one value or none, are not narrow enough either.
+        Limits that are infinite or nan, as those of a figure with one value or none, are not narrow enough either. Nor
+        are those of a mean that values which did not occur may move further: of 100 runs that end within 50 s of each
+        other, none may be one of the 1 % in which robots stay undecided.
+
+        Args:
+            found: interval of the figure, over runs. t_end_s: end of the runs, s.
         """
-        is_relative = figures.BY_NAME[self.figure].unit == "s" or self.figure == "sent"
-        target = self.half_width * abs(estimate) if is_relative else self.half_width
-        return 0.0 < (high - low) / 2.0 <= target
+        figure, width = figures.BY_NAME[self.figure], found.high - found.low
+        is_relative = figure.unit == "s" or self.figure == "sent"
+        target = self.half_width * abs(found.estimate) if is_relative else self.half_width
+        apart = t_end_s if figure.unit == "s" else figure.most_apart  # nan: not known
+        unseen = apart * float(wilson_limits(0, found.n, found.level)[1]) if figure.kind == "mean" else 0.0
+        return 0.0 < width / 2.0 <= target and not unseen > target

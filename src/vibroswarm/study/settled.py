@@ -65,7 +65,7 @@ def _is_precise(store: Store, group: Group, precision: Precision, look: int, run
         rows_of_cell = rows.filter(pl.col("cell") == cell.number)
         t_end_s, costs = cell.scenario.run.t_end_s, costs_of(cell.scenario)
         interval = figure_of(rows_of_cell, precision.figure, t_end_s, level, costs)
-        if not precision.reached(interval.estimate, interval.low, interval.high):
+        if not precision.reached(interval, t_end_s):
             return False
     return True
 
