@@ -326,6 +326,18 @@ def test_shares_and_times_of_rare_runs_hold_the_truth(wrong_in: int) -> None:
     assert coverage(mean_s, [time_interval(one, 1200.0) for one in times_s]) > 0.925
 
 
+@pytest.mark.parametrize(("late", "runs"), [(0.03, 100), (0.01, 300)])
+def test_limits_allow_for_few_runs_far_from_others_that_are_nearly_alike(late: float, runs: int) -> None:
+    """Robots decide near 300 s, or in few runs not at all; Student's limits, the control, hold 89 %."""
+    random = generator(runs, "late")
+    near_s = random.normal(300.0, 20.0, (1500, runs))
+    times_s = np.where(random.random(near_s.shape) < late, 1200.0, near_s)
+    mean_s = 300.0 + 900.0 * late
+    assert coverage(mean_s, [time_interval(one, 1200.0) for one in times_s]) > 0.93
+    assert coverage(mean_s, [mean_interval(one) for one in times_s]) < 0.92
+    assert time_interval(near_s[0], 1200.0) == mean_interval(near_s[0]), "without late runs as before"
+
+
 def test_a_mean_time_of_runs_that_all_last_to_the_end_may_be_earlier() -> None:
     """Of 20 runs up to 16.1 % may end earlier, at 0 s at the earliest; or at another time, if all end at one."""
     found = time_interval(np.full(20, 1000.1), 1000.1)

@@ -39,6 +39,9 @@ DRAWS: Final = 1999
 FEW: Final = 10
 """If fewer runs than this have a share other than 0, or other than 1, a bootstrap of the share is unreliable. So are
 sign flips, if fewer differences than this are other than the usual one."""
+FAR: Final = 9.0
+"""A value is far from the others if it is this many median deviations from their median: six standard deviations of a
+normal law."""
 _EXACT: Final = 10
 """Up to this number of differences all subsets are enumerated."""
 _MANY_VALUES: Final = 2000
@@ -519,32 +522,36 @@ def student_test(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> 
 
 
 def allowing_for_rare(found: Interval, of_runs: ArrayLike, most: float) -> Interval:
-    """Widen the limits of a mean over runs, most of which have the same value, by how rarely others occur.
+    """Widen the limits of a mean over runs, most of which have nearly the same value, by how rarely others occur.
 
     Sign flips, and Student's limits, know no value that did not occur: where scenarios differ in one run of 200, a
-    third of such comparisons sees none. So if fewer than ``FEW`` values, and at most half of them, are not the usual
-    one, the limits are at least those of rare events: shares of runs with a larger and with a smaller value, with
-    Wilson's limits, times how much these differ from the usual one. An amount that was not seen is that of the other
-    side, or ``most``.
+    third of such comparisons sees none. So if fewer than ``FEW`` values are far from the usual one, the median, the
+    limits are at least those of rare events: shares of runs with a far larger and with a far smaller value, with
+    Wilson's limits, times how much these differ from the usual one; and Student's limits of the other values. If these
+    are all equal, an amount that was not seen is that of the other side, or ``most``. If they are not, limits allow
+    for far values only on a side on which there are some.
 
     Args:
         found: the mean with limits. of_runs: values of the runs, such as paired differences; nan is left out.
         most: by how much runs can differ; nan: not known, then an amount that was not seen does not widen the limits.
     """
     d = without_nan(of_runs).round(9)
-    values, counts = np.unique(d, return_counts=True)
-    if not d.size or not np.isfinite(values).all():
+    if not d.size or not np.isfinite(d).all():
         return found
-    usual = values[counts.argmax()]
-    other = (d - usual)[d != usual]
-    if other.size >= FEW or 2 * other.size > d.size:
+    usual = np.median(d)
+    spread = np.median(np.abs(d - usual))
+    far = np.abs(d - usual) > FAR * spread
+    other = (d - usual)[far]
+    if other.size >= FEW or (spread > 0.0 and not other.size):
         return found
+    near = mean_interval(np.where(far, usual, d), found.level)
     amount = float(np.abs(other).mean()) if other.size else most
-    sides = [_rare_mean(part, d.size, amount, found.level) for part in (other[other > 0], -other[other < 0])]
+    unseen = amount if spread == 0.0 else 0.0
+    sides = [_rare_mean(part, d.size, unseen, found.level) for part in (other[other > 0], -other[other < 0])]
     (larger, larger_low, larger_high), (smaller, smaller_low, smaller_high) = sides
-    mean = usual + larger - smaller
-    low = mean - math.hypot(larger - larger_low, smaller_high - smaller)  # Newcombe 1998
-    high = mean + math.hypot(larger_high - larger, smaller - smaller_low)
+    mean, half = near.estimate + larger - smaller, near.high - near.estimate
+    low = mean - math.hypot(larger - larger_low, smaller_high - smaller, half)  # Newcombe 1998
+    high = mean + math.hypot(larger_high - larger, smaller - smaller_low, half)
     return found._replace(low=min(found.low, float(low)), high=max(found.high, float(high)))
 
 

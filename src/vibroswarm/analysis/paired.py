@@ -6,7 +6,7 @@ A cell is the runs of one scenario.
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
 | interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
-| interval, if few d_r are not the usual one | - | at least that of rare events, see ``intervals.allowing_for_rare`` |
+| interval, if few d_r are far from others | - | at least that of rare events, see ``intervals.allowing_for_rare`` |
 | floor by floor | - | Student's limits and paired t-test instead, see ``intervals.student_test`` |
 | corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |

@@ -27,7 +27,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
-from vibroswarm.analysis.intervals import Interval, share_interval
+from vibroswarm.analysis.intervals import Interval, jackknife_error, share_interval, student_factor
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.distances import nearest_tiles
@@ -126,7 +126,7 @@ class Threshold(NotebookView):
     share_by_session: Interval
     """Share of ones with equal weight for each tile: mean over sessions, whose limits are infinite for one session."""
     decidable: Decidability
-    """From the samples of all sessions, with their effective number."""
+    """From the samples of all sessions, with their effective number, for other such robots on this floor."""
 
     @property
     def decimals(self) -> int:
@@ -492,7 +492,8 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
 
     The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with
     n_eff independent samples, where n_eff is the effective number of samples (``effective_with_sensor``): it allows for
-    tiles visited unequally often and for the error rates at this threshold.
+    tiles visited unequally often and for the error rates at this threshold. Robots differ, so that n_eff is at most the
+    number that gives the share the error that it has by the jackknife over robots in sessions.
 
     Args:
         bits: of the samples ``data`` at this threshold, (samples,).
@@ -510,9 +511,20 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
             false_negative=errors.false_negative,
         )
     )
+    robot = _robots(data)
+    without = [
+        observed_share(data.tile[robot != one], bits[robot != one]).share for one in range(robot.max() + 1)
+    ]
+    error = jackknife_error(without) * student_factor(len(without), 0.95) if len(without) > 1 else 0.0
+    if error > 0.0:
+        effective = min(effective, observed.share * (1.0 - observed.share) / error**2)
     truth = recording.runs["truth"][0]  # all sessions have the same floor
     boundary = recording.scenario.decision.decision_boundary
     return decidability_of_share(observed.share, boundary, truth, effective_samples=effective)
+
+
+def _robots(data: Labelled) -> Ints:
+    return robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
 
 
 def _weights(data: Labelled) -> list[Floats]:
@@ -522,8 +534,8 @@ def _weights(data: Labelled) -> list[Floats]:
     robot was drawn times the number of times that its tile was drawn. Draws that give one kind of tile no weight are
     left out, since one error rate is then undefined.
     """
-    robot = robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
     tile = np.unique(data.tile, return_inverse=True)[1]
+    robot = _robots(data)
     drawn = (robot_and_tile_weights(_SEED, draw, robot, tile) for draw in range(RESAMPLES))
     return [
         weights
