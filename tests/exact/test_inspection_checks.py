@@ -17,7 +17,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.inspection.checks import PLACES, _statistics, law_checks
 from vibroswarm.inspection.damage import drawn_values, tiles_below, values_at
-from vibroswarm.inspection.laws import hash_of_run, law_for_session
+from vibroswarm.inspection.laws import hash_of_run, law_for_session, law_of_measured
 from vibroswarm.inspection.others import Others, by_patches, by_tiles
 from vibroswarm.inspection.patches import declared, shares_of
 from vibroswarm.inspection.samples import Law, Samples, read_by
@@ -273,6 +273,27 @@ def test_bits_are_weighed_by_claimed_rates_also_where_tiles_differ() -> None:
     assert alike is not None
     assert differ is not None
     assert differ.stopping.told == pytest.approx(alike.stopping.told)
+
+
+def test_measured_values_of_which_many_are_equal_are_checked() -> None:
+    """Drawn surfaces had no equal values, so that the law of every intact surface was refused."""
+    random = np.random.default_rng(1)
+    reference = (random.random((2, 300)) < [[0.7], [0.3]]) * 0.3  # no number of single precision
+    samples = replace(drawn_samples(1, count=400, spread_m=0.0), law=law_of_measured(*reference, "measured"))
+    nothing = Others(samples, {robot: np.zeros(9) for robot in range(5)}, np.zeros(400))
+    for share, outcome in ((0.3, "not refused"), (0.6, "refused"), (0.03, "refused")):
+        value = 0.3 * (random.random(400) < share)
+        assert outcomes(samples.with_columns(value=value), nothing)["law of still places"] == outcome
+
+
+def test_damage_by_measured_readings_has_one_contrast() -> None:
+    """Half-way between 0 and 1 are values that nothing measures: damage of half the rate was cleared, as if sought."""
+    readings = np.arange(100) < [[70], [30]]
+    samples = replace(
+        drawn_samples(1, count=400, spread_m=0.0), law=law_of_measured(*readings.astype(float), "0 and 1")
+    )
+    with pytest.raises(InputError, match="one contrast; give 1"):
+        inspect(samples, question=Question())
 
 
 @pytest.mark.parametrize(("values", "words"), [(4, "fewer than 20"), (400, "cannot be told apart")])

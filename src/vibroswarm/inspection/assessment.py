@@ -94,7 +94,7 @@ def assess(
     """
     question = question or Question()
     done = progress or (lambda share: None)
-    if samples.law.bits and question.contrasts != (1.0,):
+    if question.contrasts != (1.0,) and not samples.law.has_contrasts:
         raise InputError("readings of classes have one contrast; give 1", field="--contrasts")
     patches = declared(samples.size_m, sides_m)
     shares = shares_of(samples, patches)
@@ -137,7 +137,7 @@ def assess(
         over_time,
         raster_times_s,
         own,
-        None if samples.law.bits else weakest_found(*known, false, **drawn),
+        weakest_found(*known, false, **drawn) if samples.law.has_contrasts else None,
     )
 
 

@@ -124,7 +124,9 @@ def _of_law(
     """
     ranks = partial(_ranks, vibrates=vibrates, only_likely=only_likely)
     values = values_where(random, some, drawn, vibrates[:, None])
-    observed = _statistics(some, ranks(some.law, some.column("value")[:, None]), vibrates)
+    # In the precision of the law, whose values they may equal.
+    value = some.column("value").astype(np.float32).astype(np.float64)[:, None]
+    observed = _statistics(some, ranks(some.law, value), vibrates)
     rank = judged(some.law, values, ranks)
     # In parts, for memory.
     parts = (rank[:, begin : begin + AT_ONCE] for begin in range(0, drawn, AT_ONCE))
@@ -162,7 +164,8 @@ def _statistics(some: Samples, rank: Floats, vibrates: NDArray[np.bool_]) -> Flo
     else:
         still = np.sort(rank[~vibrates], axis=0)  # nan is sorted to the end
         at = (np.arange(still.shape[0])[:, None] + 0.5) / np.maximum(counted[~vibrates].sum(axis=0), 1)
-        apart_from_law = np.nanmax(np.abs(still - at), axis=0, initial=0.0)
+        is_last = still != np.vstack([still[1:], np.full_like(still[:1], np.nan)])  # of equal ones
+        apart_from_law = np.nanmax(np.abs(still - at) * is_last, axis=0, initial=0.0)
         score = np.nan_to_num(ndtri(np.clip(rank, 1e-6, 1.0 - 1e-6)))
     score = _against_the_place(some, score, counted, vibrates)
     robot, time_s = some.frame["robot"].to_numpy(), some.column("time_s")

@@ -62,6 +62,8 @@ LARGEST: Final = 2_000_000
 """With more energies in all draws there are fewer draws: so many energies have hardly an error."""
 SMOOTH: Final = 4000
 """Energies of a kind that drawn surfaces have, unless more were measured."""
+OFTEN: Final = 0.05
+"""Share of the measured energies from which on equal ones are no chance."""
 TOLD_APART: Final = 0.01
 """Largest p-value with which measured energies of two kinds differ (Mann-Whitney, of those that a law has not seen)."""
 FITTED: Final = (*FIELDS, *SPREADS)
@@ -190,8 +192,9 @@ def law_of_measured(
     draws = tuple(_resampled(sensor, vibrating, still))
     _check_told_apart(words, sensor, draws, vibrating, still)
     # Only now: the check looks for the measured energies themselves.
-    scale = scale_of((still, vibrating))
-    draws = tuple(Draw(one.judge, _smoothed(one.truth, scale)) for one in draws)
+    different, number = np.unique(np.concatenate([vibrating, still]), return_counts=True)
+    scale, often = scale_of((still, vibrating)), different[number > OFTEN * number.sum()]
+    draws = tuple(Draw(one.judge, _smoothed(one.truth, scale, often)) for one in draws)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
     )
@@ -216,15 +219,20 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Dra
         yield Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out))
 
 
-def _smoothed(truth: Sensor, scale: Scale) -> Sensor:
+def _smoothed(truth: Sensor, scale: Scale, often: Floats) -> Sensor:
     """Return a law of energies between and beyond those measured too, as surfaces have them.
 
     By the measured ones alone no drawn surface had an energy beyond them, so that too many surfaces were called.
+
+    Args:
+        often: energies that were measured often, such as zeros or low counts: they have none about them.
     """
     update: dict[str, Any] = {}
     for field in ("vibrating_energies", "still_energies"):
         energies = np.array(getattr(truth, field))
-        update[field] = tuple(smoothed(energies, scale, max(1, SMOOTH // energies.size)).tolist())
+        each, equal = max(1, SMOOTH // energies.size), np.isin(energies, often)
+        about, as_measured = smoothed(energies[~equal], scale, each), np.repeat(energies[equal], each)
+        update[field] = (*about.tolist(), *as_measured.tolist())
     return truth.model_copy(update=update)
 
 

@@ -129,7 +129,8 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
 
 def _judged(samples: Samples, maps: dict[int, Floats]) -> Others:
     """Return maps of the others with what each robot's samples feel by them."""
-    felt, robot = np.empty(samples.frame.height), samples.frame["robot"].to_numpy()
+    felt, robot = np.zeros(samples.frame.height), samples.frame["robot"].to_numpy()
     for one, p in maps.items():
-        felt[robot == one] = felt_on(samples.of(one), p)
+        if p.any():
+            felt[robot == one] = felt_on(samples.of(one), p)
     return Others(samples, maps, felt)

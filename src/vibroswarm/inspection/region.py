@@ -171,7 +171,7 @@ def coarse_shares(samples: Samples, patches: Patches) -> Shares:
 
 def posterior_of(samples: Samples, patches: Patches, shares: Shares, there: NDArray[np.bool_]) -> Posterior:
     """Return what the samples that are ``there`` say of the place, size and contrast of one patch."""
-    strengths = (1.0,) if samples.law.bits else STRENGTHS
+    strengths = STRENGTHS if samples.law.has_contrasts else (1.0,)
     p = _probabilities(samples, patches, shares, there, strengths)
     rising = np.sort(p, axis=None)
     kept = p >= rising[np.searchsorted(np.cumsum(rising), NEGLIGIBLE)]

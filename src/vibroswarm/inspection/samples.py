@@ -87,6 +87,12 @@ class Law(NotebookView):
     camera: Camera = RIGHT
     """The camera that saw the reference."""
 
+    @property
+    def has_contrasts(self) -> bool:
+        """Whether damage may be weaker: between two readings, as of a bit or measured as 0 and 1, there is nothing."""
+        measured = {*(self.sensor.still_energies or ()), *(self.sensor.vibrating_energies or ())}
+        return not self.bits and len(measured) != 2
+
     @cached_property
     def typical(self) -> Law:
         """The law on a typical tile by a typical robot; itself, if they do not differ."""
@@ -186,7 +192,7 @@ class Samples(NotebookView):
     @property
     def robots(self) -> list[int]:
         """Numbers of the robots, ascending."""
-        return self.frame["robot"].unique().sort().to_list()
+        return [int(robot) for robot in np.unique(self.frame["robot"].to_numpy())]
 
     @property
     def is_timeless(self) -> bool:
