@@ -69,6 +69,9 @@ def test_robots_that_weigh_readings_by_error_rates_are_not_misled_by_the_share_o
     knowing = at(**asked, strategy__name="places")
     assert (knowing.verdict, knowing.is_warning) == ("not assessed", False)
     assert "weigh each reading by the sensor's error rates" in knowing.says
+    wrong = {"decision__assumed_false_positive": 0.05, "decision__assumed_false_negative": 0.6}
+    assumed = at(strategy__name="places", floor__source="random:0.4", decision__boundary_of="tiles", **wrong)
+    assert assumed.is_warning, "they weigh by rates that the sensor does not have"
 
 
 def test_no_threshold_mends_labels_that_are_swapped() -> None:

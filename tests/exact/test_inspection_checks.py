@@ -286,9 +286,11 @@ def test_measured_values_of_which_many_are_equal_are_checked() -> None:
         assert outcomes(samples.with_columns(value=value), nothing)["law of still places"] == outcome
 
 
-def test_damage_by_measured_readings_has_one_contrast() -> None:
+@pytest.mark.parametrize("bits", [1, 2])
+def test_damage_by_measured_readings_has_one_contrast(bits: int) -> None:
     """Half-way between 0 and 1 are values that nothing measures: damage of half the rate was cleared, as if sought."""
-    readings = np.arange(100) < [[70], [30]]
+    rates = np.array([[0.7], [0.3]])
+    readings = np.random.default_rng(1).binomial(bits, rates, (2, 100))
     samples = replace(
         drawn_samples(1, count=400, spread_m=0.0), law=law_of_measured(*readings.astype(float), "0 and 1")
     )

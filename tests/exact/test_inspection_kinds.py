@@ -105,7 +105,7 @@ def test_damage_is_any_kind_but_0() -> None:
 
 def test_what_means_nothing_for_many_kinds_is_refused() -> None:
     result = v.simulate(Scenario().with_values(CONFUSION), 1, 1)
-    with pytest.raises(InputError, match="classes have one contrast"):
+    with pytest.raises(InputError, match="few different readings, such as 0 and 1, has one contrast"):
         v.inspect(result, question=Question())
     with pytest.raises(InputError, match="3 kinds of tile, and the law 2"):
         v.inspect(result, laws="paper")

@@ -32,6 +32,7 @@ from vibroswarm.analysis.intervals import (
     wilson,
     wilson_limits,
 )
+from vibroswarm.analysis.paired import difference
 from vibroswarm.errors import InputError
 
 numbers = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
@@ -336,6 +337,24 @@ def test_limits_allow_for_few_runs_far_from_others_that_are_nearly_alike(late: f
     assert coverage(mean_s, [time_interval(one, 1200.0) for one in times_s]) > 0.93
     assert coverage(mean_s, [mean_interval(one) for one in times_s]) < 0.92
     assert time_interval(near_s[0], 1200.0) == mean_interval(near_s[0]), "without late runs as before"
+
+
+@pytest.mark.parametrize("alike", [0.45, 0.6])
+def test_few_runs_are_far_from_others_of_which_half_are_equal(alike: float) -> None:
+    """Half of the beliefs are 1, or nearly, so that their median deviation calls ten others and more far from them."""
+    random = generator(int(100 * alike), "beliefs")
+    right = np.where(random.random((1000, 100)) < alike, 1.0, random.uniform(0.98, 1.0, (1000, 100)))
+    beliefs = np.where(random.random(right.shape) < 0.03, 0.02, right)
+    mean = 0.97 * (alike + (1.0 - alike) * 0.99) + 0.03 * 0.02
+    assert coverage(mean, [share_interval(one) for one in beliefs]) > 0.925
+    assert coverage(mean, [mean_interval(one) for one in beliefs]) < 0.91
+
+
+def test_a_difference_whose_limits_allow_for_rare_runs_is_not_significant_beside_them() -> None:
+    apart = np.append(np.random.default_rng(1).normal(31.0, 5.0, 99), -880.0)
+    found = difference(apart, np.zeros(100), most=1200.0)
+    assert not found.interval.excludes(0.0)
+    assert found.p_value >= 0.05 > sign_flip(apart).p_value
 
 
 def test_a_mean_time_of_runs_that_all_last_to_the_end_may_be_earlier() -> None:

@@ -96,7 +96,7 @@ def test_a_precision_from_words(text: str, share: float) -> None:
 
 @pytest.mark.parametrize("text", ["2", "%", "0%", "-1%", "100%", "nan%", "inf%", "two%", 2, 0.02, None, True])
 def test_what_is_no_precision_is_said(text: object) -> None:
-    with pytest.raises(InputError, match="not a percentage; give one such as 2%"):
+    with pytest.raises(InputError, match="not a percentage above 0% and below 100%; give one such as 2%"):
         Precision.from_words(text)
 
 

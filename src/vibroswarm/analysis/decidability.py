@@ -124,12 +124,12 @@ class Decidability(ForJson):
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
     """Compute whether a scenario's question can be decided from the samples that its swarm will take.
 
-    The verdict is "not assessed" for a task other than ``fill_ratio``, and where only robots that do not know the
-    sensor's error rates would find the question undecidable. Correcting thresholds are computed for
+    The verdict is "not assessed" for a task other than ``fill_ratio``; and, unless the share of ones is on the right
+    side, for robots that weigh readings by error rates. Correcting thresholds are computed for
     ``boundary_of = "readings"`` only: with "tiles" the tested boundary allows for the sensor's errors.
 
     Args:
-        scenario: only its task, sensor, arena, floor and decision are used, not its motion and strategy.
+        scenario: its task, sensor, arena, floor and decision are used, and whether its strategy knows error rates.
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
         floor: by default the floor of run 0 with seed 0, which stands for the scenario's other random floors, because
             all have the same fill ratio (unless the arena's border cuts tiles off). At least a part of the floor must
@@ -154,32 +154,28 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     share = expected_share(sensor, fill, tiled, spillover, place_of(floor))
     if floor.surface is not PLAIN:
         share = expected_ones_on(sensor, floor, size)
-    asks_fill_ratio = scenario.task.name == "fill_ratio" and floor.surface is PLAIN
+    is_assessed = scenario.task.name == "fill_ratio" and floor.surface is PLAIN
     verdict: Word = _side(share, tested, truth)
     says = _words(verdict, share, boundary, tested, truth)
-    if not asks_fill_ratio:
+    if not is_assessed:
         says = (
             f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
             "ones."
         )
-    elif truth is not None and verdict != "decidable" and _weighs_by_rates(scenario):
+    elif truth is not None and verdict != "decidable" and _weighs_true_rates(scenario):
         says = (
             f"{percent(share)} of the samples read as vibrating; robots that weigh each reading by the sensor's error "
             "rates do not compare this share with the boundary."
         )
-        asks_fill_ratio = False
-    if not asks_fill_ratio:
+        is_assessed = False
+    if not is_assessed:
         verdict = "not assessed"
     low, high, mend = None, None, ""
     has_threshold = model_of(sensor).share_at_most is not None
-    if asks_fill_ratio and scenario.decision.boundary_of == "readings" and has_threshold:
+    if is_assessed and scenario.decision.boundary_of == "readings" and has_threshold:
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
-    if (
-        asks_fill_ratio
-        and scenario.decision.boundary_of == "tiles"
-        and claims_differ(sensor, place_of(floor))
-    ):
+    if is_assessed and scenario.decision.boundary_of == "tiles" and claims_differ(sensor, place_of(floor)):
         mend = (
             " Readings are those of the sensor's true law; robots correct them by the rates that they claim."
         )
@@ -199,9 +195,11 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     )
 
 
-def _weighs_by_rates(scenario: Scenario) -> bool:
-    """Return whether robots weigh each reading by the error rates of their sensor, whatever the boundary is of."""
-    return scenario.strategy.entry is not None and scenario.strategy.entry.knows_error_rates
+def _weighs_true_rates(scenario: Scenario) -> bool:
+    """Return whether robots weigh each reading by the error rates that their sensor claims, and not by assumed ones."""
+    strategy, decision = scenario.strategy.entry, scenario.decision
+    assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
+    return strategy is not None and strategy.knows_error_rates and assumed == (None, None)
 
 
 def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float, error: float) -> Decidability:

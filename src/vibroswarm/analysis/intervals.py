@@ -41,7 +41,9 @@ FEW: Final = 10
 sign flips, if fewer differences than this are other than the usual one."""
 FAR: Final = 9.0
 """A value is far from the others if it is this many median deviations from their median: six standard deviations of a
-normal law."""
+normal law. Where half of the values are equal, or nearly so, the deviation of nine in ten stands for the median one."""
+OF_NINE_IN_TEN: Final = 0.41
+"""Median deviation of a normal law, in deviations that nine in ten do not exceed."""
 _EXACT: Final = 10
 """Up to this number of differences all subsets are enumerated."""
 _MANY_VALUES: Final = 2000
@@ -541,6 +543,9 @@ def allowing_for_rare(found: Interval, of_runs: ArrayLike, most: float) -> Inter
     usual = np.median(d)
     spread = np.median(np.abs(d - usual))
     far = np.abs(d - usual) > FAR * spread
+    if far.sum() >= FEW:  # most are not rare, but equal to each other, or nearly so
+        spread = OF_NINE_IN_TEN * np.quantile(np.abs(d - usual), 0.9, method="lower")
+        far = np.abs(d - usual) > FAR * spread
     other = (d - usual)[far]
     if other.size >= FEW or (spread > 0.0 and not other.size):
         return found

@@ -7,6 +7,7 @@ A cell is the runs of one scenario.
 | difference | D | mean over runs of d_r = first_r - second_r |
 | interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
 | interval, if few d_r are far from others | - | at least that of rare events, see ``intervals.allowing_for_rare`` |
+| p-value, if these limits hold 0 | - | at least 1 - level |
 | floor by floor | - | Student's limits and paired t-test instead, see ``intervals.student_test`` |
 | corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
@@ -168,8 +169,11 @@ def difference(
     if math.isnan(most):
         unseen = float(np.ptp(np.append(without_nan(np.asarray((first, second), dtype=np.float64)), 0.0)))
     interval = allowing_for_rare(found.interval, d, unseen)
+    p_value = found.p_value
+    if interval != found.interval and not interval.excludes(0.0):  # sign flips know no rare runs either
+        p_value = max(p_value, 1.0 - level)
     # Too few pairs have no limits, and keep none.
-    return found._replace(interval=within(interval, -most, most) if math.isfinite(interval.low) else interval)
+    return Tested(within(interval, -most, most) if math.isfinite(interval.low) else interval, p_value)
 
 
 def _compare_one(

@@ -180,6 +180,14 @@ OF_POLARS: Final = re.compile(r"(.+) \(os error (\d+)\): (.+)")
 """An error of polars about a file: cause, error number and name."""
 
 
+def _is_working_folder_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
 def _failed_with(error: OSError) -> int:
     """Print the message of an ``OSError`` and return the exit code: 2 for a wrong file name, 1 for any other error."""
     cause, number, name = error.strerror or str(error), error.errno, error.filename
@@ -188,10 +196,10 @@ def _failed_with(error: OSError) -> int:
     if name is not None:
         code = 2 if number in USER_ERRORS else 1
         return _failed(f"{shown_name(name)}: cannot be used: {cause}", code)
-    if error.errno is None:  # raised by a library, such as one that cannot be loaded
-        return _failed(cause, 1)
-    if number == errno.ENOENT:  # only `os.getcwd` has no name to give
+    if number == errno.ENOENT and _is_working_folder_gone():  # `os.getcwd` has no name to give
         return _failed("the working folder was removed; change to another one", 2)
+    if number is None or number == errno.ENOENT:  # raised by a library, such as one that cannot be loaded
+        return _failed(cause, 1)
     # `atomic_io` names the files it writes, so an error of the system without a name is about this process's output.
     _silence(sys.stdout)
     return _failed(f"the output could not be written: {cause}", 1)

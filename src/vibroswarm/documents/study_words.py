@@ -428,5 +428,6 @@ def _imprecise(outcome: Outcome) -> str:
         return ""
     return (
         f"in {len(imprecise)} of {count(len(outcome.cells), 'cell')} {until.figure} is not known to "
-        f"{stated_percent(until.half_width)} after {count(until.max_runs, 'run')}, the most that were allowed."
+        f"{stated_percent(until.half_width)} after {count(until.max_runs, 'run')}, the most that were allowed: "
+        "limits are wider, or rare runs could move it further."
     )

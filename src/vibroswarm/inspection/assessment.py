@@ -61,7 +61,7 @@ class Assessment(NotebookView):
     own_rasters: dict[int, Floats] = field(default_factory=dict)
     """Probability of each cell by each robot's own samples, by robot."""
     weakest: pl.DataFrame | None = None
-    """The weakest contrast that is found (``missed.weakest_found``); None: readings of classes, which have one."""
+    """The weakest contrast that is found (``missed.weakest_found``); None: readings of few values, which have one."""
 
     @property
     def verdict(self) -> Literal["damage", "clear", "open"]:
@@ -95,7 +95,9 @@ def assess(
     question = question or Question()
     done = progress or (lambda share: None)
     if question.contrasts != (1.0,) and not samples.law.has_contrasts:
-        raise InputError("readings of classes have one contrast; give 1", field="--contrasts")
+        raise InputError(
+            "a law of few different readings, such as 0 and 1, has one contrast; give 1", field="--contrasts"
+        )
     patches = declared(samples.size_m, sides_m)
     shares = shares_of(samples, patches)
     found = scan(

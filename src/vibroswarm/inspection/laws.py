@@ -63,7 +63,7 @@ LARGEST: Final = 2_000_000
 SMOOTH: Final = 4000
 """Energies of a kind that drawn surfaces have, unless more were measured."""
 OFTEN: Final = 0.05
-"""Share of the measured energies from which on equal ones are no chance."""
+"""Share of the measured energies of a kind from which on equal ones are no chance."""
 TOLD_APART: Final = 0.01
 """Largest p-value with which measured energies of two kinds differ (Mann-Whitney, of those that a law has not seen)."""
 FITTED: Final = (*FIELDS, *SPREADS)
@@ -192,8 +192,7 @@ def law_of_measured(
     draws = tuple(_resampled(sensor, vibrating, still))
     _check_told_apart(words, sensor, draws, vibrating, still)
     # Only now: the check looks for the measured energies themselves.
-    different, number = np.unique(np.concatenate([vibrating, still]), return_counts=True)
-    scale, often = scale_of((still, vibrating)), different[number > OFTEN * number.sum()]
+    scale, often = scale_of((still, vibrating)), np.union1d(_often(still), _often(vibrating))
     draws = tuple(Draw(one.judge, _smoothed(one.truth, scale, often)) for one in draws)
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
@@ -219,13 +218,19 @@ def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Dra
         yield Draw(sensor.model_copy(update=seen), sensor.model_copy(update=left_out))
 
 
+def _often(energies: Floats) -> Floats:
+    """Return the energies of a kind that were measured often, such as zeros or low counts."""
+    different, number = np.unique(energies, return_counts=True)
+    return np.asarray(different[number > OFTEN * energies.size])
+
+
 def _smoothed(truth: Sensor, scale: Scale, often: Floats) -> Sensor:
     """Return a law of energies between and beyond those measured too, as surfaces have them.
 
     By the measured ones alone no drawn surface had an energy beyond them, so that too many surfaces were called.
 
     Args:
-        often: energies that were measured often, such as zeros or low counts: they have none about them.
+        often: energies that were measured often: they have none about them.
     """
     update: dict[str, Any] = {}
     for field in ("vibrating_energies", "still_energies"):

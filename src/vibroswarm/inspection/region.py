@@ -39,7 +39,7 @@ from vibroswarm.inspection.samples import Floats, Law, Samples
 HELD: Final = 0.9
 """Probability of the region."""
 STRENGTHS: Final = (0.25, 0.5, 0.75, 1.0)
-"""Contrasts that are weighed; readings of classes have contrast 1 alone."""
+"""Contrasts that are weighed; readings of few values have contrast 1 alone."""
 DRAWN: Final = 2000
 """Draws that describe a density."""
 NEGLIGIBLE: Final = 1e-4
@@ -119,7 +119,7 @@ class Region(NotebookView):
     size_m: tuple[float, float]
     """Smallest and largest size in the region."""
     contrast: tuple[float, float] | None
-    """Smallest and largest contrast in the region; None: readings of classes have one."""
+    """Smallest and largest contrast in the region; None: readings of few values have one."""
     centre_m2: float
     """Area of the centres in the region."""
 

@@ -56,6 +56,8 @@ where it vibrates over that where it is still."""
 
 FEWEST: Final = 20
 """With fewer samples nothing is said."""
+FEW_READINGS: Final = 12
+"""So few different values of a reference are readings, with nothing half-way between those of both kinds."""
 
 
 @viewed
@@ -89,9 +91,9 @@ class Law(NotebookView):
 
     @property
     def has_contrasts(self) -> bool:
-        """Whether damage may be weaker: between two readings, as of a bit or measured as 0 and 1, there is nothing."""
+        """Whether damage may be weaker: between few readings, as of a bit or measured as 0 and 1, there is nothing."""
         measured = {*(self.sensor.still_energies or ()), *(self.sensor.vibrating_energies or ())}
-        return not self.bits and len(measured) != 2
+        return not self.bits and not 0 < len(measured) <= FEW_READINGS
 
     @cached_property
     def typical(self) -> Law:

@@ -27,7 +27,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
-from vibroswarm.analysis.intervals import Interval, jackknife_error, share_interval, student_factor
+from vibroswarm.analysis.intervals import Interval, share_interval, student_factor
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.distances import nearest_tiles
@@ -493,7 +493,7 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
     The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with
     n_eff independent samples, where n_eff is the effective number of samples (``effective_with_sensor``): it allows for
     tiles visited unequally often and for the error rates at this threshold. Robots differ, so that n_eff is at most the
-    number that gives the share the error that it has by the jackknife over robots in sessions.
+    number that gives the share the error that it has by how far robots, on the same tiles, are apart.
 
     Args:
         bits: of the samples ``data`` at this threshold, (samples,).
@@ -511,11 +511,12 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
             false_negative=errors.false_negative,
         )
     )
-    robot = _robots(data)
-    without = [
-        observed_share(data.tile[robot != one], bits[robot != one]).share for one in range(robot.max() + 1)
-    ]
-    error = jackknife_error(without) * student_factor(len(without), 0.95) if len(without) > 1 else 0.0
+    robot, tile = _robots(data), np.unique(data.tile, return_inverse=True)[1]
+    visited = np.bincount(tile)
+    apart = (bits - (np.bincount(tile, bits) / visited)[tile]) / (visited[tile] * visited.size)
+    by_robot = np.bincount(robot, apart)  # what each adds to the share of ones, beyond the share of its tiles
+    n = by_robot.size
+    error = student_factor(n, 0.95) * math.sqrt(n / (n - 1) * float(by_robot @ by_robot)) if n > 1 else 0.0
     if error > 0.0:
         effective = min(effective, observed.share * (1.0 - observed.share) / error**2)
     truth = recording.runs["truth"][0]  # all sessions have the same floor

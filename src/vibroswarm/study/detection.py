@@ -275,6 +275,6 @@ def _warnings(study: Study) -> list[str]:
         dict.fromkeys(
             f"fill ratio {stated(verdict.fill_ratio)}: {verdict.says}"
             for verdict in verdicts
-            if verdict.verdict != "decidable"
+            if verdict.is_warning
         )
     )

@@ -81,7 +81,7 @@ LARGEST_BLOCK_S: Final = 10.0
 """Longest estimated duration of a block, s."""
 MOST_ROWS: Final = 100_000
 """Most rows of a block; a worker needs about 1 kB of memory per row."""
-LARGE_ROWS: Final = 16_000
+LARGE_ROWS: Final = 32_000
 """Rows up to which later blocks double: more would not be faster, but memory would grow with the number of runs."""
 BLOCKS_OF_A_SIZE: Final = 32
 """After this many blocks of a size, the size doubles, up to the limits of a block."""

@@ -4,7 +4,8 @@ Looking repeatedly is corrected for. The interval of look k = 1, 2, ... has the 
 a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level, whatever the
 number of looks. So the last interval is valid, although it was chosen because it was the first that is narrow enough.
 Runs that are nearly alike have a narrow interval, whatever rarely happens. So the runs of a mean must also be so many
-that the upper limit of what happened in none of them, times how far runs can be apart, is within the precision.
+that the upper limit of what happened in none of them, times how far runs can be apart, if this is known, is within the
+precision.
 A group of cells needs no more runs ("is settled") once the figure is precise enough in each of its cells, or once it
 has the most runs that are allowed.
 """
