@@ -13,7 +13,6 @@ import operator
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -275,9 +274,15 @@ def in_words(number: int) -> str:
     return f"2^{power} - 1" if number > 10**9 and number == 2**power - 1 else str(number)
 
 
-@cache
+_warned: dict[str, object] = {}
+"""Warnings given so far, each with a mark of the call that gave it: of calls in several threads, one is the first."""
+
+
 def warn_once(message: str) -> None:
     """Log a warning the first time that it is given; in worker processes do nothing, as the main process warns."""
+    mark = object()
+    if _warned.setdefault(message, mark) is not mark:
+        return
     import logging  # both here, since most commands warn of nothing
     import multiprocessing
 

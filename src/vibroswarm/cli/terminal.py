@@ -91,8 +91,8 @@ def plain(text: str) -> str:
 
 def say(text: str) -> None:
     """Print a line on stderr, such as a warning; if it cannot be written, it is lost, and the work goes on."""
-    with suppress(OSError):
-        print(plain(text), file=sys.stderr, flush=True)
+    with suppress(OSError):  # written at once: the end of a line would come after that of another thread
+        print(f"{plain(text)}\n", end="", file=sys.stderr, flush=True)
 
 
 def report(text: str) -> None:

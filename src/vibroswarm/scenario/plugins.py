@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
+from threading import RLock
 from types import ModuleType
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -65,6 +66,8 @@ _texts: dict[str, str] = {}
 """Texts of the loaded files, by the reference to code with hash."""
 _code_names: set[str] = set()
 """Names of objects that were loaded from users' files, or that data files refer to as code, loaded or not."""
+_executing = RLock()
+"""Held while a file is executed: threads of a worker would find its module registered before it defines anything."""
 _trusted: list[Path | None] = []
 """Stack of ``trust_code``: the last is the folder in which trusted files are looked for (None: the working directory);
 empty while no file is trusted."""
@@ -270,7 +273,8 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
         raise InputError(f"the text is not that of '{code}': its SHA-256 is {digest}", field=file)
     # The module is named by the hash, so that a text is executed only once, even if it defines several objects.
     module_name = f"{MODULE}_{digest[:16]}"
-    module = sys.modules.get(module_name) or _module(module_name, text, file)
+    with _executing:
+        module = sys.modules.get(module_name) or _module(module_name, text, file)
     found: Any = vars(module).get(name)
     found_kind = kind_of(found)
     if found_kind is None or kind not in (None, found_kind):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from threading import Lock
 from types import ModuleType
 from typing import Any, Final
 
@@ -19,6 +20,8 @@ from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS
 
 TWELVE_BITS: Final = 4095
 """Largest coordinate in mm that 12 bits hold."""
+_making: Final = Lock()
+"""Held while a variant is made: two threads would make two, and compile each."""
 
 
 def with_options(places: Strategy, p: Any, sizes: Mapping[str, int]) -> Strategy:
@@ -48,7 +51,8 @@ def with_options(places: Strategy, p: Any, sizes: Mapping[str, int]) -> Strategy
             field=f"{field}.share_map",
         )
     # Without draws there is one map, by mean places.
-    return _variant(places, p.share_map, max(p.draws, 1), size)
+    with _making:
+        return _variant(places, p.share_map, max(p.draws, 1), size)
 
 
 def message_bytes(p: Any, sizes: Mapping[str, int]) -> int:
