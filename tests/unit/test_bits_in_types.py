@@ -45,7 +45,7 @@ ALLOWED = {
     "likelihood ratios of two kinds, beside those of more": """observation/energy_model analysis/oracle_posterior
         analysis/tile_posterior""",
     "damage: patches that vibrate on a still surface; of kinds, any but kind 0 (any_but_still)": """
-        inspection/assessment inspection/checks inspection/damage inspection/factors inspection/laws
+        inspection/checks inspection/damage inspection/factors inspection/laws
         inspection/others inspection/region inspection/samples cli/inspection""",
     "recordings of the study's robots; refuse_kinds": """recordings/export recordings/floor_fit
         recordings/infer_settings recordings/infer_strategy recordings/log_readers recordings/replay
