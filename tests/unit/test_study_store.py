@@ -608,6 +608,7 @@ def test_shares_of_different_studies_or_versions_are_not_merged(copy: Path, tmp_
     resealed(about)
     with pytest.raises(InputError, match=r"numpy 0\.1"):
         merge(tmp_path / "out", [copy])
+    assert len(merge(tmp_path / "mixed", [copy], mixed=True).made_by) == 2
     with pytest.raises(InputError, match="is not a study"):
         merge(tmp_path / "out", [tmp_path])
     assert not (tmp_path / "out").exists()

@@ -106,10 +106,10 @@ def merge(
 
     whole = Drawn(out=out, force=force, **vars(output))
     # Shards that cannot be merged are refused now, since `--force` removes the folder.
-    study = jobs_of_one_study(shards)[0].study
+    study = jobs_of_one_study(shards, mixed=execution.mixed)[0].study
     pairs_of(study, comparison.reference)  # refuses an unknown reference before anything is written
-    claim_study(whole, study)
-    store = merge_shards(out, shards)
+    claim_study(whole, study, mixed=execution.mixed)
+    store = merge_shards(out, shards, mixed=execution.mixed)
     every_cell = tuple(cell.number for cell in store.study.cells)
     confirm_and_print(StudyResult(store.study, store, selected=every_cell), comparison, execution, whole)
 

@@ -58,9 +58,11 @@ def run(
     return StudyResult(study, store, selected=tuple(cell.number for cell in study.cells), _kept=temporary)
 
 
-def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:
+def jobs_of_one_study(shares: Sequence[Path], *, mixed: bool = False) -> list[Store]:
     """Open the stores of several jobs, at least one.
 
+    Args:
+        mixed: whether versions may differ.
     Raises:
         InputError: no folder, or one that holds no study, another study or one with a precision, or versions differ.
     """
@@ -75,24 +77,26 @@ def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:
             raise InputError(
                 "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
             )
-    # All shards are put in one store in memory, as of one group, to compare their versions.
-    all_shards = [shard for store in stores for shard in store.shards]
-    Store(stores[0].folder, stores[0].study, by_group={0: all_shards}).check_alike()
+    if not mixed:
+        # All shards are put in one store in memory, as of one group, to compare their versions.
+        all_shards = [shard for store in stores for shard in store.shards]
+        Store(stores[0].folder, stores[0].study, by_group={0: all_shards}).check_alike()
     return stores
 
 
-def merge(out: Path, shares: Sequence[Path]) -> Store:
+def merge(out: Path, shares: Sequence[Path], *, mixed: bool = False) -> Store:
     """Merge the stores of several jobs of a study into one store.
 
     Args:
         out: folder of the merged store; created, or continued if it holds the same study.
         shares: folders of the jobs, at least one; they are not changed.
+        mixed: whether versions may differ.
     Raises:
         InputError: a folder holds no study, another study or one with a precision, or versions differ.
         RunError: runs are missing in all folders; the message lists the first of them. What was merged stays in
             ``out``.
     """
-    stores = jobs_of_one_study(shares)
+    stores = jobs_of_one_study(shares, mixed=mixed)
     # The jobs may have been run with different numbers of runs: the merged study has the largest.
     runs = max((store.study.runs or 0 for store in stores), default=0)
     if has_manifest(Path(out)):  # ``out`` may have more runs than these jobs
@@ -108,7 +112,8 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
                 with whole_file(joined.root / SHARDS / path.name) as part:
                     shutil.copyfile(path, part)
     joined.refresh()
-    joined.check_alike()  # again, since ``out`` may have had shards before
+    if not mixed:
+        joined.check_alike()  # again, since ``out`` may have had shards before
     damaged = [f"{store.folder}: {words}" for store in stores for words in store.damaged]
     lost = [
         f"{group.number}:{first}-{last}"
