@@ -6,10 +6,8 @@ import importlib
 import linecache
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from threading import Barrier
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ import pytest
 from numba import njit
 
 from vibroswarm.core.compiled_code import UnknownValueError
-from vibroswarm.inference.generated_kernels import _text_of, hooks_of, kernels, key_of
+from vibroswarm.inference.generated_kernels import _text_of, hooks_of, key_of
 from vibroswarm.networks import network
 from vibroswarm.scenario.plugins import load_code
 from vibroswarm.strategies import strategy
@@ -189,22 +187,3 @@ def test_kernels_of_a_value_that_cannot_be_described_are_not_cached(caplog: pyte
     assert not hooks_of(made, network("ideal")).IS_SAVED
     assert "no change can be seen" in caplog.text
     assert hooks_of(cell(DECISION.format(1)), network("ideal")).IS_SAVED  # the control
-
-
-def test_threads_that_need_one_module_at_once_are_given_the_same() -> None:
-    """Without a lock one thread imported the module that another had registered, and not filled yet."""
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        with ThreadPoolExecutor(4) as threads:
-            for number in range(5):
-                own = cell(DECISION.format(f"int(s.alpha > {number})"), "builtins")
-                ready = Barrier(4)
-
-                def made(own: Strategy = own, ready: Barrier = ready) -> object:
-                    ready.wait(60.0)
-                    return kernels(own, network("ideal"), "replay_counts")
-
-                assert len({id(each.result(60.0)) for each in [threads.submit(made) for _ in range(4)]}) == 1
-    finally:
-        sys.setswitchinterval(interval)

@@ -6,6 +6,7 @@ import hashlib
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from threading import Barrier
 from types import SimpleNamespace
 from typing import TypeVar
@@ -14,6 +15,8 @@ import pytest
 
 from vibroswarm.cli.terminal import say
 from vibroswarm.errors import warn_once
+from vibroswarm.inference.generated_kernels import kernels
+from vibroswarm.networks import network
 from vibroswarm.scenario.plugins import install
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import strategy
@@ -82,4 +85,12 @@ def test_there_is_one_variant_of_a_strategy() -> None:
     for tiles in range(100, 100 + TIMES):
         sizes = {"tiles": tiles, "longest_mm": 1000}
         found = at_once(lambda sizes=sizes: places.variant(options.strategy.params, sizes))
+        assert len({id(each) for each in found}) == 1
+
+
+def test_kernels_of_a_strategy_are_generated_once() -> None:
+    """Without a lock one thread imported the module that another had registered, and not filled yet."""
+    for number in range(5):
+        own = replace(strategy("none"), name=f"own_{number}")
+        found = at_once(lambda own=own: kernels(own, network("ideal"), "replay_counts"))
         assert len({id(each) for each in found}) == 1

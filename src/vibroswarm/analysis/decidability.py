@@ -154,28 +154,17 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     share = expected_share(sensor, fill, tiled, spillover, place_of(floor))
     if floor.surface is not PLAIN:
         share = expected_ones_on(sensor, floor, size)
-    is_assessed = scenario.task.name == "fill_ratio" and floor.surface is PLAIN
-    verdict: Word = _side(share, tested, truth)
-    says = _words(verdict, share, boundary, tested, truth)
-    if not is_assessed:
-        says = (
-            f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
-            "ones."
-        )
-    elif truth is not None and verdict != "decidable" and _weighs_true_rates(scenario):
-        says = (
-            f"{percent(share)} of the samples read as vibrating; robots that weigh each reading by the sensor's error "
-            "rates do not compare this share with the boundary."
-        )
-        is_assessed = False
-    if not is_assessed:
+    verdict = _side(share, tested, truth)
+    left_out = _why_not_assessed(scenario, floor, share, verdict, truth)
+    says = left_out or _words(verdict, share, boundary, tested, truth)
+    if left_out:
         verdict = "not assessed"
     low, high, mend = None, None, ""
     has_threshold = model_of(sensor).share_at_most is not None
-    if is_assessed and scenario.decision.boundary_of == "readings" and has_threshold:
+    if not left_out and scenario.decision.boundary_of == "readings" and has_threshold:
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
-    if is_assessed and scenario.decision.boundary_of == "tiles" and claims_differ(sensor, place_of(floor)):
+    if not left_out and scenario.decision.boundary_of == "tiles" and claims_differ(sensor, place_of(floor)):
         mend = (
             " Readings are those of the sensor's true law; robots correct them by the rates that they claim."
         )
@@ -195,11 +184,24 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     )
 
 
-def _weighs_true_rates(scenario: Scenario) -> bool:
-    """Return whether robots weigh each reading by the error rates that their sensor claims, and not by assumed ones."""
+def _why_not_assessed(
+    scenario: Scenario, floor: Floor, share: float, verdict: Word, truth: int | None
+) -> str:
+    """Return why the share of ones says nothing of what robots decide; empty: it does."""
+    if scenario.task.name != "fill_ratio" or floor.surface is not PLAIN:
+        return (
+            f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
+            "ones."
+        )
     strategy, decision = scenario.strategy.entry, scenario.decision
     assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
-    return strategy is not None and strategy.knows_error_rates and assumed == (None, None)
+    knows_rates = strategy is not None and strategy.knows_error_rates and assumed == (None, None)
+    if knows_rates and truth is not None and verdict != "decidable":
+        return (
+            f"{percent(share)} of the samples read as vibrating; robots that weigh each reading by the sensor's error "
+            "rates do not compare this share with the boundary."
+        )
+    return ""
 
 
 def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float, error: float) -> Decidability:
