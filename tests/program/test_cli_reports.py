@@ -224,8 +224,10 @@ def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]
         in told
     )
     assert "Warning: fill ratio 0.1" not in told
-    # robots that allow for their errors can
+    # robots that allow for their errors can, and so can those that weigh each reading by error rates
     assert json_of(capsys, *line, "--json")["warnings"] == []
+    places = ["--boundary-of", "readings", "--strategy", "places"]
+    assert json_of(capsys, *line, *places, "--json")["warnings"] == []
     mistaken = ["--set", "decision.assumed_false_positive=0.3"]
     assert "wrong side" in json_of(capsys, *line, *mistaken, "--json")["warnings"][0]
 

@@ -201,18 +201,28 @@ def test_a_file_that_does_not_fit_is_named_by_the_folder_that_was_asked_for(
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("error", "code", "said"),
     [
-        ("could not load libllvmlite.so", 1, "could not load libllvmlite.so"),
+        (OSError("could not load libllvmlite.so"), 1, "could not load libllvmlite.so"),
         # of polars, if the folder of a study is removed while it runs
-        ("No such file (os error 2): gone/a.parquet", 2, "gone/a.parquet: cannot be used: No such file"),
+        (
+            OSError("No such file (os error 2): gone/a.parquet"),
+            2,
+            "gone/a.parquet: cannot be used: No such file",
+        ),
+        # of tempfile
+        (
+            OSError(errno.ENOENT, "No usable temporary directory found"),
+            1,
+            "No usable temporary directory found",
+        ),
     ],
 )
 def test_an_error_of_a_library_is_not_taken_for_the_output(
-    words: str, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: OSError, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fails(*_: object) -> int:
-        raise OSError(words)
+        raise error
 
     monkeypatch.setattr(commands, "call", fails)
     assert main(["scenario"]) == code
