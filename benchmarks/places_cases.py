@@ -14,10 +14,8 @@ SOUND: Final = {"strategy.places.broken_prior": 0.0}
 
 ROWS: Final[dict[str, dict[str, Any]]] = {
     "true places, v = 1": {"localisation.method": "true"},
-    "true places, v = 2": {"localisation.method": "true", "strategy.places.variance_factor": 2.0},
     "v = 1": {},
     "v = 2": {"strategy.places.variance_factor": 2.0},
-    "v = 3": {"strategy.places.variance_factor": 3.0},
     "v = 2, no monitor": {"localisation.monitor": False, "strategy.places.variance_factor": 2.0},
     "falling": {"strategy.places.falls_from": 0.5},
     "falling, true places": {"strategy.places.falls_from": 0.5, "localisation.method": "true"},
@@ -67,35 +65,23 @@ def another_grid(side: int) -> Case:
 
 
 REACHED: Final[dict[str, Case]] = {
-    "`paper`": Case(floors=ALL, rows=(*USUAL, "v = 3")),
+    "`paper`": Case(floors=ALL),
     "poor gyro": Case(values=POOR),
     "10 % loss": Case(values={"network.name": "loss", "network.loss.share": 0.1}),
     "one robot stuck at 1": Case(values={"faults.stuck_at_1": 0.2}, rows=BOTH),
     "the same, `broken_prior` 0": Case(values=SOUND | {"faults.stuck_at_1": 0.2}, rows=BOTH),
-    "constant speed a robot": Case(values={"robot.speed_redraw": "robot"}),
     "`calibrated`": Case("calibrated"),
     "`calibrated`, reach told": Case("calibrated", REACH, BOTH),
-    "`calibrated`, pairs": Case("calibrated", PAIRS, BOTH),
-    "`calibrated`, both": Case("calibrated", REACH | PAIRS, BOTH),
-    "motion that suits": Case(
-        "optimised-places",
-        rows=(*USUAL, "true places, v = 2", "v = 3"),
-        floors=ALL,
-    ),
-    "motion that suits, poor gyro": Case("optimised-places", POOR, BOTH),
-    "ten robots": Case(values={"swarm.robots": 10}),
+    "motion that suits": Case("optimised-places", floors=ALL),
 }
 PATTERNS: Final[dict[str, Case]] = {
     name: pattern(name) for name in ("diagonal", "stripe", "block-diagonal", "alternating", "random-fixed")
 }
 WRONG: Final[dict[str, Case]] = {
-    "poor gyro": Case(values=POOR, rows=MONITORED),
     "poor gyro told good": Case(values=POOR | told(assumed_level="good"), rows=MONITORED),
     "mean speed told 0.9": Case(values=told(assumed_speed_factor=0.9), rows=MONITORED),
     "mean speed told 1.3": Case(values=told(assumed_speed_factor=1.3), rows=MONITORED),
-    "spread told 0.03": Case(values=told(assumed_speed_spread=0.03), rows=MONITORED),
     "wheels slip 10 %": Case(values=told(assumed_speed_factor=1.2), rows=MONITORED),
-    "rays of 10 mm noise told 4": Case(values={"rays.noise_m": 0.01}, rows=MONITORED),
     "rays of 20 mm noise told 4": Case(values={"rays.noise_m": 0.02}, rows=MONITORED),
     "rays of 20 mm noise told 20": Case(
         values={"rays.noise_m": 0.02} | told(ray_noise_m=0.02), rows=MONITORED
@@ -104,11 +90,8 @@ WRONG: Final[dict[str, Case]] = {
 RATES: Final[dict[str, Case]] = {
     "theta_E 1.55": Case(rows=BOTH, felt={"sensor.rms_threshold": 1.55}),
     "theta_E 1.55, pairs": Case(values=PAIRS, rows=BOTH, felt={"sensor.rms_threshold": 1.55}),
-    "theta_E 1.15": Case(rows=BOTH, felt={"sensor.rms_threshold": 1.15}),
-    "theta_E 1.15, pairs": Case(values=PAIRS, rows=BOTH, felt={"sensor.rms_threshold": 1.15}),
     "right rates, pairs": Case(values=PAIRS, rows=BOTH),
     "mean speed told 0.9, pairs": Case(values=PAIRS | told(assumed_speed_factor=0.9), rows=BOTH),
-    "mean speed told 1.3, pairs": Case(values=PAIRS | told(assumed_speed_factor=1.3), rows=BOTH),
 }
 GRIDS: Final[dict[str, Case]] = {
     "5 x 5": Case(rows=("v = 1",)),
@@ -138,6 +121,8 @@ COLUMNS: Final[dict[str, tuple[str, ...]]] = {
     "others": ("soft", *BOTH),
 }
 """What each table shows in columns; the last is compared with soft feedback."""
+ALIKE: Final = ("wrong", "grids")
+"""Tables that show the first floor of each case: on the others figures are alike."""
 RUNS: Final = {
     "reached": (1000, 9001),
     "patterns": (1000, 9001),

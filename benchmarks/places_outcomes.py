@@ -9,8 +9,8 @@ OUT holds is not measured again, so that a measurement that was cut off goes on.
 A cell: mean decision time in s (end of the run if undecided)/% of robots wrong, with the half-width of its 95 %
 interval (the run is the unit)/% undecided. Forced: % whose belief at the end of the run is on the wrong side, decided
 or not, of soft and of the last column, over all floors of the case. Less: % wrong of the last column less that of soft,
-over all floors, paired by run, with its 95 % interval. Bytes: sent by a robot in a whole run, by soft and by places.
-What a case has as "felt" robots are not told. The grid is known, but for the table of grids.
+over all floors, paired by run, with its 95 % interval. What a case has as "felt"
+robots are not told. The grid is known, but for the table of grids.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from places_cases import COLUMNS, ROWS, RUNS, TABLES, Case
+from places_cases import ALIKE, COLUMNS, ROWS, RUNS, TABLES, Case
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.inference.deliveries import Timeline, timeline_of
@@ -165,11 +165,10 @@ def percent(name: str, of_runs: Array) -> dict[str, float]:
 
 
 def markdown(found: pl.DataFrame, table: str) -> str:
-    """Return a table of what was measured, a line per case and floor; settings that few cases have are listed below."""
+    """Return a table of what was measured, a line per case and floor: the first of those that are alike."""
     columns = COLUMNS[table]
     shown = columns[-1]
-    head = ["case", "f", *columns, "forced", "less", "bytes"]
-    more: dict[str, list[str]] = {}
+    head = ["case", "f", *columns, "forced", "less"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for name in dict.fromkeys(found["case"].to_list()):
         of_case = found.filter(case=name)
@@ -178,23 +177,17 @@ def markdown(found: pl.DataFrame, table: str) -> str:
         tail = [
             f"{soft['forced']:.1f}; {last['forced']:.1f}",
             f"{last['less']:+.1f}+-{last['less_half']:.1f}",
-            f"{soft['bytes']:.0f}; {last['bytes']:.0f}",
         ]
-        for floor in (each for each in of_case["floor"].unique(maintain_order=True) if each != "all"):
+        floors = [each for each in of_case["floor"].unique(maintain_order=True) if each != "all"]
+        for floor in floors[:1] if table in ALIKE else floors:
             cells = {row["row"]: cell(row) for row in of_case.filter(floor=floor).iter_rows(named=True)}
             first = [name, floor.partition(":")[2].lstrip("0")]
             lines.append(
                 "| " + " | ".join([*first, *(cells.get(label, "") for label in columns), *tail]) + " |"
             )
             name, tail = "", [""] * len(tail)
-            others = [f"{label} {text}" for label, text in cells.items() if label not in columns]
-            if others:
-                more.setdefault(of_case["case"][0], []).append(
-                    f"{floor.partition(':')[2].lstrip('0')} {', '.join(others)}"
-                )
     runs = sorted({f"{row[0]} runs a cell, seed {row[1]}" for row in found.select("runs", "seed").rows()})
-    besides = [f"- {name}: {'; '.join(texts)}." for name, texts in more.items()]
-    return "\n".join([", ".join(runs) + ":", "", *lines, *(["", *besides] if besides else [])]) + "\n"
+    return "\n".join([", ".join(runs) + ":", "", *lines]) + "\n"
 
 
 def cell(row: dict[str, float]) -> str:

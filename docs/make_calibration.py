@@ -92,12 +92,6 @@ def told(folder: Path, of_folds: Values) -> Values:
             {
                 "session": fold["session"] + 1,
                 "simulated, same robots": [same_robots(held, other) for other in simulated],
-                "simulated, same robots, by turn": [
-                    same_robots(held, other, ("turn_rad",)) for other in simulated
-                ],
-                "simulated, same robots, by distance": [
-                    same_robots(held, other, ("distance_m",)) for other in simulated
-                ],
                 "real, same robots": [same_robots(held, other) for other in others],
                 "simulated, other robots": [other_robots(held, other) for other in simulated],
                 "real, other robots": [other_robots(held, other) for other in others],
@@ -155,17 +149,14 @@ def folds_table(of_folds: Values) -> str:
 
 
 def compared_table(found: Values) -> str:
-    """Similarities of the preset with and without the camera: means over sets of three sessions, with their range."""
+    """Similarities of the preset, through the camera: means over sets of three sessions, with their range."""
     rows = []
     for place, feature in enumerate(FEATURES):
-        through, without = (
-            [one[name][place]["at_equal_counts"] for one in found["calibrated"]]
-            for name in ("similarities", "similarities_without_camera")
-        )
+        through = [one["similarities"][place]["at_equal_counts"] for one in found["calibrated"]]
         authors = found["authors"][0]["similarities"][place]["at_equal_counts"]
-        ranges = [f"{np.mean(s):.3f} ({min(s):.3f}-{max(s):.3f})" for s in (through, without)]
-        rows.append([WORDS[feature], *ranges, f"{authors:.3f}"])
-    return table(["feature", "calibrated, camera applied", "without camera", "authors'"], rows)
+        of_preset = f"{np.mean(through):.3f} ({min(through):.3f}-{max(through):.3f})"
+        rows.append([WORDS[feature], of_preset, f"{authors:.3f}"])
+    return table(["feature", "calibrated, camera applied", "authors'"], rows)
 
 
 def told_table(rows: Values) -> str:

@@ -60,17 +60,17 @@ def verdicts(settings: Settings, folder: Path, items: Sequence[Item] | None = No
 
 def table(found: Mapping[str | None, Mapping[str, str]], runs: int) -> tuple[str, list[str]]:
     """The table in Markdown, and the reproduced claims that do not change and give no reason."""
-    lines = ["| claim | " + " | ".join(f"`{name}`" for name in CONTROLS) + " | turned by |"]
-    lines += ["|---" * (len(CONTROLS) + 2) + "|"]
+    lines = ["| claim | changed by |", "|---|---|"]
     without = []
     reproduced = [claim for claim in all_claims() if found[None].get(claim.id) == HOLDS]
     for claim in reproduced:
-        mine = {name: found[name].get(claim.id, "not measured") for name in CONTROLS}
-        turned = [name for name, verdict in mine.items() if verdict != HOLDS]
-        last = str(len(turned)) if turned else f"none: {claim.no_control}"
+        turned: dict[str, list[str]] = {}
+        for name in CONTROLS:
+            turned.setdefault(found[name].get(claim.id, "not measured"), []).append(f"`{name}`")
+        turned.pop(HOLDS, None)
         without += [] if turned or claim.no_control else [claim.id]
-        words = ["holds" if verdict == HOLDS else f"**{verdict}**" for verdict in mine.values()]
-        lines.append(f"| `{claim.id}` | " + " | ".join(words) + f" | {last} |")
+        words = "; ".join(f"{verdict}: {', '.join(names)}" for verdict, names in turned.items())
+        lines.append(f"| `{claim.id}` | {words or f'none: {claim.no_control}'} |")
     claims = sum(claim.kind == "claim" and claim.id in found[None] for claim in all_claims())
     head = f"Of {claims} claims, {len(reproduced)} are reproduced with {runs} runs per cell:"
     return "\n".join([head, "", *lines]), without

@@ -15,7 +15,7 @@ from typing import Any, Final
 from vibroswarm import preset
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_library import Memory, measured, write_library
-from vibroswarm.export.c_program import SINGLE, precision_of
+from vibroswarm.export.c_program import precision_of
 from vibroswarm.export.timing import Timing, ms, timed, unfit
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import names
@@ -23,7 +23,7 @@ from vibroswarm.strategies import names
 PAGE: Final = Path(__file__).parent / "figures" / "export.md"
 HEAD: Final = (
     "| strategy | precision | flash, bytes | static RAM, bytes | wheels set within, ms | work, % of the time "
-    "| longest work done within, ms | fit | why not float |\n|---|---|---|---|---|---|---|---|---|\n"
+    "| longest work done within, ms | fit |\n|---|---|---|---|---|---|---|---|\n"
 )
 WORDS: Final = {1: "float", 2: "mixed", 3: "double"}
 MOTORS: Final[dict[str, Any]] = {
@@ -43,12 +43,12 @@ def table() -> str:
     chosen |= {f"`{name}`, two motors": MOTORS | {"strategy.name": name} for name in ("dirichlet", "places")}
     for name, values in chosen.items():
         scenario = preset("paper").with_values(values)
-        precision, why = precision_of(parts_of(scenario))
+        precision, _ = precision_of(parts_of(scenario))
         memory, timing = measured_and_timed(scenario)
         is_fit = "no" if unfit(scenario, memory, timing) else "yes"
         rows.append(
             f"| {name} | {WORDS[precision]} ({precision}) | {memory.flash:,} | {memory.ram:,} | {timing.late_ms:.1f} "
-            f"| {100 * timing.load:.1f} | {ms(timing.waits):.0f} | {is_fit} | {'' if precision == SINGLE else why} |\n"
+            f"| {100 * timing.load:.1f} | {ms(timing.waits):.0f} | {is_fit} |\n"
         )
     return HEAD + "".join(rows)
 
