@@ -23,7 +23,9 @@ HEAD = """\
 A scenario is a TOML file with the sections below. Missing fields are as in preset `paper`, or as in the preset named
 at the top (`preset = "text"`). Unknown keys are errors. `floor.source` may also name a floor file next to the
 scenario file. On the command line `--set section.field=value` sets any field; in Python
-`Scenario.with_values({"section.field": value})` does. Fields without a default are optional.
+`Scenario.with_values({"section.field": value})` does. Defaults are in brackets; fields without one are optional.
+Where a file of yours defines a sensor, strategy, network or task, the section's field `code` names the file, with its
+SHA-256.
 
 ```toml
 preset = "paper-empirical"
@@ -66,29 +68,37 @@ def described_fields(texts: Iterable[str]) -> dict[str, dict[str, str]]:
 
 
 def default_words(value: object) -> str:
-    """A default as TOML writes it."""
+    """A default as TOML writes it, in brackets."""
     if value is None:
         return ""
     text = tomli_w.dumps({"x": value}, multiline_strings=False).strip().removeprefix("x = ")
     one_line = re.sub(r"\s*\n\s*", " ", text).replace("[ ", "[").replace(", ]", "]")
-    return f"`{one_line}`"
+    return f" (`{one_line}`)"
 
 
-def tables_of(kind: type[choices.Choice]) -> list[str]:
-    """Tables of the choices of a section that have parameters."""
+def parameters_of(kind: type[choices.Choice]) -> list[str]:
+    """Fields of the choices of a section that have parameters; one that an earlier choice has is referred to."""
     lines = []
+    first: dict[str, str] = {}
     for name, one in kind.known().items():
         if not one.params.model_fields or one.code:
             continue  # without parameters, or from a user's file
         lines += ["", f"### [{kind.kind}.{name}]", "", f"{one.about[:1].upper()}{one.about[1:]}.", ""]
-        lines += ["| field | default | what it is |", "|---|---|---|"]
         file = Path(choices.__file__).parents[1] / f"{kind.kind}s" / f"{name}.py"
         words = (
             described_fields([file.read_text(encoding="utf-8")]).get("Params", {}) if file.exists() else {}
         )
+        rows = {}
         for field, info in one.params.model_fields.items():
             told = info.description or words.get(field, "")
-            lines.append(f"| `{field}` | {default_words(info.default)} | {told} |")
+            rows[field] = f"- `{field}`{default_words(info.default)}: {told}"
+        own = [row for row in rows.values() if row not in first]
+        lines += [*own, ""] if own else []
+        for earlier in dict.fromkeys(first[row] for row in rows.values() if row in first):
+            same = (f"`{field}`" for field, row in rows.items() if first.get(row) == earlier)
+            lines += [f"As in `[{kind.kind}.{earlier}]`: {', '.join(same)}.", ""]
+        first |= dict.fromkeys(own, name)
+        lines.pop()
     return lines
 
 
@@ -105,16 +115,16 @@ def reference() -> str:
             "",
             inspect.cleandoc(str(kind.__doc__)).replace("``", "`"),
             "",
-            "| field | default | what it is |",
-            "|---|---|---|",
         ]
         for name, field in kind.model_fields.items():
+            if name == "code":
+                continue  # the head of the page has it
             told = next(
                 words[base.__name__][name] for base in kind.__mro__ if name in words.get(base.__name__, {})
             )
-            lines.append(f"| `{name}` | {default_words(field.default)} | {told} |")
+            lines.append(f"- `{name}`{default_words(field.default)}: {told}")
         if issubclass(kind, choices.Choice):
-            lines += tables_of(kind)
+            lines += parameters_of(kind)
     return "\n".join(lines) + "\n"
 
 

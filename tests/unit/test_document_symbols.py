@@ -64,4 +64,4 @@ def test_every_formula_of_the_documents_can_be_typeset() -> None:
         for latex in re.findall(r"(?<![\\$])\$([^$\n]+)\$", plain):
             assert tex2mathml(latex, as_block=False).startswith("<math"), f"{page.name}: {latex}"
             found += 1
-    assert found > 60
+    assert found > 50

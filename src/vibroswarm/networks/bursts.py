@@ -48,12 +48,10 @@ class Params:
         Field(
             ge=0,
             le=1,
-            description="Probability that a message is lost in the bad state: below 1 if bursts are not total.",
+            description="Probability that a message is lost in the bad state.",
         ),
     ] = 1.0
-    lost_in_good: Annotated[
-        float, Field(ge=0, le=1, description="The same in the good state: losses that are not in bursts.")
-    ] = 0.0095
+    lost_in_good: Annotated[float, Field(ge=0, le=1, description="The same in the good state.")] = 0.0095
 
 
 class Arrays:

@@ -26,7 +26,7 @@ class Params:
         Field(
             gt=0,
             allow_inf_nan=True,
-            description="Largest distance that a message crosses, m; or inf. Do robots need to hear all?",
+            description="Largest distance that a message crosses, m; or inf.",
         ),
     ] = 0.5
 

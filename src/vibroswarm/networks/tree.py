@@ -64,7 +64,7 @@ class Params:
         Field(
             ge=0,
             le=144,
-            description="Bytes of a message; 0: those that the strategy states. Does sending less lose less?",
+            description="Bytes of a message; 0: those that the strategy states.",
         ),
     ] = 144
     log_bytes: Annotated[
@@ -72,7 +72,7 @@ class Params:
         Field(
             ge=0,
             le=144,
-            description="Bytes that a robot sends the base after each message; 0: none. What does logging cost?",
+            description="Bytes that a robot sends the base after each message; 0: none.",
         ),
     ] = 144
     frame_ms: Annotated[

@@ -48,16 +48,14 @@ class Change(FrozenModel):
     at_s: Times | None = None
     """Times at which it changes, s, ascending: one, or a list. If this and ``rate_per_h`` are omitted, it does not."""
     to: Steps | None = None
-    """What it becomes then, one for each time, or one for all: ``invert`` (vibrating tiles become still, still ones
-    vibrate), ``redraw`` (the same tiles at random places), ``patch:0.3`` (tiles below a patch of that side, at a random
-    place in the arena, vibrate; also discs and cracks), ``grow`` (still tiles beside vibrating ones vibrate), another
-    floor of the same size, such as ``diagonal:0.46`` or ``random:0.6``, or its rows, such as
+    """What it becomes then, one for each time, or one for all: ``invert``, ``redraw`` (the same tiles at random
+    places), ``patch:0.3`` (tiles below a patch of that side, at a random place, vibrate; also discs and cracks),
+    ``grow`` (still tiles beside vibrating ones vibrate), another floor of the same size, or its rows, such as
     ``0110/1001/1111``."""
     rate_per_h: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """How often an hour each tile is redrawn, at random times: a Markov chain for each tile."""
+    """How often an hour each tile is redrawn, at random times."""
     shares: Shares | None = None
-    """Probabilities of the kinds 0, 1 and so on when a tile is redrawn; if omitted, the shares of the floor at time
-    0."""
+    """Probabilities of the kinds 0, 1 and so on when a tile is redrawn; if omitted, their shares at time 0."""
 
     @field_validator("at_s", "to", mode="before")
     @classmethod

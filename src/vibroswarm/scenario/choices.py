@@ -312,13 +312,13 @@ class Choice(FrozenModel):
 
 
 class StrategyChoice(Choice):
-    """What a robot sends and when it decides; by name: ``none``, ``positive``, ``soft``, or a published strategy."""
+    """What a robot sends and when it decides."""
 
     kind = "strategy"
     known = staticmethod(known_strategies)
     name: str = "none"
-    """A robot sends its reading (none), its decision once it has one (positive), or a bit drawn between its
-    reading and its belief (soft); or as published elsewhere."""
+    """``none`` sends readings, ``positive`` its decision once it has one, ``soft`` a bit drawn between reading and
+    belief; others are as published elsewhere."""
 
     @property
     def reads_places(self) -> bool:
@@ -327,13 +327,13 @@ class StrategyChoice(Choice):
 
 
 class NetworkChoice(Choice):
-    """Who hears what, and when; by name: ``ideal``: all hear all, ``loss``: messages may be lost, and others."""
+    """Who hears what, and when."""
 
     kind = "network"
     known = staticmethod(known_networks)
     name: str = "ideal"
-    """All hear all (ideal); each message is lost to each receiver with a probability (loss), as in the study
-    (loss_by_size), or in bursts (bursts); robots hear those near them (range); late (delay); by relays (tree)."""
+    """All hear all (ideal); each message may be lost to each receiver (loss), as in the study (loss_by_size), or in
+    bursts (bursts); robots hear those near them (range); late (delay); by relays (tree)."""
 
 
 Costs = Annotated[
@@ -351,11 +351,10 @@ class TaskChoice(Choice):
     kind = "task"
     known = staticmethod(known_tasks)
     name: str = "fill_ratio"
-    """The right decision is given by the share of tiles that vibrate (fill_ratio), or by the most common kind of tile
-    (majority). None is right where a swarm only has to agree (agree), or is asked for a number (share, mean)."""
+    """Name of the task; ``agree``, ``share`` and ``mean`` have no right decision."""
     costs: Costs | None = None
-    """What mistakes cost, such as ``[[0, 1], [4, 0]]``: a row for each truth, in it the cost of each answer. None: all
-    cost the same. Leagues, detection and searches count a mistake by its cost relative to the dearest."""
+    """What mistakes cost, such as ``[[0, 1], [4, 0]]``: a row for each truth, with the cost of each answer; if omitted,
+    all cost the same. Leagues, detection and searches count a mistake relative to the dearest."""
 
     @property
     def asks_number(self) -> bool:

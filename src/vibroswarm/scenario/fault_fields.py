@@ -118,13 +118,12 @@ class MotionFaults(FrozenModel):
     """Faults that change motion."""
 
     stopped: Affected = 0.0
-    """Robots that stop for good and stand in the others' way: a share of the swarm, or a list of robots. They take no
-    samples from then on; their radio and timer go on."""
+    """Robots that stop for good and stand in the others' way; they take no samples, but their radio and timer go on."""
     stopped_from_s: Since = 0.0
-    """When they stop, s, or the range from which each robot's time is drawn (``[600, 1200]``). A robot that is
-    standing to sample takes that sample first."""
+    """When they stop, s, or the range from which each robot's time is drawn (``[600, 1200]``). A sample that has begun
+    is finished."""
     battery_empty: Affected = 0.0
-    """Robots whose battery runs empty: they stop likewise, and hear, send and decide nothing from then on."""
+    """Robots whose battery runs empty: they stop likewise, and hear, send and decide nothing."""
     battery_life_s: Since = 1200.0
     """When it is empty, s, or a range; at most 20 minutes in the paper."""
 
@@ -135,34 +134,31 @@ class MotionFaults(FrozenModel):
 
 
 class Faults(MotionFaults):
-    """Robots that fail, by share of the swarm or by number, and how; nobody by default. They show how many
-    failing robots a strategy tolerates."""
+    """Robots that fail, by share of the swarm or by number, and how; nobody by default."""
 
     stuck_at_0: Affected = 0.0
-    """Robots whose sensor always reads 0: a share of the swarm (0.2; rounded to whole robots, drawn again for each
-    run, those of a smaller share among those of a larger), or a list of robots ([0, 3])."""
+    """Robots whose sensor always reads 0: a share of the swarm (rounded to whole robots, drawn for each run, those of a
+    smaller share among those of a larger), or a list of robots (``[0, 3]``); likewise for all faults."""
     stuck_at_1: Affected = 0.0
     """Robots whose sensor always reads 1. None of them is also stuck at 0."""
     stuck: Affected = 0.0
     """Robots whose sensor always reads ``stuck_class``, unless it is stuck at 0 or 1."""
     stuck_class: Annotated[int, Field(ge=0, le=15)] = 0
-    """Class that they read, such as 2 of a sensor that tells three kinds of tile apart."""
+    """Class that they read."""
     biased: Affected = 0.0
-    """Robots whose error rates differ by the six fields below, as those of worn or badly mounted sensors."""
+    """Robots whose error rates differ by the six fields below."""
     misread_shift: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Share of its samples that a biased sensor of any kind reads as another class than it would, each other class
-    equally often."""
+    """Share of samples that a biased sensor reads as another class, each equally often."""
     misread_drift_per_h: Drift = 0.0
     """By how much more with each hour that the fault lasts."""
     false_positive_shift: Shift = 0.0
-    """Of a sensor with a law of two kinds: by how much its share of false positives is higher when it is biased; the
-    sum is cut off at 0 and 1."""
+    """With two kinds of tile: by how much the share of false positives is higher; the sum is cut off at 0 and 1."""
     false_negative_shift: Shift = 0.0
-    """By how much its share of false negatives is higher."""
+    """The same for false negatives."""
     false_positive_drift_per_h: Drift = 0.0
     """By how much more with each hour that the fault lasts."""
     false_negative_drift_per_h: Drift = 0.0
-    """The same for its share of false negatives."""
+    """The same for false negatives."""
     sensor_from_s: Since = 0.0
     """When sensors fail, s, or the range from which each robot's time is drawn."""
     opposite: Affected = 0.0
@@ -170,7 +166,7 @@ class Faults(MotionFaults):
     opposite_from_s: Since = 0.0
     """When they begin to, s, or a range."""
     radio_dead: Affected = 0.0
-    """Robots whose radio dies: they send and hear nothing from then on, and go on alone."""
+    """Robots whose radio dies: they send and hear nothing, and go on alone."""
     radio_dead_from_s: Since = 0.0
     """When it dies, s, or a range."""
 

@@ -111,26 +111,25 @@ class FloorField(FrozenModel):
     and 2), ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2``, or the name of the floor in
     ``tiles`` or ``values``."""
     rows: Annotated[int, Field(ge=1, le=2000)] = 5
-    """Rows of a random floor, and of ``gradient``, ``hill`` and ``field``; patterns and ``tiles`` have their own."""
+    """Rows of a random floor, and of ``gradient``, ``hill`` and ``field``."""
     columns: Annotated[int, Field(ge=1, le=2000)] = 5
     """Columns, likewise."""
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
-    """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
-    takes precedence over ``source``. Rows of numbers, as in an array, are read too."""
+    """The floor itself, one string of 0 and 1 per row, top row first (other kinds: 2 to 9 and a to f), or rows of
+    numbers; it takes precedence over ``source``."""
     values: Annotated[tuple[ValueRow, ...], Field(min_length=1, strict=False)] | None = None
-    """The floor itself as values, one row of numbers from 0 (still) to 1 (vibrating) per row of tiles, top row first,
-    in place of ``tiles``."""
+    """The floor as values from 0 (still) to 1 (vibrating), one row of numbers per row of tiles, in place of
+    ``tiles``."""
     redraw: Literal["run", "study"] = "run"
-    """Draw a new random floor for each run, or once (that of run 0) for all."""
+    """Draw a random floor for each run, or once (that of run 0) for all."""
     image_threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """If ``source`` names a picture: share of full brightness from which a tile vibrates, for dark or pale pictures; if
-    omitted, 0.5."""
+    """Of a picture: share of full brightness from which a tile vibrates; if omitted, 0.5."""
     tile_width_m: Length | None = None
     """Width of one tile; if omitted, the tiles are stretched over the arena."""
     tile_height_m: Length | None = None
     """Height of one tile; if omitted, likewise."""
     left_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
-    """The floor's left edge in the arena; parts outside the arena are cut off."""
+    """The floor's left edge; parts outside the arena are cut off."""
     bottom_m: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
     """The floor's lower edge."""
 
@@ -225,7 +224,7 @@ class Swarm(FrozenModel):
     robots: Annotated[int, Field(ge=1, le=10_000)] = 5
     """Number of robots."""
     start_margin_m: Annotated[float, Field(ge=0, le=1e4)] = 0.05
-    """Centres start uniform in the arena minus this margin (never nearer to a wall than the body allows)."""
+    """Robots start at least this far from the walls, or as far as the body needs."""
 
 
 class Robot(FrozenModel):
@@ -244,17 +243,17 @@ class Robot(FrozenModel):
     misalignment_max: Annotated[float, Field(gt=-1, lt=1)] = 0.1
     """Upper end of that range."""
     misalignments: Bends | None = None
-    """m_d per robot, instead of drawing it; the list repeats beyond its end. None in the paper."""
+    """m_d per robot, instead of drawing it; the list repeats. None in the paper."""
     misalignment_wander: Annotated[float, Field(gt=0, le=0.2)] | None = None
-    """Variation of a robot's veer from sample to sample: to m_d is added a number drawn at every sample, triangular
-    with mean 0 and this standard deviation. If omitted (the paper), there is none; likewise the next two."""
+    """Variation from sample to sample: standard deviation of a triangular number of mean 0 that is added to m_d at
+    every sample. If omitted (the paper), none; likewise the next two."""
     misalignment_drift: Annotated[float, Field(gt=0, le=0.2)] | None = None
-    """Slow variation: to m_d is also added a number that changes linearly between values drawn every
-    ``misalignment_drift_samples`` samples, of this standard deviation over a run."""
+    """Slow variation: standard deviation over a run of a number added to m_d, which changes linearly between values
+    drawn every ``misalignment_drift_samples`` samples."""
     misalignment_drift_samples: Annotated[int, Field(ge=1, le=100_000)] | None = None
-    """Samples between these values: how slow the variation is. If omitted, 30."""
+    """Samples between these values; if omitted, 30."""
     misalignment_run_spread: Annotated[float, Field(gt=0, le=0.2)] | None = None
-    """Variation from run to run, as between days: to each m_d is added a number drawn once per run, likewise."""
+    """Variation from run to run, as between days: standard deviation of a number added to each m_d once per run."""
     speed_factor_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 3.1
     """s_d ~ Gamma(shape, scale) + location, clipped."""
     speed_factor_scale: Annotated[float, Field(gt=0, le=1e3)] = 0.095
@@ -266,16 +265,14 @@ class Robot(FrozenModel):
     speed_factor_max: Annotated[float, Field(gt=0, le=100)] = 1.5
     """Upper clip of s_d."""
     speed_redraw: Literal["sample", "robot"] = "sample"
-    """Draw a new s_d at every sample (as in the simulations) or once per robot (as in the text)."""
+    """Draw s_d at every sample (as in the simulations) or once per robot (as in the text)."""
     speed_factors: Factors | None = None
-    """s_d per robot, instead of drawing it (``speed_redraw`` must be "robot"); the list repeats beyond its end."""
+    """s_d per robot, instead of drawing it (``speed_redraw`` must be "robot"); the list repeats."""
     speed_wander: Annotated[float, Field(gt=0, le=0.4)] | None = None
-    """Variation of a robot's speed about its own: s_d is also multiplied by a factor drawn at every sample,
-    triangular with mean 1 and this standard deviation; the product is clipped too. If omitted (the paper),
-    there is none."""
+    """Variation from sample to sample: standard deviation of a triangular factor of mean 1 of s_d; the product is
+    clipped too. If omitted (the paper), none."""
     speed_run_spread: Annotated[float, Field(gt=0, le=0.4)] | None = None
-    """Variation from run to run, as between days: s_d is also multiplied by a factor drawn once per robot and run,
-    likewise."""
+    """Variation from run to run: the same of a factor drawn once per robot and run."""
     battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
     """Battery factor is 1 - t / battery_life_s, updated at samples."""
 
@@ -286,7 +283,7 @@ class Rays(FrozenModel):
     forward_m: Annotated[float, Field(ge=0, le=10)] = 0.008
     """Distance of the rays' starts ahead of the centre."""
     forward_each_m: Lengths | None = None
-    """The same per robot, instead; the list repeats beyond its end. None in the paper."""
+    """The same per robot, instead; the list repeats. None in the paper."""
     side_m: RayList = (0.0, 0.0075, -0.0075)
     """Distance of their starts to the left, one entry per ray."""
     angle_deg: RayList = (0.0, 27.0, -27.0)
@@ -296,17 +293,17 @@ class Rays(FrozenModel):
     disc_radius_m: Annotated[float, Field(ge=0, le=10)] = 0.0055
     """Radius of other robots as the rays detect them."""
     noise_m: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Standard deviation of the shortest ray that a robot measures when an avoidance begins, from which it finds its
-    place; ``localisation.ray_noise_m`` is what it assumes. No motion depends on it."""
+    """Standard deviation of the shortest ray as a robot measures it when an avoidance begins, to find its place;
+    ``localisation.ray_noise_m`` is what it assumes. It changes no motion."""
 
 
 class Walk(FrozenModel):
     """The random walk and the turns."""
 
     walk_duration_law: Literal["exponential"] | None = None
-    """Distribution of leg times. If omitted (the paper), it is a Cauchy distribution."""
+    """Distribution of leg times; if omitted (the paper), Cauchy."""
     walk_duration_location_ms: Annotated[float, Field(ge=0, le=1e9)] = 7860.0
-    """gamma_0: location of the distribution of leg times; of an exponential one the shortest."""
+    """gamma_0: location of this distribution; of an exponential one the shortest."""
     walk_duration_scale_ms: Annotated[float, Field(ge=0, le=1e9)] = 10725.0
     """gamma: its scale; of an exponential one the mean above the shortest."""
     leg_min_ms: Duration = 1000.0
@@ -324,7 +321,7 @@ class Walk(FrozenModel):
     turn_tolerance_deg: Annotated[float, Field(gt=0, le=90)] = 2.5
     """A turn is done when at most this angle is left."""
     blind_after_turn_ms: Annotated[float, Field(gt=0, le=60_000)] | None = None
-    """How long the robot ignores its rays after a turn. If omitted (the paper), it never does."""
+    """How long the robot ignores its rays after a turn; if omitted (the paper), it never does."""
 
 
 class Sample(FrozenModel):
@@ -335,18 +332,17 @@ class Sample(FrozenModel):
     stop_ms: Annotated[float, Field(ge=0, le=1e9)] = 1000.0
     """How long the robot stands before the sample is taken."""
     signal_ms: Annotated[float, Field(gt=0, le=1e9)] | None = None
-    """How long the accelerometer is read, at the end of the stop (``observation.observe.sense_program``); if
-    omitted, 500 ms, or half the stop if that is shorter. Simulated energies are drawn, so it changes none of
-    them; it counts in exported robots and in recorded acceleration."""
+    """How long the accelerometer is read, at the end of the stop; if omitted, 500 ms, or half the stop if that is
+    shorter. It counts in exported robots and recorded acceleration; simulated energies are drawn."""
     timer: Literal[
         "reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance", "held_at_avoidance"
     ] = "reset_after_turn"  # fmt: skip
     """The timer counts driving and avoiding. In a turn at the end of a leg it pauses and then restarts from 0
-    (``reset_after_turn``), pauses (``hold_in_turn``) or counts (``always``, as in the text);
-    like the first, but in avoidance it pauses (``frozen_in_avoidance``), restarts from 0 (``reset_at_avoidance``) or
-    stays at 0 (``held_at_avoidance``, as in older experiments)."""
+    (``reset_after_turn``), pauses (``hold_in_turn``) or counts (``always``, as in the text). Or, like the first, but in
+    avoidance it pauses (``frozen_in_avoidance``), restarts from 0 (``reset_at_avoidance``) or stays at 0
+    (``held_at_avoidance``, as in older experiments)."""
     interrupts_avoidance: bool = True
-    """Whether a due sample may interrupt an avoidance turn, which resumes after it."""
+    """Whether a due sample may interrupt an avoidance turn, which then resumes."""
 
 
 class Sensor(Choice):
@@ -356,8 +352,8 @@ class Sensor(Choice):
     selector = "model"
     known = staticmethod(known_sensors)
     model: str = "gamma"
-    """Draw energies from Gamma distributions (gamma), or from measured ones (energies); tell several kinds of
-    tile apart (confusion), or compute the acceleration that a robot feels (acceleration)."""
+    """Energies are drawn from Gamma distributions (gamma) or measured values (energies), or computed from the
+    acceleration that a robot feels (acceleration); or kinds of tile are read by a table (confusion)."""
     rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
     """theta_E: a sample reads as vibrating when E exceeds it."""
     vibrating_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.33497
@@ -373,24 +369,23 @@ class Sensor(Choice):
     still_location: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.13731
     """Its shift."""
     vibrating_energies: Energies | None = None
-    """Measured energies of vibrating tiles, for model = "energies": a sensor whose law is not known."""
+    """Measured energies of vibrating tiles, for model = "energies"."""
     still_energies: Energies | None = None
     """Measured energies of still tiles."""
     # If only one of these two is omitted, it is 0 (``observation.edge_response``).
     edge_reach_m: Annotated[float, Field(ge=-1, le=1)] | None = None
-    """How far vibrating tiles reach beyond their edges: at this distance every second sample reads as on the tile.
-    If this and ``edge_blur_m`` are omitted, a sample reads the tile under the centre, as in the paper."""
+    """How far vibrating tiles reach beyond their edges: there every second sample reads as on the tile. If this and
+    ``edge_blur_m`` are omitted (the paper), a sample reads the tile under the centre."""
     edge_blur_m: Annotated[float, Field(ge=0, le=1)] | None = None
-    """How gradual that is: standard deviation of the distance at which it happens, m."""
+    """How gradual that is: standard deviation of that distance, m."""
     tile_spread: Annotated[float, Field(gt=0, le=2)] | None = None
-    """Differences between tiles: energies on each tile are multiplied by a factor of mean 1, log-normal with this
-    standard deviation of its logarithm, drawn per tile and run (per study with ``floor.redraw = "study"``)."""
+    """Differences between tiles: energies are multiplied by a log-normal factor of mean 1, with this standard deviation
+    of its logarithm, drawn per tile and run (per study with ``floor.redraw = "study"``)."""
     robot_spread: Annotated[float, Field(gt=0, le=2)] | None = None
-    """Differences between the robots' sensors, likewise; drawn per robot and run."""
+    """Differences between the robots' sensors, likewise per robot and run."""
     claimed_rates: Rates | None = None
-    """What robots believe of their sensor: one row for each kind of tile, with the share of samples that read as each
-    class. If omitted, that follows from the likelihood that the sensor states, and is true for all sensors that
-    ship. It changes no reading, only what strategies that know their sensor make of it."""
+    """What robots believe of their sensor: a row for each kind of tile, with the share of samples that read as each
+    class. If omitted, what follows from the likelihood that the sensor states. It changes no reading."""
 
     @property
     def params(self) -> Any:
@@ -422,14 +417,14 @@ class Decision(FrozenModel):
     decision_boundary: Annotated[float, Field(gt=0, lt=1)] = 0.5
     """The question: does more than this share vibrate?"""
     boundary_of: Literal["tiles", "readings"] = "readings"
-    """What the boundary is a share of. "readings": robots test the share of ones against ``decision_boundary``
-    itself, as the study did, which is right only if the sensor's errors balance at it. "tiles": robots test it
-    against the share of ones expected of a floor at the boundary, given the error rates that they assume."""
+    """"readings": robots test the share of ones against the boundary itself, as the study did, which is right only if
+    the sensor's errors balance there. "tiles": they test it against the share of ones expected of a floor at the
+    boundary, given the error rates that they assume."""
     assumed_false_positive: Annotated[float, Field(ge=0, lt=1)] | None = None
-    """For "tiles": the share of samples at still places that robots expect to read as vibrating. If omitted, they
-    know their sensor: its true rate, averaged over uniformly random places, edges included."""
+    """For "tiles": share of samples at still places that robots expect to read as vibrating. If omitted, the true rate,
+    averaged over uniformly random places, edges included."""
     assumed_false_negative: Annotated[float, Field(ge=0, lt=1)] | None = None
-    """For "tiles": the share of samples on vibrating tiles that they expect to read as still; likewise."""
+    """For "tiles": share of samples on vibrating tiles that they expect to read as still; likewise."""
     credible_threshold: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
     """p_c: a robot decides when its belief p, or 1 - p, exceeds this."""
     min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
@@ -440,15 +435,14 @@ class Decision(FrozenModel):
     gate_counts_current: bool = False
     """Whether the current sample counts."""
     revise: bool = False
-    """Whether a robot may change its decision: under ``soft``, as Algorithm 1 allows u^s, ``forget``, ``reset`` and
-    ``fading``."""
+    """Whether a robot may change its decision, under ``soft``, ``forget``, ``reset`` and ``fading``."""
     prior_alpha: Annotated[int, Field(ge=1, le=10**6)] = 1
     """The prior is Beta(prior_alpha, prior_beta)."""
     prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1
     """Its second parameter."""
     hold_s: Annotated[float, Field(ge=0, le=1e7)] = 30.0
-    """For strategies of yours that decide by opinions (``decides="opinion"``; none that ships does): the swarm has
-    decided when all have agreed for this long, s."""
+    """For strategies of yours that decide by opinions (``decides="opinion"``): the swarm has decided when all have
+    agreed for this long, s."""
 
 
 class CameraField(FrozenModel):
@@ -458,9 +452,9 @@ class CameraField(FrozenModel):
     """
 
     magnification: Annotated[float, Field(gt=0.5, lt=2)] | None = None
-    """Distance from the arena's centre at which robots are seen, relative to the true one; if omitted, 1."""
+    """Distance from the arena's centre as seen, relative to the true one; if omitted, 1."""
     shift_x_m: Annotated[float, Field(ge=-1, le=1)] | None = None
-    """How far to the right they are seen, in addition; if omitted, 0."""
+    """How far to the right robots are seen, in addition; if omitted, 0."""
     shift_y_m: Annotated[float, Field(ge=-1, le=1)] | None = None
     """How far up; if omitted, 0."""
 
@@ -474,8 +468,8 @@ class LawField(FrozenModel):
     sessions: Annotated[tuple[str, ...], Field(min_length=1, max_length=10_000, strict=False)] | None = None
     """A hash of the values of each session."""
     draws: LawDraws | None = None
-    """Laws of resampled sessions, a row each: vibrating_shape, vibrating_scale, vibrating_location, still_shape,
-    still_scale, still_location, edge_reach_m, edge_blur_m, tile_spread and robot_spread of the section sensor."""
+    """Laws of resampled sessions, a row each: the sensor's vibrating_shape, vibrating_scale, vibrating_location,
+    still_shape, still_scale, still_location, edge_reach_m, edge_blur_m, tile_spread and robot_spread."""
 
 
 class Run(FrozenModel):

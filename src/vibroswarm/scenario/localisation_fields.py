@@ -49,8 +49,8 @@ class Odometry(FrozenModel):
     (standard deviations; presumes a calibration of each robot), "poor" 3 %, 0.2 deg/s, 2 deg and 0.3 deg/sqrt(s),
     "bought" as "poor" but for a bias of 20 deg/s, which only ``rezero_noise_deg_s`` makes of use."""
     gyro_scale_spread: Annotated[float, Field(ge=0, le=0.5)] | None = None
-    """Standard deviation of the gyro's scale about 1, one a robot and run; if omitted, that of ``level``. This and the
-    next three are for the data sheet of your own gyro."""
+    """Standard deviation of its scale about 1, one a robot and run; if omitted, that of ``level``. This and the next
+    three are for the data sheet of your own gyro."""
     gyro_bias_spread_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
     """Standard deviation of its bias, one a robot and run, deg/s; likewise."""
     turn_noise_deg: Annotated[float, Field(ge=0, le=90)] | None = None
@@ -59,8 +59,8 @@ class Odometry(FrozenModel):
     """Random walk of the angle while the robot moves, deg per square root of a second; likewise."""
 
     rezero_noise_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
-    """Standard deviation of the bias as a robot measures it while it stands, at its start and at each sample, deg/s; it
-    subtracts the mean of all that it has measured. If omitted, it measures none."""
+    """Standard deviation of the bias as a robot measures it at its start and at each sample, deg/s; it subtracts the
+    mean of these. If omitted, it measures none."""
 
     @property
     def errors(self) -> GyroErrors:
@@ -81,32 +81,29 @@ class Localisation(FrozenModel):
     """Where robots believe they are, for strategies that read places."""
 
     method: Literal["auto", "mixture", "true", "kalman", "dead_reckoning"] = "auto"
-    """"mixture": each robot estimates its place, by ``robot.localisation``, from its moves and rays. "true": robots
-    know their true places, which no real robot does: an upper bound. "auto": "mixture" if the strategy reads places,
-    "true" if it reads none. For comparison, "kalman": as "mixture", with one component; "dead_reckoning": from moves
-    alone."""
+    """"mixture": each robot estimates its place from its moves and rays. "true": robots know their true places, which
+    no real robot does: an upper bound. "auto": "mixture" if the strategy reads places, else "true". For comparison,
+    "kalman": one component; "dead_reckoning": from moves alone."""
     components: Annotated[int, Field(ge=1, le=1000)] = 16
     """Components of the mixture."""
     lag: Annotated[int, Field(ge=1, le=24)] = 4
     """A sample's place is smoothed by what the robot meets until its next ``lag`` samples."""
     start_spread_m: Annotated[float, Field(ge=0, le=10)] = 0.005
-    """Standard deviation of the error of the starting place that a robot presumes, in x and in y."""
+    """Standard deviation of the starting place that a robot presumes, in x and in y."""
     start_heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 2.0
-    """Standard deviation of the error of the heading that it presumes at the start, deg."""
+    """Standard deviation of the heading that it presumes at the start, deg."""
     assumed_level: Level | None = None
-    """The odometry's level that robots assume: what does it cost to be wrong about the gyro? If omitted, they know its
-    true errors."""
+    """The odometry's level that robots assume; if omitted, they know its true errors."""
     assumed_speed_factor: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Mean of the speed factor s_d that robots assume: what does it cost to be wrong about one's speed? If omitted,
-    they know its law (mean and standard deviation), that of ``speed_factor_shape`` and so on, also beside
+    """Mean of the speed factor s_d that robots assume. If omitted, they know its law, also beside
     ``robot.speed_factors``: no robot knows its own."""
     assumed_speed_spread: Annotated[float, Field(ge=0, le=10)] | None = None
     """Standard deviation of s_d that they assume; likewise."""
     ray_noise_m: Annotated[float, Field(gt=0, le=1)] = 0.004
     """Standard deviation of the shortest ray at a wall that they assume."""
     monitor: bool = True
-    """Whether a robot that meets more than it expects (walls that are not there, "robots" where walls are) states wider
-    spreads of its places, and looks for itself further away. With "dead_reckoning" it meets nothing."""
+    """Whether a robot that meets more than it expects states wider spreads of its places, and looks for itself further
+    away. With "dead_reckoning" it meets nothing."""
 
     @field_validator("method", mode="before")
     @classmethod

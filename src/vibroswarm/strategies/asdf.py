@@ -67,7 +67,7 @@ class Params:
         Field(
             gt=0.5,
             lt=1,
-            description="Accuracy that robots assume at first: what if they take their sensor for better than it is?",
+            description="Accuracy that robots assume at first.",
         ),
     ] = 0.95
     flawed_robots: Annotated[
@@ -78,7 +78,7 @@ class Params:
         Field(
             gt=0.5,
             lt=1,
-            description="Accuracy that those robots assume at first: does a flawed robot recover?",
+            description="Accuracy that those robots assume at first.",
         ),
     ] = 0.75
     period: Annotated[
@@ -86,7 +86,7 @@ class Params:
         Field(
             ge=1,
             le=1_000_000,
-            description="Readings between tests of the accuracy: fewer correct sooner, and more often by chance.",
+            description="Readings between tests of the accuracy.",
         ),
     ] = 50
     type_2_error: Annotated[
@@ -94,7 +94,7 @@ class Params:
         Field(
             gt=0,
             lt=1,
-            description="Width of the test: central probability of Student's T (beta); wider corrects more rarely.",
+            description="Width of the test: central probability of Student's T (beta).",
         ),
     ] = 0.1
 

@@ -45,17 +45,13 @@ __all__ = ["bayes_bots", "belief", "decision"]
 class Params:
     """Feedback, prior, and what counts."""
 
-    positive_feedback: Annotated[
-        bool, Field(description="Send the decision once there is one: is feedback worth it?")
-    ] = True
+    positive_feedback: Annotated[bool, Field(description="Send the decision once there is one.")] = True
     prior: Annotated[
         int, Field(ge=1, le=100_000, description="Ones, and zeros, counted before the first reading.")
     ] = 10
     test_received: Annotated[
         bool,
-        Field(
-            description="Test the belief after each received value too: decide sooner, on the same evidence."
-        ),
+        Field(description="Test the belief after each received value too."),
     ] = True
     sender_timeout_s: Annotated[
         float,

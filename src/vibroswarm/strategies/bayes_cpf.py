@@ -69,18 +69,14 @@ LEAST_COUNT: Final = 5.0
 class Params:
     """Assumed accuracy and its drift."""
 
-    accuracy: Annotated[
-        float, Field(gt=0.5, lt=1, description="Mean of the accuracy at time 0: what is known of the sensor.")
-    ] = 0.99
-    variance: Annotated[
-        float, Field(gt=0, le=1, description="Variance of the accuracy at time 0: how well it is known.")
-    ] = 0.001
+    accuracy: Annotated[float, Field(gt=0.5, lt=1, description="Mean of the accuracy at time 0.")] = 0.99
+    variance: Annotated[float, Field(gt=0, le=1, description="Variance of the accuracy at time 0.")] = 0.001
     drift: Annotated[
         float,
         Field(
             ge=0,
             le=0.5,
-            description="Accuracy that is lost from reading to reading (-B): how fast sensors wear.",
+            description="Accuracy that is lost from reading to reading (-B).",
         ),
     ] = 2.5e-4
     drift_variance: Annotated[
@@ -88,7 +84,7 @@ class Params:
         Field(
             ge=0,
             le=1,
-            description="Variance that is added from reading to reading (R): larger where sensors drift faster.",
+            description="Variance that is added from reading to reading (R).",
         ),
     ] = 5e-4
     window: Annotated[

@@ -61,7 +61,7 @@ class Params:
         Field(
             ge=2,
             le=1000,
-            description="Number of hypotheses of the fill ratio: more of them resolve shares closer to the boundary.",
+            description="Number of hypotheses of the fill ratio.",
         ),
     ] = 10
     decay_own: Annotated[float, Field(ge=0, le=1, description="Power of the own social belief (lambda).")] = (
@@ -75,7 +75,7 @@ class Params:
         Field(
             ge=0,
             le=100_000,
-            description="Steps for which a robot is not chosen again (L): so that one neighbour does not count twice.",
+            description="Steps for which a robot is not chosen again (L).",
         ),
     ] = 2
 

@@ -44,7 +44,7 @@ class Memory:
         Field(
             gt=0,
             le=1e9,
-            description="Time after which evidence on a tile counts 1/e, s: shorter for floors that change more often.",
+            description="Time after which evidence on a tile counts 1/e, s.",
         ),
     ] = 600.0
 

@@ -67,7 +67,7 @@ class Params:
         Field(
             gt=0,
             le=100,
-            description="Distance at which the correlation of places has fallen to 1/e, m: larger for larger patches.",
+            description="Distance at which the correlation of places has fallen to 1/e, m.",
         ),
     ] = 0.1
 

@@ -138,10 +138,7 @@ class MapParams:
     ] = 0.1
     rate_pairs: Annotated[
         bool,
-        Field(
-            description="Whether nine pairs of error rates, around those stated, are weighed by evidence: for a sensor "
-            "that is not known well."
-        ),
+        Field(description="Whether nine pairs of error rates, around those stated, are weighed by evidence."),
     ] = False
     prior_median: Annotated[
         float,

@@ -53,9 +53,7 @@ class Params:
     )
     listen_s: Annotated[
         float,
-        Field(
-            gt=0, le=1e5, description="Time of listening before each update, s: longer hears more beliefs."
-        ),
+        Field(gt=0, le=1e5, description="Time of listening before each update, s."),
     ] = 3.0
     interval_s: Annotated[
         float,

@@ -69,7 +69,7 @@ class Params:
         Field(
             gt=0,
             le=1e5,
-            description="Last part of a dissemination, in which a robot listens, s: longer hears more opinions.",
+            description="Last part of a dissemination, in which a robot listens, s.",
         ),
     ] = 3.0
     interval_s: Annotated[
@@ -85,7 +85,7 @@ class Params:
         Field(
             ge=1,
             le=100_000,
-            description="Most opinions that count, the last ones heard: more for larger swarms.",
+            description="Most opinions that count, the last ones heard.",
         ),
     ] = 2
     patience: Annotated[
