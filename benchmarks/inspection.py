@@ -28,10 +28,10 @@ from vibroswarm.inspection.damage import (
     drawn_patches,
     drawn_values,
     patch_of,
+    quantiles_of,
     random_places,
     ratios_at,
     sensed,
-    tables_of,
     values_where,
 )
 from vibroswarm.inspection.laws import law_of_measured, law_of_scenario
@@ -461,7 +461,7 @@ def noticed_at_best(samples: Samples, log_gain: float, seed: int, drawn: int = 4
     """Return the power of the best test at 5 % and at 1.25 %, for a gain of the first robot."""
     law, floor = samples.law, samples.floor
     assert floor is not None
-    table, tile = tables_of(law), floor.tile_at(samples.column("true_x_m"), samples.column("true_y_m"))
+    table, tile = quantiles_of(law), floor.tile_at(samples.column("true_x_m"), samples.column("true_y_m"))
     of_kind = np.stack([np.log(np.maximum(each, 1e-2)) for each in (table.still, table.vibrating)])
     weight = np.gradient(table.u)
     mean = (of_kind @ weight / weight.sum())[:, None]

@@ -13,6 +13,7 @@ from scipy.stats import binom, gamma, norm
 from helpers.inspections import drawn_samples
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inspection.assessment import assess
 from vibroswarm.inspection.damage import (
     contrast_ratios,
     drawn_values,
@@ -85,10 +86,17 @@ def test_samples_share_the_factor_of_their_tile_or_robot(on_damage: int, differ:
 
 
 def test_damage_that_does_not_fit_is_refused() -> None:
-    samples = drawn_samples(6, count=200, spread_m=0.0)
-    patches = declared(samples.size_m, SIDES_M)
+    """Before the scan, which may take minutes."""
+    done: list[float] = []
     with pytest.raises(InputError, match=r"--least-cm: squares of 70 cm do not fit .* give 60 or less"):
-        stopping(samples, patches, Question(least_m=0.7), drawn=50)
+        assess(
+            drawn_samples(6, count=200, spread_m=0.0),
+            Question(least_m=0.7),
+            sides_m=SIDES_M,
+            replicates=19,
+            progress=done.append,
+        )
+    assert done == []
 
 
 def test_damage_too_weak_to_be_called_is_suspected_where_it_is() -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -318,26 +316,28 @@ def command(*arguments: str, **more: object) -> subprocess.Popen[str]:
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)  # type: ignore[call-overload,no-any-return]
 
 
-def wait_for_cpu_s(process: subprocess.Popen[str], seconds: float) -> None:
-    """Until a process has worked for so long: on a busy machine that is later than by the clock."""
-    ticks = seconds * os.sysconf("SC_CLK_TCK")
-    while process.poll() is None:
-        of_process = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        if int(of_process[11]) + int(of_process[12]) > ticks:
-            return
-        time.sleep(0.05)
+INTERRUPTED = """
+import os, signal, sys, threading
+from vibroswarm import simulation
+from vibroswarm.cli import main
+simulate = simulation.simulate
+def interrupted(*given, **more):
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+    return simulate(*given, **more)
+simulation.simulate = interrupted
+sys.exit(main(sys.argv[1:]))
+"""
+"""The command, interrupted half a second after it began to simulate."""
 
 
 def test_ctrl_c_ends_with_130_and_leaves_nothing_half_written(tmp_path):
     long = ["--set", "run.t_end_s=1000000", "--set", "robot.battery_life_s=1e9", "--robots", "30"]
-    process = command("run", *long, "--out", str(tmp_path / "out"))
-    wait_for_cpu_s(process, 4.0)  # imports take up to 2.5 s where processors are shared
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert out == ""
-    assert err.splitlines()[-1] == "vibroswarm: interrupted; nothing is saved"
-    assert "Traceback" not in err
+    line = [sys.executable, "-c", INTERRUPTED, "run", *long, "--out", tmp_path / "out"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 130
+    assert done.stdout == ""
+    assert done.stderr.splitlines()[-1] == "vibroswarm: interrupted; nothing is saved"
+    assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

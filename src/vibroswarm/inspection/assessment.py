@@ -27,7 +27,7 @@ from vibroswarm.inspection.scan import (
     rasters,
     scan,
 )
-from vibroswarm.inspection.stopping import Question, Stopping, stopping
+from vibroswarm.inspection.stopping import Question, Stopping, check_fits, stopping
 from vibroswarm.observation.energy_model import is_sensed
 
 WHOLLY: Final = 0.95
@@ -99,6 +99,7 @@ def assess(
             "a law of few different readings, such as 0 and 1, has one contrast; give 1", field="--contrasts"
         )
     patches = declared(samples.size_m, sides_m)
+    check_fits(question, samples.size_m)  # before the scan, which may take minutes
     shares = shares_of(samples, patches)
     found = scan(
         samples, patches, shares,

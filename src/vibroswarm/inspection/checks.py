@@ -41,7 +41,7 @@ from scipy.special import ndtri
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.paired import holm
-from vibroswarm.inspection.damage import judged, ratios_at, tables_of, tiles_below, values_where
+from vibroswarm.inspection.damage import judged, quantiles_of, ratios_at, tiles_below, values_where
 from vibroswarm.inspection.others import Others
 from vibroswarm.inspection.patches import AT_ONCE
 from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples
@@ -141,7 +141,7 @@ def _ranks(law: Law, values: Floats, vibrates: NDArray[np.bool_], only_likely: b
     """
     if law.bits:
         return values
-    table, ranks = tables_of(law), np.empty(values.shape)
+    table, ranks = quantiles_of(law), np.empty(values.shape)
     for own, quantiles, sign in ((~vibrates, table.still, -1.0), (vibrates, table.vibrating, 1.0)):
         kept = sign * ratios_at(law, quantiles) > 0.0 if only_likely else np.ones(quantiles.size, dtype=bool)
         share = np.cumsum(kept * np.gradient(table.u))

@@ -50,27 +50,41 @@ COARSE: Final = 0.02
 
 
 @viewed
-class Table(NamedTuple):
-    """Quantiles and log ratios of a law as tables, which are much faster than the laws themselves."""
+class Quantiles(NamedTuple):
+    """Quantiles of a law as tables, which are much faster than the law itself."""
 
     u: Floats
     still: Floats
     vibrating: Floats
     """Quantiles at ``u``."""
+    of_u: NDArray[np.int64]
+    """``index_of`` u."""
+
+
+@viewed
+class Table(NamedTuple):
+    """Log ratios of a law as a table; those of a law that judges nothing are not computed."""
+
     value: Floats
     ratio: Floats
     """Log ratios at ``value``."""
-    of_u: NDArray[np.int64]
     of_value: NDArray[np.int64]
-    """``index_of`` u and value."""
+    """``index_of`` value."""
+
+
+@lru_cache(maxsize=512)
+def quantiles_of(law: Law) -> Quantiles:
+    """Return the quantiles of a law."""
+    # Denser at the ends of (0, 1), where quantiles change most.
+    u = ndtr(np.linspace(-4.5, 4.5, POINTS))
+    still, vibrating = (energy_of(law.sensor, kind, u, law.place).astype(np.float64) for kind in (0, 1))
+    return Quantiles(u, still, vibrating, index_of(u))
 
 
 @lru_cache(maxsize=512)
 def tables_of(law: Law) -> Table:
-    """Return the tables of a law."""
-    # Denser at the ends of (0, 1), where quantiles change most.
-    u = ndtr(np.linspace(-4.5, 4.5, POINTS))
-    still, vibrating = (energy_of(law.sensor, kind, u, law.place).astype(np.float64) for kind in (0, 1))
+    """Return the log ratios of a law."""
+    u, still, vibrating, _ = quantiles_of(law)
     low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
     value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
     if value[1] - value[0] > COARSE * min(
@@ -84,14 +98,14 @@ def tables_of(law: Law) -> Table:
         value = few
     if law.bits:
         value = np.array([0.0, 1.0])
-    return Table(u, still, vibrating, value, ratios_of_values(law, value), index_of(u), index_of(value))
+    return Table(value, ratios_of_values(law, value), index_of(value))
 
 
 def values_at(
     law: Law, u: Floats, inside: NDArray[np.bool_] | bool, contrast: Floats | float = 1.0
 ) -> Floats:
     """Return what a typical sensor measures at quantile ``u``, on damage of a contrast or off it, in the shape of u."""
-    table = tables_of(law)
+    table = quantiles_of(law)
     found = interpolated(u, table.u, table.still, table.of_u)
     where = np.broadcast_to(inside, u.shape)
     if where.any():  # damage is small: few samples sense it

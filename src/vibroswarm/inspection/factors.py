@@ -35,6 +35,7 @@ from vibroswarm.inspection.damage import (
     draws_of,
     interpolated,
     log_density,
+    quantiles_of,
     tables_of,
     tiles_below,
 )
@@ -65,7 +66,7 @@ class _Score(NamedTuple):
 @lru_cache(maxsize=256)
 def _score_of(law: Law) -> _Score:
     """Return how values score: those on damage hardly more, or less, than the median of still places."""
-    table = tables_of(law.typical)
+    table = quantiles_of(law.typical)
     is_lower = np.interp(0.5, table.u, table.vibrating) < np.interp(0.5, table.u, table.still)
     beyond = np.maximum if is_lower else np.minimum
     weight = np.gradient(table.u)
@@ -207,7 +208,7 @@ def _rates_at(law: Law, factor: float) -> tuple[float, float]:
             claimed_rates(law.typical.sensor, law.place, factor)[:, 1], 1e-6, 1.0 - 1e-6
         )
         return float(still), float(vibrating)
-    table = tables_of(law.typical)
+    table = quantiles_of(law.typical)
     still, vibrating = (
         np.average(read_by(law, factor * each), weights=np.gradient(table.u))
         for each in (table.still, table.vibrating)

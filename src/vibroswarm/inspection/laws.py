@@ -17,6 +17,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -156,13 +157,27 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
     if path.is_dir():
         return law_of_recordings([Recording.read(path)], f" of '{path.name}'", draws)
     if path.suffix.lower() == ".csv":
-        vibrating, still = (np.array(energies) for energies in read_energies(path))
-        law = law_of_measured(vibrating, still, f"'{path.name}'", spreads)
-        return replace(law, hash=hashlib.sha256(path.read_bytes()).hexdigest()[:16])
+        energies = read_energies(path)
+        return _law_of_file(path.name, energies, hashlib.sha256(path.read_bytes()).hexdigest()[:16], spreads)
     if text in preset_names():
         return law_of_scenario(preset(text), f"preset '{text}'")
     with in_file(path):  # laws of draws may be wrong too
         return known_from(Scenario.read(path), f"'{path.name}'")
+
+
+@lru_cache(maxsize=4)
+def _law_of_file(
+    name: str,
+    energies: tuple[tuple[float, ...], tuple[float, ...]],
+    of_file: str,
+    spreads: tuple[float, float],
+) -> Law:
+    """Return the law of energies of vibrating and of still places that a file holds.
+
+    It is cached, and with it the tables of its draws: many surfaces may be judged by one reference.
+    """
+    vibrating, still = (np.array(each) for each in energies)
+    return replace(law_of_measured(vibrating, still, f"'{name}'", spreads), hash=of_file)
 
 
 def law_of_measured(

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inspection.damage import contrast_ratios, over_laws, tables_of, tiles_below
+from vibroswarm.inspection.damage import contrast_ratios, over_laws, quantiles_of, tiles_below
 from vibroswarm.inspection.patches import AROUND, Form, Patches, Shares, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Floats, Law, Samples
 
@@ -221,7 +221,7 @@ def design_effects(samples: Samples, shares: Shares) -> Floats:
     It is 1 + rho_t (m_t - 1) + rho_r (m_r - 1): rho is the share of the variance of tiles or of robots in that of the
     logarithm of a vibrating value, and m how many samples on the patch share a tile, or a robot, with a sample.
     """
-    sensor, table = samples.law.sensor, tables_of(samples.law)
+    sensor, table = samples.law.sensor, quantiles_of(samples.law)
     weight = np.gradient(table.u)
     # Values near 0, and below, count as a thousandth of the mean, whatever the unit.
     least = 1e-3 * float(np.average(np.abs(table.vibrating), weights=weight))

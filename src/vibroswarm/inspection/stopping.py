@@ -218,6 +218,20 @@ class Rule(NotebookView):
         return (box_of(patches, patch), contrasts[contrast]) if logs.max() > EVIDENCE else None
 
 
+def check_fits(question: Question, size_m: tuple[float, float]) -> None:
+    """Refuse a square of the least size that does not fit the surface.
+
+    Raises:
+        InputError: as said.
+    """
+    if question.least_m > min(size_m):
+        raise InputError(
+            f"squares of {100 * question.least_m:g} cm do not fit the surface of {size_m[0]:g} m x {size_m[1]:g} m, so "
+            f"that none can be missed; give {100 * min(size_m):g} or less",
+            field="--least-cm",
+        )
+
+
 def rule_of(samples: Samples, patches: Patches, question: Question, looks: int = 1) -> Rule:
     """Return the rule by which an inspection ends.
 
@@ -226,12 +240,7 @@ def rule_of(samples: Samples, patches: Patches, question: Question, looks: int =
     Raises:
         InputError: a square of the least size does not fit the surface.
     """
-    if question.least_m > min(samples.size_m):
-        raise InputError(
-            f"squares of {100 * question.least_m:g} cm do not fit the surface of {samples.size_m[0]:g} m x "
-            f"{samples.size_m[1]:g} m, so that none can be missed; give {100 * min(samples.size_m):g} or less",
-            field="--least-cm",
-        )
+    check_fits(question, samples.size_m)
     larger = [form for form in patches.forms if form.longest_m >= question.least_m - 1e-9]
     wanted = declared(samples.size_m, [question.least_m, *larger])
     _, look = looks_of(samples, looks)

@@ -68,11 +68,11 @@ def likelihood_at(contrast: float, value: Values, p: Any) -> Values:
     return _density_at(contrast, tuple(p.still_energies), tuple(p.vibrating_energies))(value)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=512)
 def _density_at(
     contrast: float, still: tuple[float, ...], vibrating: tuple[float, ...]
 ) -> Callable[[Values], Values]:
-    """Return the density at a contrast; cached, as every factor of tiles and robots needs it again."""
+    """Return the density at a contrast; cached, also of many laws: every factor and every table needs it again."""
     kinds, scale = _kinds_of(still, vibrating)
     if contrast in (0.0, 1.0):
         return density_of(kinds[int(contrast)], scale)
