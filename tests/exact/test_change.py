@@ -373,6 +373,7 @@ def test_patches_appear_where_they_are_drawn_and_grow_by_tiles() -> None:
         ({**INVERTED, "change.rate_per_h": 1}, "change.rate_per_h", "goes without change.at_s"),
         ({"change.shares": [0.5, 0.5]}, "change.shares", "give change.rate_per_h too"),
         ({"change.rate_per_h": 1, "change.shares": [0.5, 0.6]}, "change.shares", "sum to 1.1"),
+        ({"change.rate_per_h": 1, "change.shares": [0.5, 0.500002]}, "change.shares", "sum to 1.000002;"),
         ({"change.rate_per_h": 1, "change.shares": [0.5, 0.3, 0.2]}, "change.shares", "3 kinds"),
         (
             {"change.rate_per_h": 30_001, "floor.rows": 10, "floor.columns": 10},

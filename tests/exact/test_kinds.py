@@ -241,6 +241,7 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
             "share of each",
         ),
         ({"floor.source": "random:0.4,0.36,0.26"}, "floor.source", "sum to 1.02"),
+        ({"floor.source": "random:0.5,0.166667,0.166667,0.166667"}, "floor.source", "sum to 1.000001;"),
         ({"floor.source": "random:0,48"}, "floor.source", "or one fill ratio, random:0.48"),
         ({"floor.source": "random:-0.5,1.5"}, "floor.source", "-0.5 is not a share"),
         ({"strategy.name": "soft"}, "strategy.name", "reads 0 or 1"),
@@ -256,6 +257,11 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
         ({"faults.stuck": 0.2, "faults.stuck_class": 3}, "faults.stuck_class", "from 0 to 2, and never 3"),
         ({"decision.boundary_of": "tiles"}, "decision.boundary_of", "two kinds"),
         ({"sensor.confusion.rates": [[0.5, 0.4], [0.5, 0.5]]}, "sensor.confusion.rates", "sums to 0.9"),
+        (
+            {"sensor.confusion.rates": [[0.5, 0.5000001], [0, 1]]},
+            "sensor.confusion.rates",
+            "sums to 1.0000001;",
+        ),
         ({"sensor.model": "colour"}, "sensor.model", "there is no sensor 'colour'"),
     ],
 )

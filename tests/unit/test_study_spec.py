@@ -314,8 +314,28 @@ def test_a_varied_preset_is_not_hidden_by_the_base() -> None:
     study = Study({"swarm": {"robots": 8}}, {"grid": {"preset": ["paper", "text"]}}, runs=1)
     for cell, name in zip(study.cells, ("paper", "text"), strict=True):
         assert cell.scenario == preset(name).with_values({"swarm.robots": 8})
+    made = study_of(vary=["preset=paper,text"], strategy=["soft"], settings=["strategy.soft.eta=700"], runs=1)
+    assert [cell.scenario.strategy.soft.eta for cell in made.cells] == [700.0, 700.0]
     with pytest.raises(InputError, match="a complete scenario overrides every preset"):
         Study.of(preset("paper"), preset=["paper", "text"])
+
+
+def test_a_base_need_not_fit_together_without_what_varies() -> None:
+    """The paper's strategy reads two classes, and the sensor of the base tells three."""
+    base = {"sensor": {"model": "confusion"}, "task": {"name": "majority"}}
+    base |= {"floor": {"source": "random:0.4,0.2,0.2,0.2"}}
+    names, kinds = ["dirichlet", "averaging"], "sensor.confusion.kinds"
+    study = Study(base, {"grid": {"strategy.name": names, kinds: [4]}}, runs=1)
+    found = [(c.scenario.strategy.name, c.scenario.sensor.confusion.kinds) for c in study.cells]
+    assert found == [(name, 4) for name in names]
+    assert Study.from_toml(study.to_toml()).hash == study.hash
+    words = {"floor": "random:0.4,0.36,0.24", "task": "majority", "settings": ["sensor.model=confusion"]}
+    made = study_of(vary=["strategy.name=dirichlet,averaging"], runs=1, **words)
+    assert [cell.scenario.strategy.name for cell in made.cells] == names
+    with pytest.raises(InputError, match=r"'soft' reads 0 or 1.* \(in the cell with strategy.name = soft"):
+        assert Study(base, {"grid": {"strategy.name": ["dirichlet", "soft"], kinds: [4]}}, runs=1).cells
+    with pytest.raises(InputError, match=r"strategy: .*a table"):
+        assert Study(base | {"strategy": "soft"}, {"grid": {"strategy.name": names}}, runs=1).cells
 
 
 @pytest.mark.parametrize("scenarios", [{}, [preset("paper")], {"a": 3}, {"": preset("paper")}, None])

@@ -417,7 +417,7 @@ def random_shares(spec: str) -> tuple[float, ...]:
         )
     if abs(sum(shares) - 1.0) > SUM_TO_1:
         raise InputError(
-            f"the shares of '{spec}' sum to {sum(shares):.6g}; give a share of each kind from 0 on, 1 in all, or one "
+            f"the shares of '{spec}' sum to {sum(shares):.12g}; give a share of each kind from 0 on, 1 in all, or one "
             f"fill ratio, {RANDOM}:0.48",
             field=_FIELD,
         )

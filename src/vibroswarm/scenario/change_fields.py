@@ -111,7 +111,7 @@ class Change(FrozenModel):
             )
         if self.shares is not None and abs(sum(self.shares) - 1.0) > SUM_TO_1:
             raise InputError(
-                f"sum to {sum(self.shares):.6g}; give shares that sum to 1", field="change.shares"
+                f"sum to {sum(self.shares):.12g}; give shares that sum to 1", field="change.shares"
             )
         return self
 

@@ -88,7 +88,9 @@ def check_rates(rates: tuple[tuple[float, ...], ...], classes: int, field: str) 
         if len(row) != classes:
             raise InputError(f"row {number} has {len(row)} classes; give {classes}", field=field)
         if abs(sum(row) - 1.0) > 1e-9:
-            raise InputError(f"row {number} sums to {sum(row):g}; the shares of a kind sum to 1", field=field)
+            raise InputError(
+                f"row {number} sums to {sum(row):.12g}; the shares of a kind sum to 1", field=field
+            )
 
 
 confusion = register(

@@ -590,15 +590,15 @@ class Study(NotebookView):
         """The base of all points that name no preset of their own."""
         return self._base({})
 
-    def _base(self, preset: dict[str, Any]) -> Scenario:
+    def _base(self, preset: dict[str, Any], values: Mapping[str, Any] | None = None) -> Scenario:
         """Return the scenario in which a point replaces values.
 
         Args:
-            preset: of the point, by ``PRESET``; empty: the study's own.
+            preset: of the point, by ``PRESET``; empty: the study's own. values: that are replaced already.
         Raises:
             InputError: the scenario is invalid.
         """
-        base = copy_of(self._sections) | preset
+        base = with_fields(copy_of(self._sections) | preset, values or {})
         # The study's own floors are put in as tiles, since the scenario cannot find them by name.
         floor = base.get("floor")
         if isinstance(floor, dict) and OF_ROWS.isdisjoint(floor):
@@ -619,7 +619,12 @@ class Study(NotebookView):
                 # None for a random floor or a pattern: it removes tiles of the base, which are those of another floor.
                 rows = fields_of_floor(self._named_floors.get(values[SOURCE]))
                 values = {f"floor.{name}": of_floor for name, of_floor in rows.items()} | values
-            base = self._base({PRESET: point[PRESET]}) if PRESET in point else self._shared_base
+            own = {PRESET: point[PRESET]} if PRESET in point else {}
+            try:
+                base = self._base(own) if own else self._shared_base
+            except InputError:
+                # The base alone need not fit together: its strategy may not read what its sensor tells.
+                base = self._base(own, values)
             return base.with_values(values)
         except InputError as error:
             if not point:
@@ -672,6 +677,25 @@ def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
     not copied.
     """
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
+
+
+def with_fields(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a base with fields set, by dotted names such as ``strategy.soft.eta``; None leaves a field as it is.
+
+    Raises:
+        InputError: a section of the base is no table.
+    """
+    found = dict(base)
+    for name, value in values.items():
+        if value is None:  # a study's base cannot hold it: TOML has no such value
+            continue
+        *tables, last = name.split(".")
+        part = found
+        for table in tables:
+            check_kind(part.get(table, {}), Mapping, table, "a table of fields")
+            part[table] = part = dict(part.get(table, {}))
+        part[last] = value
+    return found
 
 
 def _checked_floors(values: Any) -> dict[str, Rows]:

@@ -6,6 +6,7 @@ study_of(strategy=["none", "soft"], robots=[5, 10], vary=["strategy.soft.eta=1,2
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Unpack
 
@@ -24,7 +25,7 @@ from vibroswarm.study.scenario_words import (
     several,
     values_of,
 )
-from vibroswarm.study.spec import Study
+from vibroswarm.study.spec import Study, with_fields
 
 RUNS = 100
 """Runs of each cell if neither ``runs`` nor ``until`` is given."""
@@ -82,12 +83,7 @@ def study_of(
         if values := _several(scenario, word):
             varied[FIELDS[word]] = values
     # If presets are varied, the base holds only the fields that words set; all others come from each preset.
-    varies_presets = "preset" in varied
-    base = (
-        _base_of_presets(scenario)
-        if varies_presets
-        else scenario_of(**scenario).model_dump(exclude_none=True)
-    )
+    base = _base_of_presets(scenario) if "preset" in varied else _base_beside(varied, scenario)
     precision = _precision(runs, until, figure, max_runs)
     study = Study(
         base=base,
@@ -140,6 +136,21 @@ def _precision(
     return Precision.from_words(until, figure, max_runs)
 
 
+def _base_beside(varied: dict[str, list[Any]], scenario: ScenarioWords) -> dict[str, Any]:
+    """Return the base of a study; if it does not fit together alone, with the first of the values that vary.
+
+    Raises:
+        InputError: the scenario is invalid.
+    """
+    try:
+        return scenario_of(**scenario).model_dump(exclude_none=True)
+    except InputError:
+        first = {field: values[0] for field, values in varied.items()}
+        with suppress(InputError):
+            return scenario_of(first, **scenario).model_dump(exclude_none=True)
+        raise
+
+
 def _base_of_presets(scenario: ScenarioWords) -> dict[str, Any]:
     """Return the base of a study that varies presets: only the fields that words set, by section and field.
 
@@ -151,14 +162,8 @@ def _base_of_presets(scenario: ScenarioWords) -> dict[str, Any]:
     for option in ("preset", "scenario"):
         if scenario.get(option) is not None:
             raise InputError("conflicts with --vary preset; use one of them", field=f"--{option}")
-    base: dict[str, Any] = {}
     # The paper's preset gives the size of a random floor if --tiles does not.
-    for name, value in values_of(preset("paper"), **scenario).items():
-        # Split at the first dot: strategy.soft.eta is the field soft.eta of the section strategy.
-        section, _, field = name.partition(".")
-        if value is not None:  # a study's base cannot hold None: TOML has no such value
-            base.setdefault(section, {})[field] = value
-    return base
+    return with_fields({}, values_of(preset("paper"), **scenario))
 
 
 def _varied(texts: Sequence[str]) -> dict[str, list[Any]]:
