@@ -7,6 +7,7 @@ import re
 import shutil
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from matplotlib import figure
 from helpers.commands import json_of, output_of, refusal_of, words_of
 from helpers.documents import ROOT
 from vibroswarm import cli, preset, simulate
+from vibroswarm.documents.inspection import inspection_document
 from vibroswarm.inspection import missed
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.missed import pooled_trials
@@ -509,12 +511,26 @@ def test_a_beam_is_asked_of_what_can_lie_on_it(capsys: pytest.CaptureFixture[str
     assert run("inspect", *given, "--sizes", "5,20x2", "--least-cm", "5", "--shapes", "crack") == 0
 
 
-def undamaged() -> pl.DataFrame:
-    """Samples of two robots, one in each square of 5 cm of an undamaged plate of 1 m x 1 m."""
+def undamaged(robots: int = 2) -> pl.DataFrame:
+    """Samples of robots, one in each square of 5 cm of an undamaged plate of 1 m x 1 m."""
     x_mm, y_mm = (axis.ravel() for axis in np.meshgrid(*[np.arange(25, 1000, 50)] * 2))
     value = energy_of(preset("paper").sensor, 0, np.random.default_rng(1).random(400))
-    columns = {"robot": np.arange(400) % 2, "time_s": np.arange(400), "x_mm": x_mm, "y_mm": y_mm}
+    columns = {"robot": np.arange(400) % robots, "time_s": np.arange(400), "x_mm": x_mm, "y_mm": y_mm}
     return pl.DataFrame({**columns, "value": value})
+
+
+@pytest.mark.usefixtures("few_draws")
+def test_the_maps_of_the_first_robots_are_drawn(tmp_path: Path) -> None:
+    """Those of 300 robots took minutes to draw; the tables have them all."""
+    undamaged(14).write_csv(tmp_path / "many.csv")
+    found = inspect(
+        tmp_path / "many.csv", laws="paper", size_m=(1, 1), question=Question(contrasts=(1.0,)), replicates=19
+    )
+    parts = chain.from_iterable(getattr(part, "parts", ()) for part in inspection_document(found).parts)
+    [figure] = [part for part in parts if isinstance(part, Figure) and part.name == "raster"]
+    assert figure.title.endswith("by robot (drawn: 11 of 14 robots)")
+    assert figure.drawn.numbers["panel"].str.starts_with("robot").sum() == 11 * 1600
+    assert found.rasters["robot"].n_unique() == 15
 
 
 @pytest.mark.usefixtures("few_draws")

@@ -16,6 +16,7 @@ import pytest
 from helpers.commands import output_of, refusal_of
 from vibroswarm.cli import main
 from vibroswarm.core.user_code import errors_in
+from vibroswarm.documents.saved import begin
 from vibroswarm.optimize.steps import SearchFolder
 from vibroswarm.study.executors import WorkerDied, workers_for
 from vibroswarm.study.store import Store
@@ -98,6 +99,7 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     with monkeypatch.context() as patched:
         stop_after(2, patched)
         assert main(command) == 130
+    assert "run the same 'vibroswarm league tune' command" in output_of(capsys, "show", "s.toml.runs")
     assert "holds another study: seed" in refusal_of(capsys, *command, "--seed", "5")
     real = Store.add
     monkeypatch.setattr(
@@ -109,6 +111,17 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     stop_after(1, monkeypatch)
     assert main([*command, "--force"]) == 130
     assert "0-first" in added, "anew"
+
+
+def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):
+    """A study is ``evaluate``'s unless another command made it; of the reproduction nothing was shown at all."""
+    stop_after(1, monkeypatch)
+    assert main(["detect", *RESUMED["detect"], "--out", "out"]) == 130
+    next(Path("out").glob("shards/*.json")).unlink()  # so few runs are done at once
+    begin(Path("paper"), "reproduce")
+    for folder, command in (("out", "detect"), ("paper", "reproduce")):
+        said = f"To resume: run the same 'vibroswarm {command}' command again"
+        assert said in output_of(capsys, "show", folder)
 
 
 def test_what_is_said_without_a_folder(here, monkeypatch, capsys):

@@ -45,6 +45,19 @@ def test_it_plays_when_opened_and_can_be_paused(open_page: Open) -> None:
     wait_until(page, f"vibroswarm.state().time_s > {stopped['time_s']}")
 
 
+def test_cards_and_table_show_the_same_moment_while_it_plays(open_page: Open) -> None:
+    """The table was up to 2.4 s of the run behind the cards."""
+    page = open_page("")
+    both = """[".card-belief > span", "[data-column=belief]"].map((cells) =>
+      [...document.querySelectorAll(cells)].map((cell) => cell.textContent))"""
+    seen = []
+    for _ in range(40):
+        page.wait_for_timeout(25)
+        seen.append(page.evaluate(both))
+    assert all(cards == table for cards, table in seen)
+    assert seen[0] != seen[-1]
+
+
 def test_it_waits_where_motion_is_not_wanted(open_page: Open) -> None:
     page = open_page("", reduced_motion="reduce")
     assert settled(page)["time_s"] == 0

@@ -141,6 +141,17 @@ def test_values_that_are_often_equal_are_judged_as_others_are(ones: float, expec
     assert refusals(4, drawn) == expected
 
 
+@pytest.mark.parametrize(("ones", "least", "most"), [(0.5, 9, 10), (0.65, 0, 4)])
+def test_few_weak_readings_are_told_apart(ones: float, least: int, most: int) -> None:
+    """Of 10 references with 300 readings of a kind; those of .5 and .65 were refused in 5 of 6."""
+
+    def drawn(random: np.random.Generator) -> tuple[Floats, Floats]:
+        vibrating, still = ((random.random(300) < share).astype(np.float64) for share in (ones, 0.5))
+        return vibrating, still
+
+    assert least <= refusals(10, drawn) <= most
+
+
 def held(with_error: bool, laws: int, weighed: Callable[[Samples, Patches], Shares] = coarse_shares) -> int:
     """Number of regions that hold damage of 20 cm, of 90 % each, by laws of 100 measured values of each kind."""
     count = 0

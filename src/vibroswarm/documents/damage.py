@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,7 @@ import polars as pl
 
 from vibroswarm.core.numbers import (
     count,
+    drawn_of,
     listed,
     number,
     p_value,
@@ -30,7 +32,7 @@ from vibroswarm.inspection.scan import MOST_CALLED, Box, Scan
 from vibroswarm.inspection.stopping import BLOCKS, LOOKS
 from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.picture import Picture
-from vibroswarm.plots.run import maps_figure
+from vibroswarm.plots.run import MOST_MAPS, maps_figure
 from vibroswarm.plots.style import settings
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
@@ -320,17 +322,17 @@ def checks_table(found: Assessment) -> Table:
 
 
 def _over_time(found: Inspection) -> Figure:
-    """Return the raster over time, and that of each robot's own samples."""
+    """Return the raster over time, and that of the own samples of the ``MOST_MAPS`` robots with the lowest numbers."""
     assert found.assessment is not None
     assessment, size_m = found.assessment, found.samples.size_m
     panels = {
         f"{number(time_s, 0)} s": cells
         for time_s, cells in zip(assessment.raster_times_s, assessment.rasters, strict=True)
     }
-    panels |= {f"robot {robot}": cells for robot, cells in assessment.own_rasters.items()}
-    return Figure(
-        "raster", lambda style: draw_rasters(panels, size_m, style=style), "Damage over time, and by robot"
-    )
+    own = assessment.own_rasters
+    panels |= {f"robot {robot}": cells for robot, cells in islice(own.items(), MOST_MAPS)}
+    title = f"Damage over time, and by robot{drawn_of(min(len(own), MOST_MAPS), len(own), 'robot')}"
+    return Figure("raster", lambda style: draw_rasters(panels, size_m, style=style), title)
 
 
 def map_figure(found: Inspection, *, own: bool = True) -> Figure:

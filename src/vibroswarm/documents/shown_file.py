@@ -13,7 +13,7 @@ import polars as pl
 
 from vibroswarm.core.folders import check_files, check_written, kind_of, read_manifest
 from vibroswarm.core.tables import MAX_BYTES, read_frame
-from vibroswarm.core.untrusted_files import check_plain, parsed_toml, read_bytes, read_text
+from vibroswarm.core.untrusted_files import check_plain, entry, parsed_toml, read_bytes, read_text
 from vibroswarm.documents.saved import PRINTED, Shown, read_printed
 from vibroswarm.errors import InputError
 from vibroswarm.show.document import Document
@@ -211,6 +211,12 @@ def _of_kind(folder: Path, kind: str | None, printed: Shown | None) -> Shown:
 
 def _result_document(folder: Path, kind: str | None) -> Document:
     """Return the document of a result or recording; of any other folder, the names of its tables and pictures."""
+    if kind == "results" and not any(
+        path.suffix in TABLES or path.name == PRINTED for path in folder.iterdir()
+    ):
+        command = entry(read_manifest(folder), "command", str, folder)
+        again = f"Not finished. To resume: run the same 'vibroswarm {command}' command again."
+        return Document(title=str(folder), answer=(again,))
     if kind not in ("result", "recording"):
         return tables_document(folder)
     from vibroswarm.documents.run import result_document

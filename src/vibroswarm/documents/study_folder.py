@@ -16,6 +16,8 @@ from vibroswarm.study.store import Store, resume_command
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
+BEGUN_BY: Final = {"League": "league", "Detection": "detect"}
+"""Commands other than ``evaluate``, by the name of their study: they say more of its runs."""
 MOST_FAILED: Final = 5
 """Batches that are listed one by one."""
 
@@ -83,7 +85,10 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
         f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
         for versions in about["made_by"]
     ]
-    resume = f"To resume: {resume_command(about['folder'])}"
+    begun_by = BEGUN_BY.get(about["name"])
+    again = (
+        f"run the same 'vibroswarm {begun_by}' command again" if begun_by else resume_command(about["folder"])
+    )
     return Document(
         title=about["name"] or "Study",
         answer=(
@@ -93,7 +98,10 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
             f"Varied: {', '.join(about['varied']) or 'nothing'}.",
         ),
         warnings=tuple(_warnings(about, needed)),
-        parts=(*map(Text, made_by), Text(resume if done < wanted or about["damaged"] else "", "code")),
+        parts=(
+            *map(Text, made_by),
+            Text(f"To resume: {again}" if done < wanted or about["damaged"] else "", "code"),
+        ),
     )
 
 

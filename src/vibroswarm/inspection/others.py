@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.patches import Form, Patches, Shares
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, critical_by, within
+from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, critical_by, joined, within
 from vibroswarm.inspection.sources import grid_of
 from vibroswarm.inspection.tile_map import felt_on, tile_map
 
@@ -117,12 +117,13 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
     for one in samples.robots:
         there = (robot != one) | (len(samples.robots) == 1)
         least = critical_by(there, critical)
-        boxes, cells = called_patches(samples, patches, shares, least, prior, there)
-        close = np.zeros_like(cells, dtype=bool)
+        boxes, steps = called_patches(samples, patches, shares, least, there)
+        close = np.zeros((CELLS, CELLS), dtype=bool)
         for box in boxes:
             close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)
             step_m = max(step_m, Form(*box[2:]).step_m)
-        maps[one] = np.where(close, cells, 0.0).ravel()
+        # Most inspections call nothing, and a raster takes longer than the scan.
+        maps[one] = (close * joined(patches, steps, prior, samples.size_m) if boxes else 0.0 * close).ravel()
     seen = samples.with_more_spread(step_m)
     return _judged(replace(seen, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 

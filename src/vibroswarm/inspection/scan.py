@@ -144,7 +144,7 @@ def scan(
     reached = np.flatnonzero(each >= critical)
     # By the samples of the look with the largest T, which is the last one unless there are several.
     there = look <= each.argmax()
-    called, cells = called_patches(samples, patches, shares, critical, prior, there)
+    called, steps = called_patches(samples, patches, shares, critical, there)
     return Scan(
         statistic,
         p_value(statistic, drawn),
@@ -155,7 +155,7 @@ def scan(
         called,
         tuple(_regions(samples, weighed, called, there)),
         patches.forms,
-        cells,
+        joined(patches, steps, prior, samples.size_m),
         looks,
         float(times_s[reached[0]]) if reached.size else None,
     )
@@ -184,13 +184,11 @@ def called_patches(
     patches: Patches,
     shares: Shares,
     critical: float,
-    prior: float,
     there: NDArray[np.bool_],
-) -> tuple[tuple[Box, ...], Floats]:
-    """Return the patches that are called by the samples that are ``there``, one after the other, and their raster.
+) -> tuple[tuple[Box, ...], list[Floats]]:
+    """Return the patches that are called by the samples that are ``there``, and ln L_j of each step, (patches,).
 
-    A patch is scanned for without the samples on those before it. The raster joins those of each step, of which each
-    presumes one patch at most.
+    A patch is scanned for without the samples on those before it.
 
     Args:
         critical: least T of the first patch; that of later ones is at least ``EVIDENCE``.
@@ -198,16 +196,24 @@ def called_patches(
     rest = np.where(there, samples.column("log_ratio"), 0.0)
     penalty = np.log(patches.places)[patches.form]
     called: list[Box] = []
-    sound = np.ones((CELLS, CELLS))
+    steps: list[Floats] = []
     while True:
         logs = log_likelihoods(shares, rest[:, None])[:, 0]
-        sound *= 1.0 - raster(patches, logs, prior, CELLS, samples.size_m)
+        steps.append(logs)
         at = int((logs - penalty).argmax())
         if logs[at] - penalty[at] < critical or len(called) == MOST_CALLED:
-            return tuple(called), 1.0 - sound
+            return tuple(called), steps
         called.append(box_of(patches, at))
         rest[near(samples, called[-1])] = 0.0
         critical = max(critical, EVIDENCE)
+
+
+def joined(patches: Patches, steps: Sequence[Floats], prior: float, size_m: tuple[float, float]) -> Floats:
+    """Return the raster of all steps of ``called_patches``, of which each presumes one patch at most."""
+    sound = np.ones((CELLS, CELLS))
+    for logs in steps:
+        sound *= 1.0 - raster(patches, logs, prior, CELLS, size_m)
+    return 1.0 - sound
 
 
 def critical_by(there: NDArray[np.bool_], critical: float) -> float:
@@ -226,7 +232,8 @@ def rasters(
     robot, time_s = samples.frame["robot"].to_numpy(), samples.column("time_s")
 
     def of(there: NDArray[np.bool_]) -> Floats:
-        return called_patches(samples, patches, shares, critical_by(there, critical), prior, there)[1]
+        _, steps = called_patches(samples, patches, shares, critical_by(there, critical), there)
+        return joined(patches, steps, prior, samples.size_m)
 
     own = {one: of(robot == one) for one in samples.robots if len(samples.robots) > 1}
     return np.stack([of(time_s <= until_s) for until_s in times_s]), own

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -98,7 +98,7 @@ def detection_study(
             "must be left out: what is detected is on a floor that stays; evaluate judges answers on one that changes",
             field="change",
         )
-    return Study.of(
+    study = Study.of(
         scenario,
         runs,
         seed,
@@ -106,6 +106,7 @@ def detection_study(
         swarm__robots=list(robots),
         floor__source=[source_of("random", fill) for fill in fills],
     )
+    return replace(study, name="Detection")  # by which ``show`` knows it
 
 
 def detection_of(

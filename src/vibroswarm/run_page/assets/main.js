@@ -1,13 +1,12 @@
 // Puts the page together: holds its state (time, playing, speed, followed robot) and draws it.
 
 const state = { t: 0, playing: false, speed: 20, followed: null, loop: null };
-const LIVE_TEXT_MS = 120; // while playing, the table's words change no more often than can be read
+const LIVE_TEXT_MS = 120; // while playing, the words of cards and table change no more often than can be read
 let lastText = 0, lastFrame = 0, waiting = false;
 
 function draw(now = performance.now()) {
   drawArena(state.t, state.followed, state.speed);
   drawBelief(state.t, state.followed);
-  drawCards(state.t, state.followed);
   drawMaps(state.t, state.followed);
   drawReports(state.t, state.followed);
   drawVerdict(state.t);
@@ -17,6 +16,7 @@ function draw(now = performance.now()) {
   recordFrame(state.t);
   if (state.playing && now - lastText < LIVE_TEXT_MS) return;
   lastText = now;
+  drawCards(state.t, state.followed); // with the table, so that both show one moment
   drawRoster(state.t, state.followed);
   refreshTooltip();
 }
