@@ -32,7 +32,6 @@ from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import OF_MOTION, floors_of
-from vibroswarm.strategies import strategy
 
 Array = NDArray[np.float64]
 SOFT = "soft"
@@ -51,12 +50,14 @@ def main() -> None:
     for table in given.tables.split(","):
         cases, runs, seed = TABLES[table], given.runs or RUNS[table][0], given.seed or RUNS[table][1]
         names = [name for name in cases if given.cases is None or name in given.cases.split(";")]
-        for number, name in enumerate(cases):
-            file = given.out / f"{table}-{number:02d}-{runs}-{seed}.csv"
+        files = []
+        for name, case in cases.items():
+            of_name = "".join(sign if sign.isalnum() else "_" for sign in name)
+            file = given.out / f"{table}-{runs}-{seed}-{of_name}.csv"
             if name in names and not file.exists():
                 print(f"{table}: {name}", flush=True)
-                write_file(file, csv_bytes(measured(name, cases[name], runs, seed)))
-        files = sorted(given.out.glob(f"{table}-*-{runs}-{seed}.csv"))
+                write_file(file, csv_bytes(measured(name, case, runs, seed)))
+            files += [file] if file.exists() else []
         if files:
             text = markdown(pl.concat([pl.read_csv(file) for file in files]), table)
             print(text, flush=True)
@@ -102,14 +103,13 @@ def measured(name: str, case: Case, runs: int, seed: int) -> pl.DataFrame:
                     "undecided": 100.0 * (decision == -1).mean(),
                     **percent("forced", forced[label][-1]),
                     **percent("less", less),
-                    "bytes": agents["sent"].mean() * strategy(scenario.strategy.name).bytes_on_air,
                 }
             )
     for label in (SOFT, *case.rows):
         both = [np.concatenate(of[label]) for of in (wrong, forced)]
         less = both[0] - np.concatenate(wrong[SOFT])
         mine = [row for row in rows if row["row"] == label]
-        means = {key: float(np.mean([row[key] for row in mine])) for key in ("time_s", "undecided", "bytes")}
+        means = {key: float(np.mean([row[key] for row in mine])) for key in ("time_s", "undecided")}
         shares = percent("wrong", both[0]) | percent("forced", both[1]) | percent("less", less)
         rows.append(
             {"case": name, "row": label, "floor": "all", "runs": runs, "seed": seed, **means, **shares}

@@ -118,7 +118,7 @@ def section(parser: argparse.ArgumentParser, many: list[Row]) -> list[str]:
         own = [row for row in rows if row not in many]
         lines += listed(title, own) if own else []
     if shared := named(has, [row for row in has if row not in many], many):
-        lines += ["", f"Also: {shared}."]
+        lines += ["", f"[Also](#options-of-many-commands): {shared}."]
     lines.append("")
     examples = (parser.epilog or "").partition("tasks:\n")[0]
     if examples:
@@ -158,10 +158,10 @@ def code(text: str) -> str:
 
 def words(text: str) -> str:
     """Help text as one line of Markdown, with markup escaped."""
-    text = " ".join(text.split())
-    for sign in "\\|*<>_[]":
-        text = text.replace(sign, "\\" + sign)
-    return text
+    parts = re.split("(`[^`]*`)", " ".join(text.split()))  # every second one is code, as it stands
+    return "".join(
+        part if at % 2 else re.sub(r"([\\|*<>_\[\]])", r"\\\1", part) for at, part in enumerate(parts)
+    )
 
 
 def sentence(text: str) -> str:

@@ -83,7 +83,13 @@ def parameters_of(kind: type[choices.Choice]) -> list[str]:
     for name, one in kind.known().items():
         if not one.params.model_fields or one.code:
             continue  # without parameters, or from a user's file
-        lines += ["", f"### [{kind.kind}.{name}]", "", f"{one.about[:1].upper()}{one.about[1:]}.", ""]
+        lines += [
+            "",
+            f"### [{kind.kind}.{name}]",
+            "",
+            f"{one.about[:1].upper()}{one.about[1:]}{'' if one.about.endswith('?') else '.'}",
+            "",
+        ]
         file = Path(choices.__file__).parents[1] / f"{kind.kind}s" / f"{name}.py"
         words = (
             described_fields([file.read_text(encoding="utf-8")]).get("Params", {}) if file.exists() else {}
@@ -105,7 +111,7 @@ def parameters_of(kind: type[choices.Choice]) -> list[str]:
 def reference() -> str:
     """The whole document."""
     words = field_docs()
-    lines = [HEAD + "\n".join(f"- `{name}`: {describe(name)}" for name in preset_names()), ""]
+    lines = [HEAD + "\n".join(f"- `{name}`: {describe(name)}" for name in preset_names())]
     for section, info in Scenario.model_fields.items():
         kind = info.annotation
         assert kind is not None

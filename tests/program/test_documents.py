@@ -276,6 +276,16 @@ def dead_links(document: Path) -> Iterator[str]:
             yield target
 
 
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
+def test_no_table_is_cut_in_two(document):
+    """A blank line between rows ends a table, and the rows below it are shown as they stand."""
+    lines = ["", *document.read_text(encoding="utf-8").splitlines(), ""]
+    begins = [
+        at for at, line in enumerate(lines) if line.startswith("|") and not lines[at - 1].startswith("|")
+    ]
+    assert not [lines[at] for at in begins if not re.fullmatch(r"[|\s:-]+", lines[at + 1])]
+
+
 def test_links_lead_somewhere():
     documents = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md"))]
     dead = {name_of(document): list(dead_links(document)) for document in documents}
