@@ -99,7 +99,7 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     with monkeypatch.context() as patched:
         stop_after(2, patched)
         assert main(command) == 130
-    assert "run the same 'vibroswarm league tune' command" in output_of(capsys, "show", "s.toml.runs")
+    assert "the same 'vibroswarm league tune' command" in output_of(capsys, "show", "s.toml.runs")
     assert "holds another study: seed" in refusal_of(capsys, *command, "--seed", "5")
     real = Store.add
     monkeypatch.setattr(
@@ -111,6 +111,11 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     stop_after(1, monkeypatch)
     assert main([*command, "--force"]) == 130
     assert "0-first" in added, "anew"
+    assert "--force" not in capsys.readouterr().err, "which would begin anew once more"
+    Path("other.toml.runs").mkdir()
+    Path("other.toml.runs/notes.txt").write_text("mine")
+    assert "other.toml.runs" in refusal_of(capsys, *command[:-1], "other.toml")
+    assert Path("other.toml.runs/notes.txt").exists()
 
 
 def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):
@@ -120,7 +125,7 @@ def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):
     next(Path("out").glob("shards/*.json")).unlink()  # so few runs are done at once
     begin(Path("paper"), "reproduce")
     for folder, command in (("out", "detect"), ("paper", "reproduce")):
-        said = f"To resume: run the same 'vibroswarm {command}' command again"
+        said = f"the same 'vibroswarm {command}' command again"
         assert said in output_of(capsys, "show", folder)
 
 

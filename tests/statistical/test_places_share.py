@@ -47,21 +47,18 @@ def test_few_false_alarms_and_few_misses() -> None:
 
 @pytest.mark.slow
 def test_robots_that_steer_do_not_believe_in_a_place_of_which_they_are_unsure() -> None:
-    """In 300 runs 7 alarms at 2 %. Robots that steer wherever they are stay around one spot, with larger errors."""
+    """Robots that steer wherever they are stay around one spot, and are farther from where they believe to be."""
     steering = ASKED.with_values({"strategy.name": "explore", "floor.source": "random:0.02"})
 
-    def alarms_and_error_m(sure_within: float) -> tuple[int, float]:
-        """Runs with an alarm, and the mean over runs of the median distance of believed places from the true ones."""
+    def error_m(sure_within: float) -> float:
+        """The mean over runs of the median distance of believed places from the true ones."""
         result = simulate(steering.with_values({"strategy.explore.sure_within": sure_within}), 1, 8)
         assert result.places is not None
         true = result.motion.select("run", "robot", "sample", "x_m", "y_m")
         both = result.places.join(true, on=["run", "robot", "sample"], suffix="_true")
         error = ((pl.col("x_m") - pl.col("x_m_true")) ** 2 + (pl.col("y_m") - pl.col("y_m_true")) ** 2).sqrt()
         of_runs = both.group_by("run").agg(error.median().alias("error_m"))
-        alarmed = result.robots.filter(pl.col("decision") == 1)["run"].n_unique()
-        return alarmed, float(of_runs["error_m"].to_numpy().mean())
+        return float(of_runs["error_m"].to_numpy().mean())
 
-    alarms, error_m = alarms_and_error_m(0.25)
-    assert alarms <= 2
-    assert error_m < 0.08  # 0.056 +- 0.003
-    assert alarms_and_error_m(1000.0)[1] > 0.08  # negative control: 0.119 +- 0.016
+    assert error_m(0.25) < 0.08  # 0.056 +- 0.003
+    assert error_m(1000.0) > 0.08  # negative control: 0.119 +- 0.016

@@ -329,13 +329,21 @@ def test_a_base_need_not_fit_together_without_what_varies() -> None:
     found = [(c.scenario.strategy.name, c.scenario.sensor.confusion.kinds) for c in study.cells]
     assert found == [(name, 4) for name in names]
     assert Study.from_toml(study.to_toml()).hash == study.hash
+    tiles = {"floor": {"tiles": ["012", "012", "002"]}}
+    grid = {"strategy.name": names, "floor.source": ["random:0.4,0.36,0.24"]}
+    assert [c.scenario.floor.tiles for c in Study(base | tiles, {"grid": grid}, runs=1).cells] == [None, None]
     words = {"floor": "random:0.4,0.36,0.24", "task": "majority", "settings": ["sensor.model=confusion"]}
     made = study_of(vary=["strategy.name=dirichlet,averaging"], runs=1, **words)
     assert [cell.scenario.strategy.name for cell in made.cells] == names
     with pytest.raises(InputError, match=r"'soft' reads 0 or 1.* \(in the cell with strategy.name = soft"):
         assert Study(base, {"grid": {"strategy.name": ["dirichlet", "soft"], kinds: [4]}}, runs=1).cells
+    with pytest.raises(InputError, match=r"faults.stuck_class"):
+        assert study_of(vary=["strategy.name=dirichlet"], **words | {"settings": [
+            "sensor.model=confusion", "faults.stuck=0.2", "faults.stuck_class=9"]}).cells  # fmt: skip
     with pytest.raises(InputError, match=r"strategy: .*a table"):
         assert Study(base | {"strategy": "soft"}, {"grid": {"strategy.name": names}}, runs=1).cells
+    with pytest.raises(InputError, match=r"strategy.soft: .*a table"):
+        assert Study({"strategy": {"soft": 3}}, {"grid": {"strategy.soft.eta": [1, 2]}}, runs=1).cells
 
 
 @pytest.mark.parametrize("scenarios", [{}, [preset("paper")], {"a": 3}, {"": preset("paper")}, None])

@@ -186,7 +186,7 @@ def tune(
       vibroswarm league tune --strategy none,soft --seed 101 --out settings.toml
       vibroswarm league --strategy none,soft --settings settings.toml --seed 2
     """
-    from vibroswarm.documents.saved import begin
+    from vibroswarm.documents.saved import begin, refuse_other
     from vibroswarm.league.tuning import read_spaces
     from vibroswarm.league.tuning import spaces as shipped_spaces
     from vibroswarm.league.tuning import tune as tuned_by
@@ -208,6 +208,8 @@ def tune(
         if runs_folder is not None and force and runs_folder.exists():
             remove_folder(runs_folder)
         if runs_folder is not None:
+            if runs_folder.exists():
+                refuse_other(runs_folder, "league tune")  # it is removed at the end
             begin(runs_folder, "league tune")
         tuned = tuned_by(
             base,

@@ -215,7 +215,7 @@ def _result_document(folder: Path, kind: str | None) -> Document:
         path.suffix in TABLES or path.name == PRINTED for path in folder.iterdir()
     ):
         command = entry(read_manifest(folder), "command", str, folder)
-        again = f"Not finished. To resume: run the same 'vibroswarm {command}' command again."
+        again = f"Not finished. Run the same 'vibroswarm {command}' command again."
         return Document(title=str(folder), answer=(again,))
     if kind not in ("result", "recording"):
         return tables_document(folder)

@@ -134,11 +134,11 @@ class MotionFaults(FrozenModel):
 
 
 class Faults(MotionFaults):
-    """Robots that fail, by share of the swarm or by number, and how; nobody by default."""
+    """Robots that fail, and how; nobody by default. Which: a share of the swarm (rounded to whole robots, drawn for
+    each run, those of a smaller share among those of a larger), or a list of robots (``[0, 3]``)."""
 
     stuck_at_0: Affected = 0.0
-    """Robots whose sensor always reads 0: a share of the swarm (rounded to whole robots, drawn for each run, those of a
-    smaller share among those of a larger), or a list of robots (``[0, 3]``); likewise for all faults."""
+    """Robots whose sensor always reads 0."""
     stuck_at_1: Affected = 0.0
     """Robots whose sensor always reads 1. None of them is also stuck at 0."""
     stuck: Affected = 0.0

@@ -224,7 +224,7 @@ class Swarm(FrozenModel):
     robots: Annotated[int, Field(ge=1, le=10_000)] = 5
     """Number of robots."""
     start_margin_m: Annotated[float, Field(ge=0, le=1e4)] = 0.05
-    """Robots start at least this far from the walls, or as far as the body needs."""
+    """Centres start uniformly at least this far from the walls, and never nearer than the body allows."""
 
 
 class Robot(FrozenModel):
@@ -269,10 +269,10 @@ class Robot(FrozenModel):
     speed_factors: Factors | None = None
     """s_d per robot, instead of drawing it (``speed_redraw`` must be "robot"); the list repeats."""
     speed_wander: Annotated[float, Field(gt=0, le=0.4)] | None = None
-    """Variation from sample to sample: standard deviation of a triangular factor of mean 1 of s_d; the product is
-    clipped too. If omitted (the paper), none."""
+    """Variation from sample to sample: s_d is also multiplied by a triangular factor of mean 1 and this standard
+    deviation, drawn at every sample; the product is clipped too. If omitted (the paper), it is not."""
     speed_run_spread: Annotated[float, Field(gt=0, le=0.4)] | None = None
-    """Variation from run to run: the same of a factor drawn once per robot and run."""
+    """Variation from run to run: likewise, by a factor drawn once per robot and run."""
     battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
     """Battery factor is 1 - t / battery_life_s, updated at samples."""
 
@@ -374,8 +374,8 @@ class Sensor(Choice):
     """Measured energies of still tiles."""
     # If only one of these two is omitted, it is 0 (``observation.edge_response``).
     edge_reach_m: Annotated[float, Field(ge=-1, le=1)] | None = None
-    """How far vibrating tiles reach beyond their edges: there every second sample reads as on the tile. If this and
-    ``edge_blur_m`` are omitted (the paper), a sample reads the tile under the centre."""
+    """How far vibrating tiles reach beyond their edges: at that distance every second sample reads as on the tile. If
+    this and ``edge_blur_m`` are omitted (the paper), a sample reads the tile under the centre."""
     edge_blur_m: Annotated[float, Field(ge=0, le=1)] | None = None
     """How gradual that is: standard deviation of that distance, m."""
     tile_spread: Annotated[float, Field(gt=0, le=2)] | None = None

@@ -49,8 +49,8 @@ class Odometry(FrozenModel):
     (standard deviations; presumes a calibration of each robot), "poor" 3 %, 0.2 deg/s, 2 deg and 0.3 deg/sqrt(s),
     "bought" as "poor" but for a bias of 20 deg/s, which only ``rezero_noise_deg_s`` makes of use."""
     gyro_scale_spread: Annotated[float, Field(ge=0, le=0.5)] | None = None
-    """Standard deviation of its scale about 1, one a robot and run; if omitted, that of ``level``. This and the next
-    three are for the data sheet of your own gyro."""
+    """Standard deviation of the gyro's scale about 1, one a robot and run; if omitted, that of ``level``. This and
+    the next three are for the data sheet of your own gyro."""
     gyro_bias_spread_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
     """Standard deviation of its bias, one a robot and run, deg/s; likewise."""
     turn_noise_deg: Annotated[float, Field(ge=0, le=90)] | None = None

@@ -10,7 +10,7 @@ Each function takes the options of a command as keywords, so that Python makes t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypedDict, Unpack
 
@@ -52,22 +52,29 @@ class ScenarioWords(TypedDict, total=False):
     """Of ``--set``: texts FIELD=VALUE."""
 
 
-def scenario_of(values: Mapping[str, Any] | None = None, /, **words: Unpack[ScenarioWords]) -> Scenario:
+def scenario_of(**words: Unpack[ScenarioWords]) -> Scenario:
     """Return the scenario that the words describe.
 
     The base is the scenario of ``preset`` or ``scenario``, or else the preset "paper". Other words such as ``floor``
     change its fields; the fields of ``settings`` override these.
 
-    Args:
-        values: of fields by dotted names, which override all.
     Raises:
         InputError: a word or field is wrong.
+    """
+    base = base_of(**words)
+    return base.with_values(values_of(base, **words))
+
+
+def base_of(**words: Unpack[ScenarioWords]) -> Scenario:
+    """Return the scenario of which the words change fields.
+
+    Raises:
+        InputError: there are two, or it is wrong.
     """
     named, file = words.get("preset"), words.get("scenario")
     if named and file:
         raise InputError("conflicts with --preset; use one of them", field="--scenario")
-    base = Scenario.read(file) if file else preset(named or "paper")
-    return base.with_values(values_of(base, **words) | dict(values or {}))
+    return Scenario.read(file) if file else preset(named or "paper")
 
 
 def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:

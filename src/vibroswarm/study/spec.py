@@ -404,7 +404,7 @@ class Study(NotebookView):
     def to_toml(self) -> str:
         """Write the study as TOML; ``from_toml`` reads one with the same cells, runs and seed.
 
-        The text includes floors from files and, but for two cases (``_whole_base``), all fields of the scenario, so
+        The text includes floors from files and, but for a few cases (``_whole_base``), all fields of the scenario, so
         that it depends neither on floor files nor on defaults. Of user code it has only the file's name and hash.
         """
         return self._toml
@@ -573,7 +573,10 @@ class Study(NotebookView):
 
     @cached_property
     def _whole_base(self) -> dict[str, Any]:
-        """Return all fields of the base, so that other defaults change nothing; the given ones if presets vary."""
+        """Return all fields of the base, so that other defaults change nothing.
+
+        They are the given ones if presets vary, or if the base fits together only with the values that vary.
+        """
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):
                 return self._shared_base.model_dump(exclude_none=True)
@@ -680,21 +683,21 @@ def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_fields(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a base with fields set, by dotted names such as ``strategy.soft.eta``; None leaves a field as it is.
+    """Return a base with fields set, by dotted names such as ``strategy.soft.eta``; None leaves a field out.
 
     Raises:
         InputError: a section of the base is no table.
     """
     found = dict(base)
     for name, value in values.items():
-        if value is None:  # a study's base cannot hold it: TOML has no such value
-            continue
         *tables, last = name.split(".")
         part = found
-        for table in tables:
-            check_kind(part.get(table, {}), Mapping, table, "a table of fields")
+        for at, table in enumerate(tables, 1):
+            check_kind(part.get(table, {}), Mapping, ".".join(tables[:at]), "a table of fields")
             part[table] = part = dict(part.get(table, {}))
-        part[last] = value
+        part.pop(last, None)
+        if value is not None:  # which a study's base cannot hold: TOML has no such value
+            part[last] = value
     return found
 
 

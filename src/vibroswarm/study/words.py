@@ -6,7 +6,6 @@ study_of(strategy=["none", "soft"], robots=[5, 10], vary=["strategy.soft.eta=1,2
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Unpack
 
@@ -19,6 +18,7 @@ from vibroswarm.study.factors import fields_in
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.scenario_words import (
     ScenarioWords,
+    base_of,
     chosen,
     refuse_without_effect,
     scenario_of,
@@ -137,18 +137,18 @@ def _precision(
 
 
 def _base_beside(varied: dict[str, list[Any]], scenario: ScenarioWords) -> dict[str, Any]:
-    """Return the base of a study; if it does not fit together alone, with the first of the values that vary.
+    """Return the base of a study, which may fit together only with the values that vary: each cell is then judged.
 
     Raises:
-        InputError: the scenario is invalid.
+        InputError: the scenario is invalid, and nothing varies.
     """
     try:
         return scenario_of(**scenario).model_dump(exclude_none=True)
     except InputError:
-        first = {field: values[0] for field, values in varied.items()}
-        with suppress(InputError):
-            return scenario_of(first, **scenario).model_dump(exclude_none=True)
-        raise
+        if not varied:
+            raise
+        base = base_of(**scenario)
+        return with_fields(base.model_dump(exclude_none=True), values_of(base, **scenario))
 
 
 def _base_of_presets(scenario: ScenarioWords) -> dict[str, Any]:

@@ -63,6 +63,7 @@ function setSpeed(speed) {
 
 function follow(robot) {
   state.followed = robot === state.followed ? null : robot;
+  lastText = 0;
   if (!state.playing) writeAddress(state.t, state.followed);
   askForFrame();
 }
@@ -123,6 +124,7 @@ function layOut() {
   layOutCards();
   layOutMaps();
   layOutReports();
+  lastText = 0; // cards and table too, at once
   draw();
 }
 
