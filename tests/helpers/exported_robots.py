@@ -297,7 +297,8 @@ class Swarm:
     def note_heard(self, i: int, count: int) -> None:
         """Note that robot ``i`` hears the first ``count`` messages of its inbox."""
         robot = self.robots[i]
-        for k in np.arange(robot.first_message, robot.first_message + count) % len(robot.inbox):
+        for place in range(robot.first_message, robot.first_message + count):
+            k = place % len(robot.inbox)
             content = [float(getattr(robot.inbox[k], field)) for field in self.fields]
             self.short[i] += [HEAR, robot.tick, robot.inbox_sender[k], robot.inbox_number[k], *content]
 

@@ -41,7 +41,7 @@ def found_in(video: Path, markers: Markers) -> np.ndarray[Any, Any]:
 def bad_frames() -> Pictures:
     """Frames in which markers are hidden, blurred, noisy and put elsewhere, at random times."""
     chance = np.random.default_rng(5)
-    frames = drawn.frames(60)
+    frames = drawn.frames(40)
     for k, frame in enumerate(frames):
         if 12 < k % 20 < 17:  # a hand
             frame[:, int(chance.integers(0, 400)) :][:, :240] = 90
@@ -150,7 +150,7 @@ def same(frame: np.ndarray[Any, Any]) -> Any:
     ],
 )
 def test_why_no_marker_is_seen_is_said(tmp_path: Path, change: Any, dictionary: str, words: str) -> None:
-    drawn.write(tmp_path / "v.avi", [change(frame) for frame in drawn.frames(4)])
+    drawn.write(tmp_path / "v.avi", [change(frame) for frame in drawn.frames(2)])
     markers = replace(drawn.MARKERS, dictionary=dictionary, robots={7: 0, 8: 1})
     with pytest.raises(InputError, match=r"shows none of the robots' markers \[7, 8\]") as raised:
         track(tmp_path / "v.avi", markers)
@@ -180,7 +180,7 @@ def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
 
 
 def test_a_dark_beginning_is_not_why_no_marker_is_seen(tmp_path: Path) -> None:
-    drawn.write(tmp_path / "v.avi", [np.zeros_like(drawn.frames(1)[0]), *drawn.frames(4)])
+    drawn.write(tmp_path / "v.avi", [np.zeros_like(drawn.frames(1)[0]), *drawn.frames(2)])
     with pytest.raises(InputError, match="of this dictionary it shows 0, 1, 46, 47, 48, 49 only"):
         track(tmp_path / "v.avi", replace(drawn.MARKERS, robots={7: 0, 8: 1}))
 

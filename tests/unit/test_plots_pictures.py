@@ -40,7 +40,7 @@ from vibroswarm.plots import (
 from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.distributions import Group, quantile
 from vibroswarm.plots.layout import lay_out
-from vibroswarm.plots.picture import picture_bytes
+from vibroswarm.plots.picture import _as_laid_out, picture_bytes
 from vibroswarm.plots.style import ON_DARK, ON_LIGHT, PAPER, STYLES, look, settings
 
 LONG = [
@@ -279,14 +279,14 @@ def in_a_column(name: str) -> Picture:
 
 
 def texts_of(figure: Figure) -> list[tuple[str, Any]]:
-    """The words that would really be drawn, and their boxes in pixels; none for slanted ones. No pixel is drawn."""
+    """The words that a file would have, and their boxes in pixels; none for slanted ones. No pixel is drawn."""
     found: dict[int, Text] = {}
 
     def noted(text: Text, renderer: Any) -> None:
         if text.get_visible() and text.get_text().strip():
             found[id(text)] = text
 
-    with settings(), mock.patch.object(Text, "draw", noted):
+    with settings(), _as_laid_out(figure), mock.patch.object(Text, "draw", noted):
         renderer = figure._get_renderer()
         figure.draw_without_rendering()
     return [
@@ -796,7 +796,7 @@ def test_density_is_in_units_of_even_sampling():
     )
     assert draw_density(counted, bins=10).numbers.equals(numbers)
     assert "above the colours' end" not in picture.caption
-    wide = in_a_column("density, wide")
+    wide = PICTURES["density, wide"]("column")
     above = wide.numbers.filter(pl.col("density") > 1.1).height
     assert f"{above} bins lie above the colours' end at 1.1." in wide.caption
     with pytest.raises(InputError, match="outside the arena of 1 m x 1 m"):

@@ -150,11 +150,12 @@ def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Pat
     assert settings["sample.sample_interval_ms"].value == 2000
 
 
-@pytest.fixture
-def soft_logs(told: Scenario, tmp_path: Path) -> list[Log]:
+@pytest.fixture(scope="module")
+def soft_logs(told: Scenario, tmp_path_factory: pytest.TempPathFactory) -> list[Log]:
     """A log of robots with soft feedback that has bits read, bits sent and posteriors."""
-    write_webots(simulate(told.with_values({"strategy.name": "soft"}), 11, 1), tmp_path / "soft.txt")
-    log = in_order(read_log(tmp_path / "soft.txt"))
+    path = tmp_path_factory.mktemp("soft") / "soft.txt"
+    write_webots(simulate(told.with_values({"strategy.name": "soft"}), 11, 1), path)
+    log = in_order(read_log(path))
     bits = (pl.col("energy") > told.sensor.rms_threshold).cast(log.samples.schema["observation"])
     return [replace(log, samples=log.samples.with_columns(observation=bits))]
 
@@ -197,10 +198,11 @@ def test_the_timer_is_found(told: Scenario, tmp_path: Path, timer: str, interval
     assert inferred.value == timer, inferred.evidence
 
 
-def test_a_timer_is_not_found_where_the_log_cannot_tell(told: Scenario, tmp_path: Path) -> None:
+def test_a_timer_is_not_found_where_the_log_cannot_tell(
+    logs: list[Path], told: Scenario, tmp_path: Path
+) -> None:
     """Avoidance that is not logged; few intervals; avoidances that may all be longer than the sample interval."""
-    write_rugbot(simulate(told, 11, 1, segments=True), tmp_path / "log.csv", 0)
-    log = in_order(read_log(tmp_path / "log.csv"))
+    log = in_order(read_log(logs[0]))
     for changed, words in [
         (log.samples.with_columns(avoid_total_s=pl.lit(None, pl.Float64)), "avoidance is not logged"),
         (log.samples.filter(pl.col("time_s") < 45.0), "intervals with avoidance: too few"),
@@ -209,8 +211,7 @@ def test_a_timer_is_not_found_where_the_log_cannot_tell(told: Scenario, tmp_path
         inferred = {one.name: one for one in infer_settings([replace(log, samples=changed)])}["sample.timer"]
         assert inferred.value is None
         assert words in inferred.evidence
-    (tmp_path / "short").mkdir()
-    short = found(told, tmp_path / "short", sample__sample_interval_ms=500.0)["sample.timer"]
+    short = found(told, tmp_path, sample__sample_interval_ms=500.0)["sample.timer"]
     assert (short.value, short.evidence) == (None, "tau is below 1.5 s")
 
 
@@ -237,9 +238,8 @@ def test_a_fit_warns_of_robots_that_it_does_not_search() -> None:
     assert contradictions([], preset("calibrated")) == []
 
 
-def test_gates_are_inconclusive_without_beliefs(told: Scenario, tmp_path: Path) -> None:
-    write_rugbot(simulate(told, 11, 1, segments=True), tmp_path / "log.csv", 0)
-    log = in_order(read_log(tmp_path / "log.csv"))
+def test_gates_are_inconclusive_without_beliefs(logs: list[Path]) -> None:
+    log = in_order(read_log(logs[0]))
     unsure = replace(log, samples=log.samples.with_columns(belief_below=pl.lit(None, pl.Float64)))
     inferred = {one.name: one.evidence for one in infer_settings([unsure])}
     assert "decisions, beliefs or numbers of messages sent are not logged" in inferred["decision.gate"]

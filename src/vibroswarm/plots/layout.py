@@ -215,6 +215,8 @@ def plain_axes(style: Style, x_label: str, y_label: str, *, title: str = "") -> 
     figure = new_figure(style, title=title)
     axes = figure.add_subplot()
     axes.set(xlabel=x_label, ylabel=y_label)
+    # Said to the axes too: matplotlib counts the ticks that fit by the settings of the moment when it draws.
+    axes.tick_params(labelsize=style.small_pt)
     axes.margins(0.03)
     axes.grid(True)
     return figure, axes
@@ -312,6 +314,7 @@ def colour_bar(figure: Figure, axes: Axes, style: Style, mesh: Any, **how: Any) 
     tall = max(1.0, figure.get_figheight() / style.height_in)  # keeps the bar equally narrow in a high figure
     bar = figure.colorbar(mesh, ax=axes, pad=0.02, aspect=25 * tall, **how)
     bar.outline.set_linewidth(style.line_pt * 0.5)
+    bar.ax.tick_params(labelsize=style.small_pt)  # as of ``plain_axes``
     return bar
 
 

@@ -137,14 +137,15 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     except (csv.Error, StopIteration) as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
     for number, row in zip(lines, rows, strict=True):
-        if [cell.strip(" \ufeff") for cell in row] == head:
-            raise InputError(
-                "is the header again; leave it out, or if the file holds two sessions, give each its own file",
-                field=f"{name}, row {number}",
-            )
         if len(row) != len(head):
             raise InputError(
                 f"{count(len(row), 'cell')}, but the header has {len(head)}", field=f"{name}, row {number}"
+            )
+        # The first cell alone rules out almost every row.
+        if row[0].strip(" \ufeff") == head[0] and [cell.strip(" \ufeff") for cell in row] == head:
+            raise InputError(
+                "is the header again; leave it out, or if the file holds two sessions, give each its own file",
+                field=f"{name}, row {number}",
             )
     names = [
         cell if head.index(cell) == place else f"{cell} ({place + 1})" for place, cell in enumerate(head)

@@ -314,7 +314,7 @@ class _Plain:
 
         A robot whose radio is dead reads nothing.
         """
-        if self.is_silent(robot, tick):
+        if not robot.unread or self.is_silent(robot, tick):
             return
         # ``unread`` is in the order of sending and sender, which the stable sort keeps for equal arrivals.
         due = sorted((m for m in robot.unread if m.arrival_tick <= tick), key=lambda m: m.arrival_tick)
