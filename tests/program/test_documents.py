@@ -112,7 +112,7 @@ def test_every_block_says_what_it_is():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("svg_alone")
+@pytest.mark.usefixtures("svg_alone", "few_draws")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_the_code_runs(document, here, monkeypatch, request):
     if document.name == "studies.md":  # of all pictures of its study it plots one by name

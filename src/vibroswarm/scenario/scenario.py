@@ -220,7 +220,7 @@ class Scenario(Sections, NotebookView):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
                 is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
-                if last not in parent and name not in field_names() and not is_of_code:
+                if last not in parent and name not in _names_in(section) and not is_of_code:
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
                 parent.pop(last, None)
             elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
