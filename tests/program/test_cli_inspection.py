@@ -261,7 +261,10 @@ def report_blank(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of the report are blank; that of the certificate, which has another style, is drawn."""
     drawn = Figure.drawn.func
     blank = Picture(figure.Figure(figsize=(1, 1)), pl.DataFrame({"blank": [0]}), "Blank.")
-    of_certificate = lambda self: drawn(self) if self.on_page == "column" else blank  # noqa: E731
+
+    def of_certificate(self: Figure) -> Picture:
+        return drawn(self) if self.on_page == "column" else blank
+
     monkeypatch.setattr(Figure, "drawn", property(of_certificate))
 
 
