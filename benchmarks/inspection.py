@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import argparse
 import itertools
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -792,6 +794,40 @@ def lost_robots(samples: Samples) -> NDArray[np.bool_]:
     ]
     far, robot = np.max(errors, axis=0) > 4.0, samples.frame["robot"].to_numpy()
     return np.array([far[robot == one].mean() > 0.05 for one in samples.robots])
+
+
+def measure_time(count: int) -> None:
+    """Print the CPU time of maps and scans of inspections of 1200 s, beyond motion."""
+    scenario = scenario_of("optimised-places", 1200.0, "random:0.48")
+    law, result = law_of_scenario(scenario, "the scenario"), simulate(scenario, 7, count)
+    patches = declared((1.0, 1.0))
+
+    def scanned(samples: Samples) -> None:
+        logs = log_likelihoods(shares_of(samples, patches), samples.column("log_ratio")[:, None])
+        scan_statistic(patches, logs)
+        raster(patches, logs[:, 0], 0.5, 40, samples.size_m)
+
+    def whole(run: int) -> None:
+        samples = samples_of_result(result, run, law)
+        tile_map(samples, np.linspace(240.0, 1200.0, 5))
+        scanned(samples)
+
+    found = [samples_of_result(result, run, law) for run in range(count)]
+    made: dict[str, list[Callable[[], object]]] = {
+        "map of 25 tiles": [partial(tile_map, one, [1200.0]) for one in found],
+        "60 maps of 25 tiles": [partial(tile_map, one, np.linspace(20.0, 1200.0, 60)) for one in found],
+        "T and raster of 40 x 40": [partial(scanned, one) for one in found],
+        "samples, 5 maps, T and raster": [partial(whole, run) for run in range(count)],
+    }
+    for words, calls in made.items():
+        calls[0]()
+        each_ms = []
+        for call in calls:
+            begin = time.process_time()
+            call()
+            each_ms.append(1000.0 * (time.process_time() - begin))
+        mean, least = np.mean(each_ms), min(each_ms)
+        print(f"{words}: {mean:.2f} ms of CPU on average, least {least:.2f} ms", flush=True)
 
 
 if __name__ == "__main__":

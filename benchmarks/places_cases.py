@@ -82,6 +82,7 @@ WRONG: Final[dict[str, Case]] = {
     "mean speed told 0.9": Case(values=told(assumed_speed_factor=0.9), rows=MONITORED),
     "mean speed told 1.3": Case(values=told(assumed_speed_factor=1.3), rows=MONITORED),
     "wheels slip 10 %": Case(values=told(assumed_speed_factor=1.2), rows=MONITORED),
+    "rays of 10 mm noise told 4": Case(values={"rays.noise_m": 0.01}, rows=MONITORED),
     "rays of 20 mm noise told 4": Case(values={"rays.noise_m": 0.02}, rows=MONITORED),
     "rays of 20 mm noise told 20": Case(
         values={"rays.noise_m": 0.02} | told(ray_noise_m=0.02), rows=MONITORED
