@@ -111,7 +111,7 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     stop_after(1, monkeypatch)
     assert main([*command, "--force"]) == 130
     assert "0-first" in added, "anew"
-    assert "--force" not in capsys.readouterr().err, "which would begin anew once more"
+    assert "--force" not in capsys.readouterr().err, "it would discard the saved work"
     Path("other.toml.runs").mkdir()
     Path("other.toml.runs/notes.txt").write_text("mine")
     assert "other.toml.runs" in refusal_of(capsys, *command[:-1], "other.toml")

@@ -150,7 +150,7 @@ def resume_hint() -> str:
         return "interrupted; nothing is saved: with --out, finished work is saved and can be resumed"
     if not out.is_dir() or not any(out.iterdir()):
         return "interrupted; nothing is saved yet"
-    # With --force the command would begin anew.
+    # --force would discard the saved work and start over.
     command = shlex.join(["vibroswarm", *(word for word in _work.words if word != "--force")])
     return f"interrupted; finished work is saved in '{out}'. To resume: {command}"
 

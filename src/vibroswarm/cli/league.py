@@ -186,7 +186,6 @@ def tune(
       vibroswarm league tune --strategy none,soft --seed 101 --out settings.toml
       vibroswarm league --strategy none,soft --settings settings.toml --seed 2
     """
-    from vibroswarm.documents.saved import begin, refuse_other
     from vibroswarm.league.tuning import read_spaces
     from vibroswarm.league.tuning import spaces as shipped_spaces
     from vibroswarm.league.tuning import tune as tuned_by
@@ -203,14 +202,8 @@ def tune(
         # The file is opened before the work, so that a name that cannot be written is refused at once.
         file = None if out is None else stack.enter_context(whole_file(out, replace=force))
         progress = stack.enter_context(progress_bar("tuning"))
-        runs_folder = None if out is None else folder_of_runs(out)
+        runs_folder = None if out is None else _runs_beside(out, force)
         saves_in(runs_folder, resumes=True)
-        if runs_folder is not None and force and runs_folder.exists():
-            remove_folder(runs_folder)
-        if runs_folder is not None:
-            if runs_folder.exists():
-                refuse_other(runs_folder, "league tune")  # it is removed at the end
-            begin(runs_folder, "league tune")
         tuned = tuned_by(
             base,
             names,
@@ -231,3 +224,20 @@ def tune(
         remove_folder(runs_folder)
     print_document(tuned)
     print_saved_file(out)
+
+
+def _runs_beside(out: Path, force: bool) -> Path:
+    """Return the folder of a tuning's runs, to be filled; one that the same command has begun goes on.
+
+    Raises:
+        InputError: it holds something else, and would be removed at the end.
+    """
+    from vibroswarm.documents.saved import begin, refuse_other
+
+    folder = folder_of_runs(out)
+    if folder.exists() and force:
+        remove_folder(folder)
+    elif folder.exists():
+        refuse_other(folder, "league tune")
+    begin(folder, "league tune")
+    return folder

@@ -94,10 +94,7 @@ def assess(
     """
     question = question or Question()
     done = progress or (lambda share: None)
-    if question.contrasts != (1.0,) and not samples.law.has_contrasts:
-        raise InputError(
-            "a law of few different readings, such as 0 and 1, has one contrast; give 1", field="--contrasts"
-        )
+    _check_contrasts(question, samples)
     patches = declared(samples.size_m, sides_m)
     check_fits(question, samples.size_m)  # before the scan, which may take minutes
     shares = shares_of(samples, patches)
@@ -142,6 +139,13 @@ def assess(
         own,
         weakest_found(*known, false, **drawn) if samples.law.has_contrasts else None,
     )
+
+
+def _check_contrasts(question: Question, samples: Samples) -> None:
+    if question.contrasts != (1.0,) and not samples.law.has_contrasts:
+        raise InputError(
+            "a law of few different readings, such as 0 and 1, has one contrast; give 1", field="--contrasts"
+        )
 
 
 def _refusals(samples: Samples, checks: pl.DataFrame) -> Iterator[str]:

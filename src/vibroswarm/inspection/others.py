@@ -123,7 +123,8 @@ def by_patches(samples: Samples, patches: Patches, shares: Shares, critical: flo
             close |= within(box, x_m, y_m, CLEAR_M, CLEAR_M)
             step_m = max(step_m, Form(*box[2:]).step_m)
         # Most inspections call nothing, and a raster takes longer than the scan.
-        maps[one] = (close * joined(patches, steps, prior, samples.size_m) if boxes else 0.0 * close).ravel()
+        cells = joined(patches, steps, prior, samples.size_m) if boxes else 0.0
+        maps[one] = np.where(close, cells, 0.0).ravel()
     seen = samples.with_more_spread(step_m)
     return _judged(replace(seen, floor=grid_of(CELLS, CELLS, samples.size_m)), maps)
 
