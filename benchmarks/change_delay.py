@@ -11,6 +11,7 @@ as the table of docs/figures/change.md, which says what the numbers mean.
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 import time
@@ -193,8 +194,12 @@ def words(found: Interval, scale: float = 1.0, digits: int = 0, sign: str = "") 
 
 
 def main() -> None:
-    to_tune, to_test = [int(one) for one in sys.argv[1:3]] + [300, 600][len(sys.argv[1:3]) :]
-    names = sys.argv[3].split(",") if len(sys.argv) > 3 else list(GRIDS)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs_to_tune", type=int, nargs="?", default=300)
+    parser.add_argument("runs_to_test", type=int, nargs="?", default=600)
+    parser.add_argument("strategies", nargs="?", default=",".join(GRIDS))
+    given = parser.parse_args()
+    to_tune, to_test, names = given.runs_to_tune, given.runs_to_test, given.strategies.split(",")
     chosen: dict[float, dict[str, Settings]] = {fill: {} for fill in FILLS}
     print(
         "| floor | strategy | setting | left, % | delay, s | minus `forget`, s |\n|---|---|---|---|---|---|"

@@ -9,6 +9,7 @@ any of five robots tells of a change on a still floor (300 runs of seed 1, task 
 
 from __future__ import annotations
 
+import argparse
 from typing import Final
 
 import polars as pl
@@ -58,5 +59,6 @@ def print_false_changes() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     print_delays()
     print_false_changes()

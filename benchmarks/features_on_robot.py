@@ -8,6 +8,7 @@ arm-none-eabi-gcc with newlib, and qemu-system-arm.
 
 from __future__ import annotations
 
+import argparse
 import re
 import shutil
 import subprocess
@@ -108,4 +109,5 @@ def instructions(program: Path) -> list[int]:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     main()

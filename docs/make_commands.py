@@ -172,4 +172,5 @@ def sentence(text: str) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     TARGET.write_text(reference(), encoding="utf-8")

@@ -7,6 +7,7 @@ They have a background of their own, so that they are readable on light and on d
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
@@ -245,5 +246,6 @@ def model() -> str:
 PICTURES = {"inspection": inspection, "stages": stages, "model": model}
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     for name, draw in PICTURES.items():
         (TARGET / f"{name}.svg").write_text(draw(), encoding="utf-8")

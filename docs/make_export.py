@@ -7,6 +7,7 @@ It takes a minute, and needs arm-none-eabi-gcc with newlib, and qemu-system-arm.
 
 from __future__ import annotations
 
+import argparse
 import re
 import tempfile
 from pathlib import Path
@@ -65,6 +66,7 @@ def measured_and_timed(scenario: Scenario) -> tuple[Memory, Timing]:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     PAGE.write_text(
         re.sub(
             r"(<!-- made: strategies -->\n\n).*?(\n<!-- end -->)",

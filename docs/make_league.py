@@ -6,8 +6,8 @@ python docs/make_league.py out/own-motion
 
 from __future__ import annotations
 
+import argparse
 import re
-import sys
 from pathlib import Path
 
 import polars as pl
@@ -24,7 +24,9 @@ def row_of(row: dict[str, float]) -> str:
 
 def main() -> None:
     """Rewrite the table."""
-    standings = pl.read_csv(Path(sys.argv[1]) / "standings.csv").sort("forced_error")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    standings = pl.read_csv(parser.parse_args().folder / "standings.csv").sort("forced_error")
     lines = [
         "| strategy | forced error, % | decision time, s | bytes of a robot |",
         "|---|---|---|---|",

@@ -6,7 +6,7 @@ python examples/fill_ratios.py out/fill-ratios out/figure
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import polars as pl
@@ -41,4 +41,8 @@ def main(study: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("study", type=Path)
+    parser.add_argument("figure", type=Path)
+    given = parser.parse_args()
+    main(given.study, given.figure)

@@ -5,7 +5,7 @@ python examples/own_cost.py [BUDGET]
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,4 +48,6 @@ def main(budget: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3000)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("budget", type=int, nargs="?", default=3000)
+    main(parser.parse_args().budget)

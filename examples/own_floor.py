@@ -5,7 +5,7 @@ python examples/own_floor.py [RUNS]
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 
@@ -34,4 +34,6 @@ def main(runs: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs", type=int, nargs="?", default=200)
+    main(parser.parse_args().runs)

@@ -5,7 +5,7 @@ python examples/replay_recording.py [DRAWS]
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from vibroswarm import Floor, preset
@@ -36,4 +36,6 @@ def main(draws: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 50)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("draws", type=int, nargs="?", default=50)
+    main(parser.parse_args().draws)

@@ -5,7 +5,7 @@ Three robots on a floor of 5 x 5 tiles whose motors run at 90 and 140 Hz: what t
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -47,4 +47,6 @@ def make(file: Path) -> None:
 
 
 if __name__ == "__main__":
-    make(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("acceleration.csv"))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path, nargs="?", default=Path(__file__).with_name("acceleration.csv"))
+    make(parser.parse_args().file)

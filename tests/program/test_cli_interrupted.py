@@ -100,7 +100,12 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
         stop_after(2, patched)
         assert main(command) == 130
     assert "the same 'vibroswarm league tune' command" in output_of(capsys, "show", "s.toml.runs")
-    assert "holds another study: seed" in refusal_of(capsys, *command, "--seed", "5")
+    assert "with other settings; give another --out" in refusal_of(capsys, *command, "--seed", "5")
+    with monkeypatch.context() as patched:
+        patched.setattr("vibroswarm.study.executors.versions", lambda: {"code": "later"})
+        said = refusal_of(capsys, *command)
+    assert "begun by other versions" in said
+    assert "); give another --out, or add --force" in said
     real = Store.add
     monkeypatch.setattr(
         Store, "add", lambda self, done: (added.append(self.folder.name), real(self, done))[1]
@@ -108,10 +113,20 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     assert main(command) == 0
     assert "0-first" not in added
     assert "0-third" in added
+    again = [*command, "--force"]
+    with monkeypatch.context() as patched:
+        stop_after(2, patched)
+        assert main(again) == 130
+    assert shlex.split(capsys.readouterr().err.partition("To resume: ")[2]) == ["vibroswarm", *again]
+    added.clear()
+    assert main(again) == 0
+    assert "0-first" not in added
+    with monkeypatch.context() as patched:
+        stop_after(2, patched)
+        assert main(again) == 130
     stop_after(1, monkeypatch)
-    assert main([*command, "--force"]) == 130
-    assert "0-first" in added, "anew"
-    assert "--force" not in capsys.readouterr().err, "it would discard the saved work"
+    assert main([*again, "--seed", "5"]) == 130
+    assert added.count("0-first") == 2, "runs of another question begin anew"
     Path("other.toml.runs").mkdir()
     Path("other.toml.runs/notes.txt").write_text("mine")
     assert "other.toml.runs" in refusal_of(capsys, *command[:-1], "other.toml")
@@ -120,13 +135,30 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
 
 def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):
     """A study is ``evaluate``'s unless another command made it; of the reproduction nothing was shown at all."""
-    stop_after(1, monkeypatch)
-    assert main(["detect", *RESUMED["detect"], "--out", "out"]) == 130
-    next(Path("out").glob("shards/*.json")).unlink()  # so few runs are done at once
+    Path("own.toml").write_text(
+        SEARCH.partition("[space]")[0].replace("[", 'name = "League"\nruns = 3\n[', 1)
+    )
+    began = {
+        "out": ["detect", *RESUMED["detect"], "--out", "out"],
+        "s.toml.runs/0-first": ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"],
+        "grid": ["optimize", "--method", "grid", "--runs", "1", "--out", "grid"],
+        "own": ["evaluate", "own.toml", "--out", "own"],
+    }
+    for folder, command in began.items():
+        with monkeypatch.context() as patched:
+            stop_after(1, patched)
+            assert main(command) == 130
+        next(Path(folder).glob("shards/*.json")).unlink()  # so few runs are done at once
     begin(Path("paper"), "reproduce")
-    for folder, command in (("out", "detect"), ("paper", "reproduce")):
+    for folder, command in (
+        ("out", "detect"),
+        ("s.toml.runs/0-first", "league tune"),
+        ("grid", "optimize --method grid"),
+        ("paper", "reproduce"),
+    ):
         said = f"the same 'vibroswarm {command}' command again"
         assert said in output_of(capsys, "show", folder)
+    assert "To resume: vibroswarm evaluate own/study.toml --out own" in output_of(capsys, "show", "own")
 
 
 def test_what_is_said_without_a_folder(here, monkeypatch, capsys):

@@ -111,7 +111,13 @@ def test_times_may_be_timestamps(tmp_path, capsys, sep, zone):
     assert main([word.format(out=tmp_path / "stamped") for word in command]) == 0
     times_s = Recording.read(tmp_path / "stamped").motion["time_s"].sort()
     assert times_s.to_numpy() == pytest.approx(sorted((int(row.split(",")[0]) - 3040) / 1000 for row in rows))
-    for wrong in (f"2026-05-01T23:59:05{'' if zone else 'Z'}", f"2026-02-30T10:00:00{zone}", "7"):
+    other = "" if zone else "Z"
+    for wrong in (
+        f"2026-05-01T23:59:05{other}",
+        f"2026-02-30T10:00:00{zone}",
+        f"2026-05-01T23:59:60{zone}",
+        "7",
+    ):
         stamped[5] = ",".join([wrong, rows[5].partition(",")[2]])
         log.write_text("\n".join([head, *stamped]))
         refusal = refusal_of(capsys, *command)

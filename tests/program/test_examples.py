@@ -17,7 +17,8 @@ from vibroswarm.cli import main
 from vibroswarm.optimize import Search
 from vibroswarm.study.plan import plan_of
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
 SCRIPTS = ("fill_ratios", "first_run", "own_cost", "own_floor", "replay_recording")
 
 
@@ -38,6 +39,18 @@ def run_example(tmp_path, monkeypatch, capsys):
 
 def test_every_script_is_tested():
     assert tuple(sorted(path.stem for path in EXAMPLES.glob("*.py"))) == SCRIPTS
+
+
+def test_help_of_a_script_starts_no_work(run_example):
+    scripts = [
+        path for folder in ("benchmarks", "docs", "examples") for path in (ROOT / folder).rglob("*.py")
+    ]
+    texts = {path: path.read_text(encoding="utf-8") for path in scripts}
+    asked = [text for text in texts.values() if "__main__" in text or "sys.argv" in text]
+    assert all("ArgumentParser(" in text for text in asked)
+    for name in SCRIPTS:
+        with pytest.raises(SystemExit, match="0"):
+            run_example(name, "--help")
 
 
 def test_first_run(run_example):

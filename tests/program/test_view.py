@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -237,6 +238,31 @@ def test_the_server_is_for_this_machine_only_and_prints_nothing(
     finally:
         server.stop()
     assert capsys.readouterr().out == ""
+
+
+def test_one_server_may_stop_while_another_starts(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    viser = pytest.importorskip("viser")
+    first, output = Server(result, 2), sys.stdout
+    stop, start = first.server.stop, viser.ViserServer
+    stops, starts = threading.Event(), threading.Event()
+    thread = threading.Thread(target=first.stop)
+
+    def slow_stop() -> None:
+        stops.set()
+        starts.wait(1.0)
+        stop()
+
+    def slow_start(*arguments: Any, **options: Any) -> Any:
+        starts.set()
+        thread.join()
+        return start(*arguments, **options)
+
+    monkeypatch.setattr(first.server, "stop", slow_stop)
+    monkeypatch.setattr(viser, "ViserServer", slow_start)
+    thread.start()
+    stops.wait()
+    Server(result, 2).stop()
+    assert sys.stdout is output
 
 
 def answered(port: int, *headers: str) -> int:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from vibroswarm import preset
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.space import PAPER, Dimension, Space
+from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.words import search_of
 
 
@@ -55,6 +56,28 @@ def test_a_space_may_choose_whether_robots_revise(tmp_path: Path) -> None:
     file = tmp_path / "search.toml"
     file.write_text('[space]\n"decision.revise" = [true, false]\n"strategy.name" = ["none", "soft"]\n')
     assert "decision.revise" in search_of(file).space.names
+
+
+def test_a_base_need_not_fit_together_without_the_space(tmp_path: Path) -> None:
+    """The paper's strategy reads two classes, and the sensor of the base tells three."""
+    file = tmp_path / "search.toml"
+    text = """
+        [scenario]
+        sensor.model = "confusion"
+        task.name = "majority"
+        floor.source = "random:0.4,0.36,0.24"
+        [space]
+        "strategy.name" = ["dirichlet", "averaging"]
+        [search]
+        method = "random"
+    """
+    file.write_text(text)
+    search = search_of(file)
+    assert [cell.scenario.strategy.name for cell in search.cases] == ["dirichlet"]
+    assert Search.from_toml(search.to_toml()).hash == search.hash
+    file.write_text(text.replace("dirichlet", "soft"))
+    with pytest.raises(InputError, match="'none' reads 0 or 1"):
+        search_of(file)
 
 
 def test_a_log_scale_has_its_geometric_mean_in_the_middle() -> None:

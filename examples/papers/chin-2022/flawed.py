@@ -3,14 +3,16 @@
 python examples/papers/chin-2022/flawed.py out/chin-2022-unknown
 """
 
-import sys
+import argparse
 
 import polars as pl
 
 from vibroswarm import StudyResult
 from vibroswarm.analysis.intervals import mean_interval
 
-result = StudyResult.open(sys.argv[1])
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("folder")
+result = StudyResult.open(parser.parse_args().folder)
 for number, cell in enumerate(result.study.cells):
     scenario = cell.scenario
     if scenario.strategy.name != "asdf":

@@ -150,9 +150,8 @@ def resume_hint() -> str:
         return "interrupted; nothing is saved: with --out, finished work is saved and can be resumed"
     if not out.is_dir() or not any(out.iterdir()):
         return "interrupted; nothing is saved yet"
-    # --force would discard the saved work and start over.
-    command = shlex.join(["vibroswarm", *(word for word in _work.words if word != "--force")])
-    return f"interrupted; finished work is saved in '{out}'. To resume: {command}"
+    # --force stays: it replaces no work of the same command, but a file that is written at last.
+    return f"interrupted; finished work is saved in '{out}'. To resume: {shlex.join(['vibroswarm', *_work.words])}"
 
 
 def folder_of_runs(file: Path) -> Path:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 from vibroswarm.cli.command_line import Option
@@ -24,6 +25,7 @@ from vibroswarm.cli.options import (
     SeveralStrategies,
     Where,
 )
+from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, progress_bar
 from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
 from vibroswarm.cli.studies import claim_study, print_plan
@@ -195,15 +197,21 @@ def tune(
     if note:
         say(note)
     warned(base)
-    refuse_settings(scenario.settings, [base.with_values({"strategy.name": name}) for name in names])
+    tuned_scenarios = [base.with_values({"strategy.name": name}) for name in names]
+    refuse_settings(scenario.settings, tuned_scenarios)
     # the search spaces of the package, and those of the user's file in their place
     space_of = shipped_spaces(own_motion) | (read_spaces(spaces) if spaces else {})
     with ExitStack() as stack:
         # The file is opened before the work, so that a name that cannot be written is refused at once.
         file = None if out is None else stack.enter_context(whole_file(out, replace=force))
         progress = stack.enter_context(progress_bar("tuning"))
-        runs_folder = None if out is None else _runs_beside(out, force)
-        saves_in(runs_folder, resumes=True)
+        hashes = [one.hash for one in tuned_scenarios]
+        asked = (hashes, floors, robots, space_of, points, runs, scenario.seed)
+        saves_in(None, resumes=True)
+        runs_folder = None
+        if out is not None:
+            runs_folder = _runs_beside(out, force, *asked)
+            stack.callback(_remove_unused, runs_folder)
         tuned = tuned_by(
             base,
             names,
@@ -226,18 +234,32 @@ def tune(
     print_saved_file(out)
 
 
-def _runs_beside(out: Path, force: bool) -> Path:
-    """Return the folder of a tuning's runs, to be filled; one that the same command has begun goes on.
+def _runs_beside(out: Path, force: bool, *asked: object) -> Path:
+    """Return the folder of a tuning's runs, to be filled; runs of the same question are used again, with --force too.
 
+    Args:
+        asked: all that the runs depend on.
     Raises:
-        InputError: it holds something else, and would be removed at the end.
+        InputError: the folder holds something else, and would be removed at the end.
     """
-    from vibroswarm.documents.saved import begin, refuse_other
+    from vibroswarm.core.folders import has_manifest, matching, read_definition
+    from vibroswarm.documents.saved import begin, hash_of, refuse_other
+    from vibroswarm.study.executors import check_begun_by
+
+    work = hash_of(*asked)
+
+    def check(folder: Path) -> None:
+        refuse_other(folder, "league tune", work)
+        for round_ in filter(has_manifest, matching(folder, "*")):
+            check_begun_by(read_definition(round_, "study")["versions"], folder)
 
     folder = folder_of_runs(out)
-    if folder.exists() and force:
-        remove_folder(folder)
-    elif folder.exists():
-        refuse_other(folder, "league tune")
-    begin(folder, "league tune")
+    claim(SimpleNamespace(out=folder, force=force), check)
+    begin(folder, "league tune", work)
     return folder
+
+
+def _remove_unused(folder: Path) -> None:
+    """Remove the folder of a tuning's runs if the tuning ended before any, so that no later one is refused for it."""
+    if not any(path.is_dir() for path in folder.iterdir()):
+        remove_folder(folder)

@@ -30,7 +30,8 @@ from vibroswarm.core.atomic_io import (
 from vibroswarm.errors import InputError
 
 ADVICE = re.compile(
-    r"; (take another folder|give the name of a new folder|give the name of a file|choose another name.*)$"
+    r"; (take another folder|give the name of a new folder|give the name of a file|choose another name.*|"
+    r"continue with those, choose a new folder.*)$"
 )
 """Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
 

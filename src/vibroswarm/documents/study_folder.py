@@ -16,8 +16,6 @@ from vibroswarm.study.store import Store, resume_command
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
-BEGUN_BY: Final = {"League": "league", "Detection": "detect"}
-"""Commands other than ``evaluate``, by the name of their study: they say more of its runs."""
 MOST_FAILED: Final = 5
 """Batches that are listed one by one."""
 
@@ -38,6 +36,7 @@ def study_state(store: Store) -> dict[str, Any]:
     return {
         "folder": str(store.folder),
         "name": study.name,
+        "command": store.command,
         "study_hash": study.hash,
         "seed": study.seed,
         "varied": study.varied,
@@ -85,9 +84,9 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
         f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
         for versions in about["made_by"]
     ]
-    begun_by = BEGUN_BY.get(about["name"])
+    command = about["command"]
     again = (
-        f"run the same 'vibroswarm {begun_by}' command again" if begun_by else resume_command(about["folder"])
+        f"run the same 'vibroswarm {command}' command again" if command else resume_command(about["folder"])
     )
     return Document(
         title=about["name"] or "Study",

@@ -103,6 +103,8 @@ class League(NotebookView):
     """Number of runs of each entry, floor and swarm size."""
     seed: int = 1
     """Seed of all runs."""
+    command: str = "league"
+    """The words of the command that continues its runs."""
 
     @property
     def boundaries(self) -> set[float]:
@@ -173,6 +175,7 @@ class League(NotebookView):
             seed=self.seed,
             floors=floors,
             name="League",
+            command=self.command,
         )
 
     def play(self, folder: Path | None = None, **how: Any) -> Standings:

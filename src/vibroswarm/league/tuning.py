@@ -156,7 +156,13 @@ def tune(
     def play(part: str, number: int, entries: Sequence[Entry]) -> Standings:
         """Play entries with the runs and seed of a round, from 0; runs are saved in the subfolder ``part``."""
         league = League(
-            base, tuple(entries), tuple(floors), tuple(robots), runs=runs * ROUNDS[number], seed=seed + number
+            base,
+            tuple(entries),
+            tuple(floors),
+            tuple(robots),
+            runs=runs * ROUNDS[number],
+            seed=seed + number,
+            command="league tune",
         )
         return league.play(None if folder is None else folder / part, **how)
 

@@ -28,6 +28,7 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -56,7 +57,7 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.factors import check_names
-from vibroswarm.study.spec import Cell, Study, as_toml
+from vibroswarm.study.spec import Cell, Study, as_toml, with_fields
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""
@@ -249,8 +250,8 @@ class Search(NotebookView):
         for key in values:
             if nearest(key, KEYS) and not nearest(key, [*study_keys, "scenario", "grid", "list"]):
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
-        study = Study.from_values(values, name=name, folder=folder)
         block = search_values.get("space")
+        study = _study_beside(block, values, name, folder)
         check_kind(block, (Mapping, NoneType), "space", "a table of fields with bounds")
         start = search_values.get("start")
         check_kind(start, (list, NoneType), "start", "a list of presets or of tables of values")
@@ -492,6 +493,28 @@ def _settings(kind: Any, block: Any, name: str) -> Any:
     check_kind(block, Mapping, name, "a table of settings")
     check_names(block, [f.name for f in fields(kind)], "setting", of=f"{name}.")
     return kind(**block)
+
+
+def _study_beside(space: Any, values: dict[str, Any], name: str, folder: str | Path | None) -> Study:
+    """Return the study of a search's file, whose base may fit together only with values that are searched over.
+
+    Such a base gets the first of these values, which every candidate replaces.
+
+    Args:
+        space: the block ``space``, of any kind. values: the keys of a study. name, folder: as of ``from_toml``.
+    Raises:
+        InputError: something is wrong; the message is that of the base alone.
+    """
+    try:
+        return Study.from_values(values, name=name, folder=folder)
+    except InputError:
+        base = values.get("scenario")
+        if isinstance(space, Mapping) and isinstance(base, Mapping):
+            with suppress(InputError):
+                first = {one.name: one.value(0.0) for one in Space.of(space)}
+                fitting = {**values, "scenario": with_fields(base, first)}
+                return Study.from_values(fitting, name=name, folder=folder)
+        raise
 
 
 def check_scenario(scenario: Scenario, where: str) -> None:

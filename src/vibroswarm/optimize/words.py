@@ -112,7 +112,8 @@ def grid_of(
     grid = Grid.paper() if file is None else Grid.read(file)
     grid.study.check_effects()
     study = grid.study if runs is None else grid.study.with_runs(runs)
-    study = study if seed is None else replace(study, seed=seed)
+    command = "optimize --method grid"
+    study = replace(study, seed=study.seed if seed is None else seed, command=command)
     fresh = FRESH if fresh is None else fresh
     fresh = whole_number_of(fresh, "--fresh", 2, 10**9)
     return Grid(study, grid.objective if cost is None else Objective(cost)), fresh

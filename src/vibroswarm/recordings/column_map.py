@@ -227,9 +227,10 @@ def seconds_of(
     texts = stripped.str.replace(" ", "T", literal=True)
     times = texts.str.to_datetime("%FT%T%.f%#z" if has_zone else "%FT%T%.f", time_unit="us", strict=False)
     is_missing = stripped.is_in(list(missing))
-    wrong = times.is_null() & ~is_missing
+    # A leap second is read as the second after it, so that times after it would be 1 s early.
+    wrong = (times.is_null() | stripped.str.contains(r":\d\d:60")) & ~is_missing
     like = "2026-05-01T10:00:00.250Z" if has_zone else "2026-05-01T10:00:00.250"
-    words = f"in column '{column}' is not a time such as {like} (all times have a zone, or none has)"
+    words = f"in column '{column}' is not a time such as {like} (seconds below 60; all times have a zone, or none has)"
     _refuse_first(wrong, lines, name, lambda k: f"'{str(cells[k])[:40]}' {words}")
     seconds = pl.select(pl.when(~is_missing).then(times)).to_series()
     seconds = (seconds - seconds.min()).dt.total_microseconds() / 1e6

@@ -106,7 +106,7 @@ def detection_study(
         swarm__robots=list(robots),
         floor__source=[source_of("random", fill) for fill in fills],
     )
-    return replace(study, name="Detection")  # by which ``show`` knows it
+    return replace(study, name="Detection", command="detect")
 
 
 def detection_of(

@@ -160,6 +160,7 @@ class Study(NotebookView):
             name them.
         name: a title.
         folder: folder of the floor files that the study names; None: the current folder.
+        command: the words of the command that continues the study, for its folder's manifest; empty: ``evaluate``.
     Raises:
         InputError: something is wrong; the message names it, and says what would be right.
     """
@@ -174,6 +175,7 @@ class Study(NotebookView):
     floors: Mapping[str, Sequence[str] | Sequence[Sequence[float]]] = field(default_factory=dict)
     name: str = ""
     folder: Path | None = field(default=None, compare=False)
+    command: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         """Check all fields and bring each into one form.
@@ -190,6 +192,7 @@ class Study(NotebookView):
         check_kind(self.base, Mapping, "base", "a scenario, or its sections by name")
         check_kind(self.vary, Mapping, "vary", "a table of blocks, such as {'grid': {field: values}}")
         check_kind(self.name, str, "name", "a text")
+        check_kind(self.command, str, "command", "a text")
         check_kind(self.motion, str, "motion", "the name of a source of motion")
         check_kind(self.keep, (tuple, list), "keep", "a list of tables")
         object.__setattr__(self, "keep", tuple(self.keep))

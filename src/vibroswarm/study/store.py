@@ -103,6 +103,8 @@ class Store:
     """The stored batches that can be used, by group."""
     hash: str = ""
     """Hash of the study, as the version of this program that made the folder computed it; all shards name it."""
+    command: str = ""
+    """The words of the command that continues the study; empty: ``evaluate``."""
     broken: dict[str, str] = field(default_factory=dict)
     """Shards that cannot be used, and why."""
     left_over: int = 0
@@ -177,7 +179,7 @@ class Store:
             # Two different files of one name are refused before anything is written.
             code_files((cell.scenario for cell in study.cells), study.motion)
             make_folder(folder / SHARDS)
-            store = cls(folder, study)
+            store = cls(folder, study, command=study.command)
         store.write_head()
         return store
 
@@ -203,7 +205,8 @@ class Store:
             )
         same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
         check_definition(folder / MARKER, study.hash, saved_hash, manifest["versions"], same_text=same_text)
-        store = cls(folder, study, hash=saved_hash)
+        command = entry({"command": "", **manifest}, "command", str, folder / MANIFEST)
+        store = cls(folder, study, hash=saved_hash, command=command)
         check_is_folder(folder / SHARDS)
         if shards:
             store.refresh()
@@ -454,6 +457,7 @@ class Store:
             if not manifest.is_file():
                 self._check_written(text)
                 values = {"hash": self.hash, "text": _fingerprint(text), "versions": versions()}
+                values |= {"command": self.command} if self.command else {}
                 write_file(manifest, manifest_text("study", **values))
             write_code(self.root, (cell.scenario for cell in self.study.cells), self.study.motion)
             (self.root / SHARDS).mkdir(exist_ok=True)

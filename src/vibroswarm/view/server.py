@@ -222,7 +222,8 @@ def _started(module: Any, port: int) -> Any:
 
 
 _starting: Final = threading.Lock()
-"""Held while a server starts, since the function that is replaced meanwhile is one for all threads."""
+"""Held while a server starts or stops: the function and the standard output that are replaced meanwhile are one for all
+threads."""
 
 
 def is_own_request(hosts: Sequence[str], origins: Sequence[str]) -> bool:
@@ -244,7 +245,7 @@ def is_own_request(hosts: Sequence[str], origins: Sequence[str]) -> bool:
 
 
 def _stop(server: Any) -> None:
-    with redirect_stdout(io.StringIO()):
+    with _starting, redirect_stdout(io.StringIO()):
         server.stop()
 
 
