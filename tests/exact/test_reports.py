@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import polars as pl
 import pytest
 from scipy.stats import t as t_law
 
+from helpers.commands import output_of
 from vibroswarm import Result, Scenario, Study, preset, simulate, tasks
 from vibroswarm.analysis.figures import BY_NAME, Swarms
 from vibroswarm.analysis.reports_over_time import reports_over_time
@@ -188,6 +190,13 @@ def test_an_array_of_the_state_is_reported_after_each_sample(counted: Scenario) 
     picture = draw_run_reports(result)
     assert [axes.get_title() for axes in picture.figure.axes if axes.get_title()][-1] == "share (of tiles)"
     assert "dashed: the true number, 0.48" in picture.caption
+
+
+def test_a_unit_at_the_end_of_a_name_is_shown_once(capsys: pytest.CaptureFixture[str]) -> None:
+    tells = ("--strategy", "reset", "--task", "changed", "--set", "strategy.reset.tells_change=true")
+    inverted = ("--floor", "random:0.12", "--set", "change.at_s=300", "--set", "change.to=invert")
+    text = output_of(capsys, "run", *tells, *inverted, "--set", "run.t_end_s=600")
+    assert re.search(r"^robot +changes +changed \(s\)$", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])

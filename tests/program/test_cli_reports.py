@@ -277,6 +277,14 @@ def test_detect_needs_no_floor_of_the_preset_on_other_tiles(capsys: pytest.Captu
         ),
         ("detect --strategy soft --runs 2", "'soft' is neutral at a boundary of 0.5 only"),
         (
+            "detect --strategy soft --runs 2",
+            'set decision.boundary_of = "readings", or choose another strategy',
+        ),
+        (
+            "detect --strategy soft --runs 2 --more-than 3% --tiles 10x10",
+            "0.1651 of the readings; choose another",
+        ),
+        (
             "detect --boundary-of readings --set decision.boundary_of=tiles",
             "--boundary-of: is also set by --set",
         ),

@@ -224,7 +224,7 @@ def test_a_difference_at_equal_error_without_limits_is_not_called_insignificant(
     matched = MatchedError(True, 0.1, 769.0, unknown, unknown)
     told = at_equal_error(answer(*PUBLISHED, matched=matched), matched)
     assert "no significant difference" not in told
-    assert "-127 s; limits take 300 runs." in told
+    assert "-127 s; an interval needs 300 runs." in told
 
 
 def test_the_question_names_only_what_all_cells_share() -> None:

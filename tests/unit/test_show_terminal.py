@@ -190,6 +190,7 @@ def test_a_terminal_acts_on_no_text_of_a_file() -> None:
 def test_sections_of_figures_alone_are_left_out() -> None:
     drawn = Figure("picture", lambda style: pytest.fail("a terminal draws nothing"))
     assert printed(Section("Pictures", (drawn, Section("More", (drawn,))))) == "It is.\n"
+    assert printed(Section("Pictures", (drawn, Text("What it shows.", "aside")))) == "It is.\n"
 
 
 @pytest.mark.parametrize(

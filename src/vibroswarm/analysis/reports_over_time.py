@@ -45,7 +45,8 @@ def report_headings(result: Result, names: Iterable[str]) -> dict[str, str]:
 
 def report_heading(name: str, place: int | str = "", unit: str = "") -> str:
     """Return a report and its unit in words, such as "trust 3 (m)"; ``place`` is that of a value in an array."""
-    return " ".join(filter(None, (name.replace("_", " "), str(place), f"({unit})" if unit else "")))
+    words = name.removesuffix(f"_{unit}").replace("_", " ")
+    return " ".join(filter(None, (words, str(place), f"({unit})" if unit else "")))
 
 
 def estimates_of(result: Result) -> list[str]:

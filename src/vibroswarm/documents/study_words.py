@@ -180,7 +180,7 @@ def at_equal_error(answer: Answer, found: MatchedError) -> str:
     where = f"At equal error ({percent(found.error)}, that of {erring_more}), each with its best settings: "
     difference = found.time_difference_s
     if math.isnan(difference.low) or math.isnan(difference.high):
-        return f"{where}{_signed('decision_time_s', difference)}; limits take {FEWEST} runs."
+        return f"{where}{_signed('decision_time_s', difference)}; an interval needs {FEWEST} runs."
     reaching = answer.reference_name if found.of_first else answer.first_name
     unsure = "" if math.isfinite(difference.high - difference.low) else f" ∞: {reaching} may not reach it."
     # There is no p-value at equal error: the difference is significant if its interval excludes 0.

@@ -81,7 +81,8 @@ def readings_boundary(scenario: Scenario) -> float:
         raise InputError(
             f"'{scenario.strategy.name}' is neutral at a boundary of 0.5 only, and this one is tested at "
             f"{tested:.4f} of the readings; "
-            'set decision.boundary_of = "readings", or another strategy',
+            + ('set decision.boundary_of = "readings", or choose' if x == 0.5 else "choose")
+            + " another strategy",
             field="strategy.name",
         )
     return tested

@@ -302,7 +302,7 @@ def _check_kinds(s: Sections) -> None:
         return
     if readings > 2 and not strategy.many_readings:
         raise InputError(
-            f"'{s.strategy.name}' reads 0 or 1, and the sensor '{s.sensor.model}' tells {readings} classes; choose a "
+            f"'{s.strategy.name}' reads 0 or 1, and the sensor '{s.sensor.model}' has {readings} classes; choose a "
             "strategy for several kinds, such as dirichlet",
             field="strategy.name",
         )

@@ -114,10 +114,11 @@ class _Printer:
                 self.parts(part.parts)
 
     def is_shown(self, part: Part) -> bool:
-        """Return whether anything of a part is printed: no figure, nor a section that has figures only."""
+        """Return whether anything of a part is printed: no figure, nor a section of figures and asides about them."""
         if isinstance(part, Section):
             is_open = self.wide or not (part.folded or part.wide)
-            return is_open and any(map(self.is_shown, part.parts))
+            alone = (one for one in part.parts if not (isinstance(one, Text) and one.kind == "aside"))
+            return is_open and any(map(self.is_shown, alone))
         return isinstance(part, Text | Photos) or (isinstance(part, Table) and (self.wide or not part.folded))
 
     def text(self, text: Text) -> None:

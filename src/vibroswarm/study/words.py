@@ -84,6 +84,9 @@ def study_of(
             varied[FIELDS[word]] = values
     # If presets are varied, the base holds only the fields that words set; all others come from each preset.
     base = _base_of_presets(scenario) if "preset" in varied else _base_beside(varied, scenario)
+    for field, values in varied.items():  # code is loaded by now: its parameters are fields
+        with named(f"--vary {field}"):
+            fields_in({field: values}, "--vary")
     precision = _precision(runs, until, figure, max_runs)
     study = Study(
         base=base,
@@ -172,16 +175,13 @@ def _varied(texts: Sequence[str]) -> dict[str, list[Any]]:
     If a value is user code (FILE.py:NAME), the file is loaded, so that the code's name and fields are known.
 
     Raises:
-        InputError: a text is not of this form, a field does not exist or is given twice, or a value of user code
-            cannot be loaded.
+        InputError: a text is not of this form, a field is given twice, or a value of user code cannot be loaded.
     """
     vary: dict[str, list[Any]] = {}
     for text in texts:
         name, values = parse_values(text)
         if name in vary:
             raise InputError("is varied twice", field=f"--vary {name}")
-        with named(f"--vary {name}"):
-            fields_in({name: values}, "--vary")
         kind = name.partition(".")[0]
         names_code = kind in plugins.KINDS and name == plugins.field_of(kind)
         vary[name] = [chosen(kind, one) if names_code and plugins.is_code(one) else one for one in values]
