@@ -40,7 +40,7 @@ ROBOT = np.dtype(
     [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "from_x_m", "from_y_m", "from_heading_rad")]
     + [(name, np.float64) for name in ("misalignment", "speed_factor", "battery")]
     + [(name, np.float64) for name in ("speed_m_s", "rate_rad_s", "gyro_deg", "nearest_mm")]
-    + [(name, np.int64) for name in ("stop_tick", "drive_ticks", "turn_ticks", "avoid_ticks", "stop_ticks")]
+    + [(name, np.int64) for name in ("stop_tick", "stop_ticks", "drive_ticks", "turn_ticks", "avoid_ticks")]
     + [(name, np.float64) for name in ("dice_leg", "dice_turn", "dice_avoid")]
     + [(name, np.float64, (AT_ONCE,)) for name in ("speed_factors", "veer_shifts")]
     + [("drawn", np.float64, (2, AT_ONCE))]
@@ -58,8 +58,8 @@ ROBOT = np.dtype(
 * ``misalignment``, ``speed_factor``, ``battery``: its own wheel parameters.
 * ``speed_m_s``, ``rate_rad_s``: of the current control period; if the move is blocked, speed 0 and ``blocked`` 1.
 * ``gyro_deg``, ``nearest_mm``: readings of gyro and rays. ``ray_forward_m``: how far ahead its rays start.
-* ``stop_tick``: when its latest stop began; for a robot that has failed, see ``fail``. ``drive_ticks`` to
-  ``stop_ticks``: control periods spent in each mode since its latest sample.
+* ``stop_tick``: when its latest stop began; for a robot that has failed, see ``fail``. ``stop_ticks`` to
+  ``avoid_ticks``: control periods spent in each mode since its latest sample.
 * ``dice_``: its ``Dice``. ``speed_factors``, ``veer_shifts``: its speed factors, and the shifts of its
   misalignment, from AT_ONCE consecutive samples on. ``drawn``: room for their random numbers.
 * ``mode`` to ``samples``, ``leg_ms`` to ``next_leg_ms``: the ``WalkState`` of its program. ``sees_from_ms``: driving

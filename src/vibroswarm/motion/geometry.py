@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from vibroswarm.core.jit import inlined, kernel
 
 QUARTER_RAD: Final = math.pi / 2.0
@@ -65,9 +67,9 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
     which are then swapped and negated according to the quarter turns.
     """
     # QUARTER_REST_RAD corrects the rounding error of QUARTER_RAD.
-    quarters = math.floor(angle_rad * (2.0 / math.pi) + 0.5)
-    sine, cosine_less_1 = small_sin_cos(angle_rad - quarters * QUARTER_RAD - quarters * QUARTER_REST_RAD)
-    cosine = 1.0 + cosine_less_1
+    whole = np.floor(angle_rad * (2.0 / math.pi) + 0.5)
+    sine, cosine_less_1 = small_sin_cos(angle_rad - whole * QUARTER_RAD - whole * QUARTER_REST_RAD)
+    cosine, quarters = 1.0 + cosine_less_1, int(whole)
     if quarters & 1:
         sine, cosine = cosine, -sine
     if quarters & 2:
@@ -116,4 +118,4 @@ def disc_distance(
 @kernel
 def wrapped_rad(angle_rad: float) -> float:
     """Return the same angle in [-pi, pi)."""
-    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))
+    return angle_rad - 2.0 * math.pi * np.floor((angle_rad + math.pi) / (2.0 * math.pi))

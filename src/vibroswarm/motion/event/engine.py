@@ -83,7 +83,7 @@ def events(world: World, until: int) -> int:
         # and are not listed: the next robot overwrites their entry.
         count = 0
         while True:
-            world.awake[count] = key & ROBOT_BITS
+            world.awake[np.uint64(count)] = key & ROBOT_BITS
             if stops_at(planners[awake_robot(world, count)], world.setup, tick):
                 stop(world, awake_robot(world, count), tick)
             else:
@@ -123,9 +123,9 @@ def events(world: World, until: int) -> int:
 def awake_robot(world: World, k: int) -> int:
     """Return the number of the ``k``-th awake robot.
 
-    The list holds unsigned numbers, so compiled code need not check for negative indices, which count from the end.
+    Both numbers are unsigned as indices, so compiled code need not check for negative ones, which count from the end.
     """
-    return np.int64(world.awake[k])  # type: ignore[return-value]
+    return np.int64(world.awake[np.uint64(k)])  # type: ignore[return-value]
 
 
 @inlined
@@ -383,9 +383,9 @@ def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
     """
     row, setup = world.planners[i], world.setup
     row.self_event_tick = row.plan_end_tick = tick + ahead
-    is_due = ahead == due_ticks(DRIVE, row.timer_ms, setup)
     # The stop lasts until the tick after its sample (+ 1), at which the robot wakes. A robot that fails makes no stop.
-    if row.mode == DRIVE and is_due and row.self_event_tick < row.fails_tick:
+    is_fit_driver = row.mode == DRIVE and row.self_event_tick < row.fails_tick
+    if is_fit_driver and ahead == due_ticks(DRIVE, row.timer_ms, setup):
         row.plan_end_tick += ticks_to_sample(setup, 0) + 1
     set_chord(row, setup)
     if row.plan_end_tick > row.self_event_tick:

@@ -38,8 +38,8 @@ PLANNER = np.dtype(
     ]
     + [(name, np.int64) for name in ("end_turn_ticks", "written_tick")]
     + [(name, np.float64) for name in ("sin_h", "cos_h", "radius_m", "turn_gain", "intended_speed_m_s")]
-    + [(name, np.float64) for name in ("end_x_m", "end_y_m", "end_heading_rad", "end_sin_h", "end_cos_h")]
-    + [(name, np.float64) for name in ("end_error_deg", "end_integral_deg_s", "end_gyro_deg")]
+    + [(name, np.float64) for name in ("end_x_m", "end_sin_h", "end_y_m", "end_cos_h", "end_heading_rad")]
+    + [(name, np.float64) for name in ("end_error_deg", "end_gyro_deg", "end_integral_deg_s")]
     + [("cached_ticks", np.int64)]
     + [
         (name, np.float64)
@@ -49,8 +49,8 @@ PLANNER = np.dtype(
         (name, np.float64)
         for name in (
             "mid_x_m",
-            "mid_y_m",
             "chord_x_m",
+            "mid_y_m",
             "chord_y_m",
             "position_error_m",
             "max_step_m",
@@ -60,6 +60,9 @@ PLANNER = np.dtype(
 )
 """A robot (the fields of ``ROBOT``) and its plan.
 
+The order of fields matters for speed: numbers that are written one by one and soon copied together stand apart, as one
+wide read would have to wait until the writes have reached the processor's cache.
+
 * ``tick``: the plan starts here; the row's state is that after the step at this tick.
 * ``self_event_tick``: the robot's own next event: its sample timer, or the end of a leg, a turn or a stop.
   ``plan_end_tick``: the end of the plan: ``self_event_tick`` or, if the robot then stops to sample, the end of that
@@ -67,9 +70,9 @@ PLANNER = np.dtype(
   the sample at the end of a stop.
 * ``sin_h``, ``cos_h``: sine and cosine of the heading at ``tick``. ``radius_m``: of the arc or of the turn.
   ``turn_gain``: G.
-* ``end_x_m`` to ``end_cos_h``: a driver's pose at ``self_event_tick``.
+* ``end_x_m`` to ``end_heading_rad``: a driver's pose at ``self_event_tick``.
 * ``end_turn_ticks``: number of ticks from ``tick`` to a turning robot's own event; ``end_error_deg`` to
-  ``end_gyro_deg``: its error, integral and gyro just before the step there.
+  ``end_integral_deg_s``: its error, gyro and integral just before the step there.
 * ``cached_ticks`` to ``cached_y_m``: the same, and the position, that many ticks after ``tick``, where the turn was
   last computed for another robot.
 * ``blocked``: 1 if the move at ``tick`` was blocked; ``intended_speed_m_s`` is the speed that it would have had.
