@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
+import tracemalloc
 from collections.abc import Callable
 from fractions import Fraction
 
@@ -132,6 +133,17 @@ def test_a_quantile_is_the_value_that_fractions_name() -> None:
     """As .55 of 100, which is 55.00000000000001 in binary numbers."""
     for percent, n in itertools.product(range(1, 100), range(1, 201)):
         assert quantile_rank(percent / 100, n) + 1 == math.ceil(Fraction(percent, 100) * n)
+
+
+def test_a_quantile_of_many_runs_takes_little_memory() -> None:
+    """It took 7 times the values: probabilities of all ranks were computed."""
+    values = np.arange(100_000.0)
+    tracemalloc.start()
+    found = quantile_interval(values)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (found.low, found.high) == (49_689.0, 50_310.0)
+    assert peak < 4 * values.nbytes
 
 
 def test_quantiles_by_hand() -> None:

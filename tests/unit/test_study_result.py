@@ -108,7 +108,8 @@ def test_figures_of_many_runs_are_held_in_few_bytes(
     for cell, table in enumerate(held):
         figures = result.figures(cell)
         assert table.estimated_size() < 0.5 * figures.estimated_size()
-        assert_frame_equal(table.cast(dict(figures.schema)), figures, check_exact=True)
+        own = table.select(figures.columns).cast(dict(figures.schema))
+        assert_frame_equal(own, figures, check_exact=True)
 
 
 @pytest.mark.parametrize("number", [4, -1, "x", 1.0, None])

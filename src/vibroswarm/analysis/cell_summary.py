@@ -28,6 +28,7 @@ from vibroswarm.analysis.figures import FIGURES, ByRun, columns_of, interval, ru
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.analysis.intervals import columns_of as interval_columns
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.inference.outcomes import numbers
 
 
 @dataclass(frozen=True)
@@ -95,23 +96,23 @@ def summary(
             between 0 and 1.
     """
     table = run_figures(robots, runs, t_end_s, agreements, costs)
-    return summary_of(table, times_by_run(robots, t_end_s), t_end_s, level, seed)
+    return summary_of(table.with_columns(time_within_runs(robots, t_end_s)), t_end_s, level, seed)
 
 
-def summary_of(
-    table: pl.DataFrame, times: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0
-) -> CellSummary:
+def summary_of(table: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0) -> CellSummary:
     """Compute all figures of a cell from those of its runs.
 
     Args:
-        table: of ``run_figures``. times: of ``times_by_run``. t_end_s, level, seed: as of ``summary``.
+        table: of ``run_figures``, with the column of ``time_within_runs``. t_end_s, level, seed: as of ``summary``.
     """
     robot_counts = table["robots"].to_numpy()
     # Right and wrong are defined only in runs with a truth.
     with_truth = table.select("truth", "right", "robots").drop_nulls("truth")
     right, counts_with_truth = (with_truth[name].to_numpy() for name in ("right", "robots"))
     iccs = {
-        "decision_time": icc(*(times[name].to_numpy() for name in times.columns)),
+        "decision_time": icc(
+            *(numbers(table[name]) for name in ("decision_time_s", "time_within", "robots"))
+        ),
         "right": icc_of_counts(right, counts_with_truth),
         "undecided": icc_of_counts(table["undecided"].to_numpy(), robot_counts),
     }
@@ -132,13 +133,15 @@ def summary_of(
     )
 
 
-def times_by_run(robots: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
-    """Return the arguments of ``icc`` for min(decision time, t_end) of a table of robots, one row per run."""
+def time_within_runs(robots: pl.DataFrame, t_end_s: float) -> pl.Series:
+    """Return sums of squares of min(decision time, t_end), s^2, of a table of robots about the mean of their run.
+
+    The series ``time_within`` has a value for each run, sorted by run, as ``icc`` takes them.
+    """
     by_run = ByRun(robots)
     time_s = by_run.capped_time_s(t_end_s)
-    means = by_run.mean(time_s)
-    within = by_run.sum((time_s - np.repeat(means, by_run.count)) ** 2)
-    return pl.DataFrame({"means": means, "within": within, "sizes": by_run.count.astype(np.float64)})
+    squares = (time_s - np.repeat(by_run.mean(time_s), by_run.count)) ** 2
+    return pl.Series("time_within", by_run.sum(squares))
 
 
 def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -700,15 +701,13 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     if n == 0:
         return undefined(level, 0, "order statistics")
     tail = 0.5 - level / 2
-    ranks = np.arange(n + 1)
     # Thompson 1936: the number B of values below the quantile is binomial. The r-th smallest value is above the
     # quantile with the probability P(B <= r - 1), and below it with P(B >= r).
-    p_above, p_below = probability_at_most(ranks - 1, n, share), probability_above(ranks - 1, n, share)
-    # lower: the largest rank r with p_above <= tail, 0 if there is none. upper: the smallest rank r with
-    # p_below <= tail, n + 1 if there is none; p_below falls with r, and is negated because searchsorted needs rising
-    # values.
-    lower = int(np.searchsorted(p_above, tail, side="right")) - 1
-    upper = int(np.searchsorted(-p_below, -tail))
+    # lower: the largest rank r with P(B <= r - 1) <= tail, 0 if there is none. upper: the smallest rank r with
+    # P(B >= r) <= tail, n + 1 if there is none; this falls with r, and is negated because bisect needs rising values.
+    ranks = range(n + 1)
+    lower = bisect_right(ranks, tail, key=lambda rank: float(probability_at_most(rank - 1, n, share))) - 1
+    upper = bisect_left(ranks, -tail, key=lambda rank: -float(probability_above(rank - 1, n, share)))
     low = float(runs[lower - 1]) if lower >= 1 else -math.inf
     high = float(runs[upper - 1]) if upper <= n else math.inf
     middle = runs[[n // 2 - 1, n // 2]] if share == 0.5 and n % 2 == 0 else runs[[quantile_rank(share, n)]]

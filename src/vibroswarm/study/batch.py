@@ -337,8 +337,8 @@ def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDAr
 
 
 ROWS_AT_A_TIME: Final = 250_000
-"""Approximate number of samples in memory at a time. Most first blocks have fewer: a part of a block costs about 0.3 ms
-per cell besides its runs."""
+"""Approximate number of samples that a worker has in memory at a time. Most first blocks have fewer: a part of a block
+costs about 0.3 ms per cell besides its runs."""
 
 
 @dataclass(frozen=True, kw_only=True)

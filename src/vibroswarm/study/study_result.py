@@ -74,7 +74,7 @@ class _TemporaryFolder:
 
 ROWS_AT_A_TIME: Final = 400_000
 """Rows of a study (one per robot of a run) that are read at once by ``StudyResult.blocks``, to limit memory."""
-ROWS_IN_A_PART: Final = 20_000
+ROWS_IN_A_PART: Final = 10_000
 """Rows of a cell that are read at once to compute the figures of its runs."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
@@ -371,7 +371,7 @@ class StudyResult(NotebookView):
         for start in range(0, self.runs_of(cell), step):
             for rows in self._scans("robots", (cell,), start, start + step):
                 is_empty = False
-                yield tables_of(rows.select(read).sort("run", "robot").collect())
+                yield tables_of(rows.select(read).collect().sort("run", "robot"))
         if is_empty:
             self._scan("robots", (cell,))  # which raises
 

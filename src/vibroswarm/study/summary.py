@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import CellSummary, summary_of, times_by_run
+from vibroswarm.analysis.cell_summary import CellSummary, summary_of, time_within_runs
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.intervals import columns_of, mean_interval, within
 from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
@@ -217,22 +217,22 @@ def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tup
     """
     cell = result.study.cells[number]
     t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
+    walk = _walk(
+        result.tables(number, tuple(WALK))[1]
+    )  # first, so that its columns are freed before the figures
     parts = (
         (
-            _narrowed(figures),
-            times_by_run(robots, t_end_s),
-            runs.select(*WALK),
+            _narrowed(figures.with_columns(time_within_runs(robots, t_end_s))),
             robots.select(most=counted(cell.scenario)),
         )
-        for figures, robots, runs in result.parts(number)
+        for figures, robots, _ in result.parts(number)
     )
-    table, times, walked, most = (
-        pl.concat(part, how="vertical_relaxed") for part in zip(*parts, strict=True)
-    )
+    table, most = (pl.concat(part, how="vertical_relaxed") for part in zip(*parts, strict=True))
+    summary = summary_of(table, t_end_s)
     outcome = CellOutcome(
         cell=cell,
-        summary=_with_corrected_interval(summary_of(table, times, t_end_s), result, number, settled),
-        walk=_walk(walked),
+        summary=_with_corrected_interval(summary, result, number, settled),
+        walk=walk,
         decidable=decidability(cell.scenario),
         failed=failed,
         settled=settled,
