@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +18,8 @@ import pytest
 
 from helpers.commands import output_of, refusal_of
 from vibroswarm.cli import main
+from vibroswarm.core.atomic_io import MANIFEST, folder_lock
+from vibroswarm.core.folders import read_manifest
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.documents.saved import begin
 from vibroswarm.optimize.steps import SearchFolder
@@ -101,6 +106,8 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
         assert main(command) == 130
     assert "the same 'vibroswarm league tune' command" in output_of(capsys, "show", "s.toml.runs")
     assert "with other settings; give another --out" in refusal_of(capsys, *command, "--seed", "5")
+    with folder_lock(Path("s.toml.runs")):
+        assert f"s.toml.runs: is in use by process {os.getpid()}" in refusal_of(capsys, *command)
     with monkeypatch.context() as patched:
         patched.setattr("vibroswarm.study.executors.versions", lambda: {"code": "later"})
         said = refusal_of(capsys, *command)
@@ -133,6 +140,24 @@ def test_work_that_is_saved_is_not_done_again_nor_mixed_with_that_of_another_see
     assert Path("other.toml.runs/notes.txt").exists()
 
 
+@pytest.mark.usefixtures("here")
+def test_a_tuning_tells_whether_it_is_done_when_its_runs_go(monkeypatch, capsys):
+    command = ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"]
+
+    def stopped(folder: Path) -> None:
+        shutil.rmtree(folder)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:  # the user removes the folder during the work
+        patched.setattr(Store, "add", lambda self, done: stopped(Path("s.toml.runs")))
+        assert main(command) == 130
+    assert capsys.readouterr().err.endswith("interrupted; nothing is saved yet\n")
+    monkeypatch.setattr("vibroswarm.cli.league.remove_folder", stopped)
+    assert main(command) == 130
+    assert Path("s.toml").exists()
+    assert capsys.readouterr().err.endswith("vibroswarm: interrupted\n")
+
+
 def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):
     """A study is ``evaluate``'s unless another command made it; of the reproduction nothing was shown at all."""
     Path("own.toml").write_text(
@@ -159,6 +184,12 @@ def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):
         said = f"the same 'vibroswarm {command}' command again"
         assert said in output_of(capsys, "show", folder)
     assert "To resume: vibroswarm evaluate own/study.toml --out own" in output_of(capsys, "show", "own")
+    assert json.loads(output_of(capsys, "show", "own", "--json"))["command"] == "evaluate"
+    for folder in ("out", "paper"):  # written by somebody else
+        about = read_manifest(Path(folder)) | {"command": "x\n" * 100_000}
+        Path(folder, MANIFEST).write_text(json.dumps(about))
+        assert len(output_of(capsys, "show", folder)) < 1000
+        assert len(refusal_of(capsys, "inspect", "--out", folder)) < 1000
 
 
 def test_what_is_said_without_a_folder(here, monkeypatch, capsys):

@@ -30,7 +30,7 @@ from vibroswarm.cli.progress import STAGES, progress_bar
 from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
 from vibroswarm.cli.studies import claim_study, print_plan
 from vibroswarm.cli.terminal import say
-from vibroswarm.core.atomic_io import remove_folder, whole_file, write_files
+from vibroswarm.core.atomic_io import folder_lock, remove_folder, whole_file, write_files
 
 
 @dataclass(kw_only=True)
@@ -212,6 +212,8 @@ def tune(
         if out is not None:
             runs_folder = _runs_beside(out, force, *asked)
             stack.callback(_remove_unused, runs_folder)
+            # Another process would remove these runs, by --force or when it has finished.
+            stack.enter_context(folder_lock(runs_folder))
         tuned = tuned_by(
             base,
             names,
@@ -227,6 +229,7 @@ def tune(
         )
         if file is not None:
             file.write_text(tuned.to_toml(), encoding="utf-8", newline="\n")
+    saves_in(None, resumes=False)  # after Ctrl-C, nothing is left to resume
     # The file is complete, so the saved runs are no longer needed.
     if runs_folder is not None and runs_folder.exists():
         remove_folder(runs_folder)
@@ -261,5 +264,5 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Path:
 
 def _remove_unused(folder: Path) -> None:
     """Remove the folder of a tuning's runs if the tuning ended before any, so that no later one is refused for it."""
-    if not any(path.is_dir() for path in folder.iterdir()):
+    if folder.is_dir() and not any(path.is_dir() for path in folder.iterdir()):
         remove_folder(folder)

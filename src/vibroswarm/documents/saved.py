@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
 from vibroswarm.core.folders import REPORT, check_files, has_manifest, manifest_text, read_manifest
 from vibroswarm.core.untrusted_files import entry
-from vibroswarm.errors import InputError, warn_once
+from vibroswarm.errors import InputError, shown, warn_once
 from vibroswarm.show.data import document_from, document_values
 from vibroswarm.show.document import Document
 
@@ -86,7 +86,7 @@ def refuse_other(folder: Path, command: str, work: str = "") -> None:
     if "command" not in there:
         raise InputError(f"exists already but holds no results of '{command}'", field=str(folder))
     if there["command"] != command:
-        raise InputError(f"exists already and holds results of '{there['command']}'", field=str(folder))
+        raise InputError(f"exists already and holds results of {shown(there['command'])}", field=str(folder))
     if there.get("work") != work:
         raise InputError(
             f"exists already and holds results of '{command}' with other settings", field=str(folder)

@@ -15,7 +15,7 @@ from vibroswarm.core.folders import check_files, check_written, kind_of, read_ma
 from vibroswarm.core.tables import MAX_BYTES, read_frame
 from vibroswarm.core.untrusted_files import check_plain, entry, parsed_toml, read_bytes, read_text
 from vibroswarm.documents.saved import PRINTED, Shown, read_printed
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 from vibroswarm.show.document import Document
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def _result_document(folder: Path, kind: str | None) -> Document:
         path.suffix in TABLES or path.name == PRINTED for path in folder.iterdir()
     ):
         command = entry(read_manifest(folder), "command", str, folder)
-        again = f"Not finished. Run the same 'vibroswarm {command}' command again."
+        again = f"Not finished. Run the same {shown(f'vibroswarm {command}')} command again."
         return Document(title=str(folder), answer=(again,))
     if kind not in ("result", "recording"):
         return tables_document(folder)

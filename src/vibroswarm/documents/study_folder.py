@@ -8,7 +8,7 @@ from typing import Any, Final
 from vibroswarm.core.folders import has_manifest
 from vibroswarm.core.numbers import count, count_of, number, whole
 from vibroswarm.documents.study import study_document
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, shown
 from vibroswarm.show.document import Document, Text
 from vibroswarm.study.cell_comparison import SECOND, in_second_block
 from vibroswarm.study.plan import plan_of
@@ -36,7 +36,7 @@ def study_state(store: Store) -> dict[str, Any]:
     return {
         "folder": str(store.folder),
         "name": study.name,
-        "command": store.command,
+        "command": store.command or "evaluate",
         "study_hash": study.hash,
         "seed": study.seed,
         "varied": study.varied,
@@ -85,9 +85,9 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
         for versions in about["made_by"]
     ]
     command = about["command"]
-    again = (
-        f"run the same 'vibroswarm {command}' command again" if command else resume_command(about["folder"])
-    )
+    again = f"run the same {shown(f'vibroswarm {command}')} command again"
+    if command == "evaluate":  # which reads all of it from the folder
+        again = resume_command(about["folder"])
     return Document(
         title=about["name"] or "Study",
         answer=(
