@@ -84,6 +84,11 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert (out / "pictures" / "scores.png").is_file()
     assert (out / "pictures" / "parameters.svg").is_file()
     assert (out / "report.html").read_bytes() == page
+    with monkeypatch.context() as patched:
+        patched.setattr("vibroswarm.study.executors.versions", lambda: {"code": "later"})
+        said = refusal_of(capsys, "optimize", search, "--out", out)
+    assert "was begun by other versions" in said
+    assert "or add --mixed to continue anyway" in said
     assert about["answer"][0][:20].encode() in page
     assert sum(row["runs"] for row in about["tables"]["runs"] if row["stage"] in ("search", "race")) == 150
     true = about["tables"]["truth"][1]

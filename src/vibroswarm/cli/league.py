@@ -31,6 +31,7 @@ from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
 from vibroswarm.cli.studies import claim_study, print_plan
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import folder_lock, remove_folder, whole_file, write_files
+from vibroswarm.errors import InputError
 
 
 @dataclass(kw_only=True)
@@ -247,14 +248,15 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Path:
     """
     from vibroswarm.core.folders import has_manifest, matching, read_definition
     from vibroswarm.documents.saved import begin, hash_of, refuse_other
-    from vibroswarm.study.executors import check_begun_by
+    from vibroswarm.study.executors import different_versions
 
     work = hash_of(*asked)
 
     def check(folder: Path) -> None:
         refuse_other(folder, "league tune", work)
         for round_ in filter(has_manifest, matching(folder, "*")):
-            check_begun_by(read_definition(round_, "study")["versions"], folder)
+            if different := different_versions(read_definition(round_, "study")["versions"]):
+                raise InputError(f"was begun by other versions ({different})", field=str(folder))
 
     folder = folder_of_runs(out)
     claim(SimpleNamespace(out=folder, force=force), check)

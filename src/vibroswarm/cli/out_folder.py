@@ -30,8 +30,7 @@ from vibroswarm.core.atomic_io import (
 from vibroswarm.errors import InputError
 
 ADVICE = re.compile(
-    r"; (take another folder|give the name of a new folder|give the name of a file|choose another name.*|"
-    r"continue with those, choose a new folder.*)$"
+    r"; (take another folder|give the name of a new folder|give the name of a file|choose another name.*)$"
 )
 """Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
 

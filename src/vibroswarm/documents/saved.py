@@ -83,7 +83,7 @@ def refuse_other(folder: Path, command: str, work: str = "") -> None:
     if all(path.name.startswith(".") for path in folder.iterdir()):
         return  # killed before it had written its manifest, or locked
     there = read_manifest(folder)
-    if "command" not in there:
+    if not there.get("command"):
         raise InputError(f"exists already but holds no results of '{command}'", field=str(folder))
     if there["command"] != command:
         raise InputError(f"exists already and holds results of {shown(there['command'])}", field=str(folder))

@@ -498,7 +498,8 @@ def _settings(kind: Any, block: Any, name: str) -> Any:
 def _study_beside(space: Any, values: dict[str, Any], name: str, folder: str | Path | None) -> Study:
     """Return the study of a search's file, whose base may fit together only with values that are searched over.
 
-    Such a base gets the first of these values, which every candidate replaces.
+    A base that does not fit, or whose own value of such a field is wrong, gets the first of these values, which every
+    candidate replaces.
 
     Args:
         space: the block ``space``, of any kind. values: the keys of a study. name, folder: as of ``from_toml``.

@@ -499,7 +499,7 @@ def check_worker(theirs: Mapping[str, str], mixed: bool, worker: str = "a worker
     Raises:
         InputError: the versions differ; the message names them.
     """
-    if not mixed and (different := _different_versions(theirs)):
+    if not mixed and (different := different_versions(theirs)):
         raise InputError(
             f"{worker} has other versions than this process ({different}); install the same, or add --mixed",
             field="executor",
@@ -514,7 +514,7 @@ def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
     Raises:
         InputError: the versions differ; the message names them.
     """
-    if different := _different_versions(theirs):
+    if different := different_versions(theirs):
         raise InputError(
             f"was begun by other versions ({different}); continue with those, choose a new folder, or add --mixed "
             "to continue anyway",
@@ -522,7 +522,7 @@ def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
         )
 
 
-def _different_versions(theirs: Mapping[str, str]) -> str:
+def different_versions(theirs: Mapping[str, str]) -> str:
     """Write how other versions differ from those of this process; empty if in nothing."""
     own = versions()
     return "; ".join(f"{k} {theirs.get(k)} there, {own[k]} here" for k in own if theirs.get(k) != own[k])

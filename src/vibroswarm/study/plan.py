@@ -81,8 +81,6 @@ LARGEST_BLOCK_S: Final = 10.0
 """Longest estimated duration of a block, s."""
 MOST_ROWS: Final = 100_000
 """Most rows of a block; a worker needs about 1 kB of memory per row."""
-LARGE_ROWS: Final = 10_000
-"""Most rows to which a block is doubled: allocators keep what large blocks needed until the study ends."""
 BLOCKS_OF_A_SIZE: Final = 32
 """After this many blocks of a size, the size doubles, up to the limits of a block."""
 STANDING_MS: Final = 1000.0
@@ -187,7 +185,7 @@ class Group:
             if first + size > low:
                 yield number, max(first, low), min(first + size, high)
             first, number = first + size, number + 1
-            may_double = 2 * size * self.run_s <= LARGEST_BLOCK_S and 2 * size * self.rows <= LARGE_ROWS
+            may_double = 2 * size * self.run_s <= LARGEST_BLOCK_S and 2 * size * self.rows <= MOST_ROWS
             if number % BLOCKS_OF_A_SIZE == 0 and may_double:
                 size *= 2
 
