@@ -195,9 +195,11 @@ def words(found: Interval, scale: float = 1.0, digits: int = 0, sign: str = "") 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("runs_to_tune", type=int, nargs="?", default=300)
-    parser.add_argument("runs_to_test", type=int, nargs="?", default=600)
-    parser.add_argument("strategies", nargs="?", default=",".join(GRIDS))
+    parser.add_argument("runs_to_tune", type=int, nargs="?", default=300, help="300 by default")
+    parser.add_argument("runs_to_test", type=int, nargs="?", default=600, help="600 by default")
+    parser.add_argument(
+        "strategies", nargs="?", default=",".join(GRIDS), help="names with commas; by default all"
+    )
     given = parser.parse_args()
     to_tune, to_test, names = given.runs_to_tune, given.runs_to_test, given.strategies.split(",")
     chosen: dict[float, dict[str, Settings]] = {fill: {} for fill in FILLS}

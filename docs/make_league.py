@@ -25,7 +25,7 @@ def row_of(row: dict[str, float]) -> str:
 def main() -> None:
     """Rewrite the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, help="folder of a league")
     standings = pl.read_csv(parser.parse_args().folder / "standings.csv").sort("forced_error")
     lines = [
         "| strategy | forced error, % | decision time, s | bytes of a robot |",

@@ -42,7 +42,7 @@ def main(study: Path, folder: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("study", type=Path)
-    parser.add_argument("figure", type=Path)
+    parser.add_argument("study", type=Path, help="folder of a study of fill ratios")
+    parser.add_argument("figures", type=Path, help="folder to write")
     given = parser.parse_args()
-    main(given.study, given.figure)
+    main(given.study, given.figures)

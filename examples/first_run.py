@@ -31,5 +31,7 @@ def main(folder: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default="out/first-run")
+    parser.add_argument(
+        "folder", type=Path, nargs="?", default="out/first-run", help="default: out/first-run"
+    )
     main(parser.parse_args().folder)

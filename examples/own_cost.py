@@ -49,5 +49,5 @@ def main(budget: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("budget", type=int, nargs="?", default=3000)
+    parser.add_argument("budget", type=int, nargs="?", default=3000, help="runs of the search; default: 3000")
     main(parser.parse_args().budget)

@@ -35,5 +35,5 @@ def main(runs: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("runs", type=int, nargs="?", default=200)
+    parser.add_argument("runs", type=int, nargs="?", default=200, help="default: 200")
     main(parser.parse_args().runs)

@@ -37,5 +37,7 @@ def main(draws: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("draws", type=int, nargs="?", default=50)
+    parser.add_argument(
+        "draws", type=int, nargs="?", default=50, help="replays, each with other losses; default: 50"
+    )
     main(parser.parse_args().draws)

@@ -55,5 +55,7 @@ def make(folder: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=Path(__file__).parent)
+    parser.add_argument(
+        "folder", type=Path, nargs="?", default=Path(__file__).parent, help="default: this folder"
+    )
     make(parser.parse_args().folder)

@@ -63,5 +63,7 @@ energy = "rms"
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=Path(__file__).parent)
+    parser.add_argument(
+        "folder", type=Path, nargs="?", default=Path(__file__).parent, help="default: this folder"
+    )
     make(parser.parse_args().folder)

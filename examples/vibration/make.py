@@ -48,5 +48,11 @@ def make(file: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("file", type=Path, nargs="?", default=Path(__file__).with_name("acceleration.csv"))
+    parser.add_argument(
+        "file",
+        type=Path,
+        nargs="?",
+        default=Path(__file__).with_name("acceleration.csv"),
+        help="default: acceleration.csv here",
+    )
     make(parser.parse_args().file)

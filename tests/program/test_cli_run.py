@@ -507,31 +507,3 @@ print(os.environ["OPENBLAS_NUM_THREADS"], most)
     asked, most = told.stdout.splitlines()[-1].split()
     assert asked == threads
     assert int(most) <= int(threads)  # fewer where the machine has fewer cores
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize(
-    ("of_user", "is_kept"), [({}, False), ({"_RJEM_MALLOC_CONF": "dirty_decay_ms:-1"}, True)]
-)
-def test_polars_gives_memory_back_unless_the_user_wants_otherwise(of_user, is_kept):
-    program = """
-import sys
-from pathlib import Path
-from vibroswarm.cli import main
-sys.argv = ["vibroswarm", "--version"]
-assert main() == 0
-import polars as pl
-def in_memory_mb():
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
-pl.select(pl.int_range(100).shuffle(seed=1).sort())
-before_mb = in_memory_mb()
-frame = pl.select(pl.int_range(10_000_000)).select(pl.all() + 1)
-del frame
-print(in_memory_mb() - before_mb)
-"""
-    env = {name: value for name, value in os.environ.items() if name != "_RJEM_MALLOC_CONF"} | of_user
-    told = subprocess.run(
-        [sys.executable, "-c", program], env=env, capture_output=True, text=True, check=True
-    )
-    kept_mb = float(told.stdout.splitlines()[-1])
-    assert kept_mb > 60 if is_kept else kept_mb < 20

@@ -59,7 +59,7 @@ def test_a_space_may_choose_whether_robots_revise(tmp_path: Path) -> None:
 
 
 def test_a_base_need_not_fit_together_without_the_space(tmp_path: Path) -> None:
-    """The paper's strategy reads two classes, and the sensor of the base tells three."""
+    """The paper's strategy reads two classes, and the sensor of the base has three."""
     file = tmp_path / "search.toml"
     text = """
         [scenario]

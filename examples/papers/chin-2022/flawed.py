@@ -11,7 +11,7 @@ from vibroswarm import StudyResult
 from vibroswarm.analysis.intervals import mean_interval
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("folder")
+parser.add_argument("folder", help="folder of the study")
 result = StudyResult.open(parser.parse_args().folder)
 for number, cell in enumerate(result.study.cells):
     scenario = cell.scenario

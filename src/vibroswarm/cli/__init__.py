@@ -57,8 +57,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             # Threads of linear algebra would take a tenth of a short command to start. Ours is small, our workers
             # already use all cores, and its last bits would depend on the number of cores.
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-            # Polars gives memory back as soon as it is free, or 100,000 runs would keep 30 MB more.
-            os.environ.setdefault("_RJEM_MALLOC_CONF", "dirty_decay_ms:0,muzzy_decay_ms:0,narenas:2")
             # Pictures are files: the backend for windows that is set may be missing or mistyped.
             os.environ["MPLBACKEND"] = "agg"
         code = _code(argv)

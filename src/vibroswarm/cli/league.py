@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Annotated, Any
 
 from vibroswarm.cli.command_line import Option
@@ -20,6 +19,7 @@ from vibroswarm.cli.options import (
     Execution,
     Force,
     Paged,
+    Saved,
     ScenarioBase,
     SeveralSizes,
     SeveralStrategies,
@@ -259,7 +259,7 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Path:
                 raise InputError(f"was begun by other versions ({different})", field=str(folder))
 
     folder = folder_of_runs(out)
-    claim(SimpleNamespace(out=folder, force=force), check)
+    claim(Saved(out=folder, force=force), check)
     begin(folder, "league tune", work)
     return folder
 

@@ -217,22 +217,20 @@ def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tup
     """
     cell = result.study.cells[number]
     t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
-    walk = _walk(
-        result.tables(number, tuple(WALK))[1]
-    )  # first, so that its columns are freed before the figures
     parts = (
         (
             _narrowed(figures.with_columns(time_within_runs(robots, t_end_s))),
+            runs.select(*WALK),
             robots.select(most=counted(cell.scenario)),
         )
-        for figures, robots, _ in result.parts(number)
+        for figures, robots, runs in result.parts(number)
     )
-    table, most = (pl.concat(part, how="vertical_relaxed") for part in zip(*parts, strict=True))
+    table, walked, most = (pl.concat(part, how="vertical_relaxed") for part in zip(*parts, strict=True))
     summary = summary_of(table, t_end_s)
     outcome = CellOutcome(
         cell=cell,
         summary=_with_corrected_interval(summary, result, number, settled),
-        walk=walk,
+        walk=_walk(walked),
         decidable=decidability(cell.scenario),
         failed=failed,
         settled=settled,
