@@ -136,6 +136,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "backwards": ({"grid": {ROBOTS: {"from": 6, "to": 5, "steps": 2}}}, "6 is not below 5"),
     "log of 0": ({"grid": {ETA: {"from": 0, "to": 5, "steps": 2, "scale": "log"}}}, "the range begins above 0"),
     "no such scale": ({"grid": {ETA: {"from": 1, "to": 5, "steps": 2, "scale": "cubic"}}}, "cubic"),
+    "the nearest of four": ({"grid": {"strategy.sof.eta": [1, 2]}}, "did you mean 'strategy.soft.eta'"),
     "no such part": ({"grid": {ETA: {"from": 1, "to": 5, "stpes": 2, "steps": 2}}}, "did you mean 'steps'"),
     "no number": ({"grid": {ETA: {"from": "a", "to": 5, "steps": 2}}}, "'a' is wrong; give a number"),
     "no finite number": ({"grid": {ETA: {"from": 1, "to": float("inf"), "steps": 2}}}, "inf is wrong; give a number"),

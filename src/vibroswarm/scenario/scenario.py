@@ -208,7 +208,7 @@ class Scenario(Sections, NotebookView):
             if not field and section in data:
                 raise _is_section(name)
             if not field or not isinstance(data.get(section), dict):
-                raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+                raise InputError(f"there is no such field{nearest_field(name)}", field=name)
             value = plain_value(value)
             *tables, last = field.split(".")
             parent = data[section]
@@ -217,11 +217,11 @@ class Scenario(Sections, NotebookView):
                 # ``from_values`` refuses the table.
                 parent = parent.setdefault(table, {})
                 if not isinstance(parent, dict):
-                    raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+                    raise InputError(f"there is no such field{nearest_field(name)}", field=name)
             if value is None:
                 is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
                 if last not in parent and name not in _names_in(section) and not is_of_code:
-                    raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+                    raise InputError(f"there is no such field{nearest_field(name)}", field=name)
                 parent.pop(last, None)
             elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
                 # A field whose value is a float takes integers as floats, so that 2 and 2.0 give the same scenario.
@@ -321,7 +321,7 @@ def _as_input_error() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        raise field_error(error, _nearest_field, dotted=field_names()) from None
+        raise field_error(error, nearest_field, dotted=field_names()) from None
 
 
 def _unpickled(text: str, files: tuple[tuple[str, str], ...]) -> Scenario:
@@ -386,7 +386,7 @@ def value_of(scenario: Scenario, name: str) -> Any:
     if name in Scenario.model_fields:
         raise _is_section(name)
     if not isinstance(node, BaseModel) or field not in type(node).model_fields:
-        raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
+        raise InputError(f"there is no such field{nearest_field(name)}", field=name)
     return getattr(node, field)
 
 
@@ -562,17 +562,21 @@ def _is_section(name: str) -> InputError:
     return InputError(f"is a section; name one of its fields, such as {first}", field=name)
 
 
-def _nearest_field(name: str) -> str:
+def nearest_field(name: str, also: Iterable[str] = ()) -> str:
     """Return a suggestion such as ", did you mean 'x'?" for an unknown dotted name, or an empty string.
 
     A field with the same last part comes first, then a field of a table of that name, then a similar spelling.
+
+    Args:
+        also: names that are allowed besides fields.
     """
-    known = field_names()
+    known = [*field_names(), *also]
     last = name.rpartition(".")[2]
     same = [k for k in known if k.rpartition(".")[2] == last] or [
         k for k in known if last in k.split(".")[1:-1]
     ]
-    return f", did you mean '{same[0]}'?" if same else nearest(name, known + list(Scenario.model_fields))
+    sections = [section for section in Scenario.model_fields if section != name]
+    return nearest(name, same, cutoff=0.0) or nearest(name, [*known, *sections])
 
 
 class FieldNames(NotebookView):

@@ -34,7 +34,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, check_kind, nearest, number_of, whole_number_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.plugins import is_code, name_in
-from vibroswarm.scenario.scenario import field_names, kind_of
+from vibroswarm.scenario.scenario import field_names, kind_of, nearest_field
 
 Point = dict[str, Any]
 """The values of the varied fields in one cell, by the dotted names of the fields."""
@@ -191,10 +191,7 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
             fields |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
         else:
-            # A user who leaves out the section gets the field with this last part as a hint.
-            last = key.rpartition(".")[2]
-            same_last = [k for k in known if k.rpartition(".")[2] == last]
-            hint = f", did you mean '{same_last[0]}'?" if same_last else nearest(key, known)
+            hint = nearest_field(key, (PRESET, *may_have))
             raise InputError(f"there is no such field{hint}", field=f"{name}.{key}")
     return fields
 
