@@ -257,6 +257,7 @@ def shake(
     gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
     slot = int(time_s / shaking.motor_hold_s)
     reach = STEPS + max(1, steps_between(one, other, place))  # to the motors that the other foot feels
+    felt, last = 0, SILENT
     for down in range(-reach, reach + 1):
         for across in range(-reach, reach + 1):
             source = source_at(max(one, other), down, across, place)
@@ -278,7 +279,13 @@ def shake(
                 1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
             )
             phase = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, sample, 8 + source)
-            add_sine(out, amplitude, 2.0 * math.pi * frequency_hz / rate_hz, phase)
+            wave = Sine(amplitude, 2.0 * math.pi * frequency_hz / rate_hz, phase)
+            felt += 1
+            if felt % 2 == 0:
+                add_sines(out, last, wave)
+            last = wave
+    if felt % 2 == 1:
+        add_sines(out, last, SILENT)
     for i in range(out.shape[1]):  # horizontally in the robot's direction
         across = shaking.lateral * out[0, i]
         out[0, i], out[1, i] = cosine * across, sine * across
@@ -322,20 +329,44 @@ def near_square(near: Values, k: int, tile: int, source: int, place: Place) -> f
     return square
 
 
-@inner
-def add_sine(out: Values, amplitude: float, step: float, phase: float) -> None:
-    """Add a sinusoid to the third row, and the same a quarter of a turn later to the first.
+class Sine(NamedTuple):
+    """A sinusoid: what is added to an acceleration."""
 
-    The cosine and sine of the phase are turned by ``step`` (rad) from reading to reading.
+    amplitude: float
+    """Amplitude, m/s^2."""
+    step_rad: float
+    """Turn of its phase from reading to reading."""
+    phase_rad: float
+    """Phase at the first reading."""
+
+
+SILENT: Final = Sine(0.0, 0.0, 0.0)
+
+
+@inner
+def add_sines(out: Values, one: Sine, other: Sine) -> None:
+    """Add two sinusoids to the third row, and the same a quarter of a turn later to the first.
+
+    Cosine and sine of a phase are turned from reading to reading, and each turn waits for the last: two sinusoids take
+    as long as one.
     """
-    real, imaginary = amplitude * math.cos(phase), amplitude * math.sin(phase)
-    turn_real, turn_imaginary = math.cos(step), math.sin(step)
+    real, imaginary = one.amplitude * math.cos(one.phase_rad), one.amplitude * math.sin(one.phase_rad)
+    turn_real, turn_imaginary = math.cos(one.step_rad), math.sin(one.step_rad)
+    real_2, imaginary_2 = (
+        other.amplitude * math.cos(other.phase_rad),
+        other.amplitude * math.sin(other.phase_rad),
+    )
+    turn_real_2, turn_imaginary_2 = math.cos(other.step_rad), math.sin(other.step_rad)
     for i in range(out.shape[1]):
-        out[0, i] += imaginary
-        out[2, i] += real
+        out[0, i] = out[0, i] + imaginary + imaginary_2
+        out[2, i] = out[2, i] + real + real_2
         real, imaginary = (
             turn_real * real - turn_imaginary * imaginary,
             turn_real * imaginary + turn_imaginary * real,
+        )
+        real_2, imaginary_2 = (
+            turn_real_2 * real_2 - turn_imaginary_2 * imaginary_2,
+            turn_real_2 * imaginary_2 + turn_imaginary_2 * real_2,
         )
 
 
