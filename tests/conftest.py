@@ -42,6 +42,18 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(trylast=True)  # when those are left out that are not asked for
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Begin the share of each worker with long tests, so that none is left alone with one at the end."""
+    workers = getattr(config, "workerinput", {"workercount": 1})["workercount"]
+    long = [item for item in items if item.get_closest_marker("long")]
+    others = [item for item in items if item not in long]
+    ends = [len(others) * worker // workers for worker in range(workers + 1)]
+    items.clear()
+    for worker in range(workers):
+        items += long[worker::workers] + others[ends[worker] : ends[worker + 1]]
+
+
 # In CI the same examples every time, so that a red run can be made again; elsewhere new ones. No example has a
 # deadline, which a busy machine would miss.
 settings.register_profile("ci", derandomize=True, print_blob=True, deadline=None)
@@ -58,6 +70,8 @@ def pytest_configure(config: pytest.Config) -> None:
     compiling = [
         subprocess.Popen([sys.executable, "-c", COMPILE, engine]) for engine in ("event", "fixed-step")
     ]
+    # Each worker would compile all tests, too, and says what is wrong with them.
+    subprocess.run([sys.executable, "-m", "pytest", "--collect-only"], stdout=subprocess.DEVNULL, check=False)
     codes = [process.wait() for process in compiling]
     if any(codes):
         raise pytest.UsageError("the engines cannot be compiled, see above")

@@ -34,6 +34,7 @@ OPEN = {"arena.width_m": 1000.0, "arena.height_m": 1000.0, "swarm.robots": 1, "r
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("source", "share"), [(PLANAR, 0.3), (WHEELS, 0.08)], ids=["planar", "wheels"])
 def test_they_keep_the_contract(source: Source, share: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of all cases, of those with many robots the beginnings, of 5 s and more: all kinds of movement are in each.

@@ -286,6 +286,7 @@ def test_a_curve_may_end_below_one_and_above_90_percent() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a90_95_is_too_small_more_often_where_the_curve_ends_just_above_90_percent() -> None:
     """docs/figures/inspect.md has the shares of 200 fits."""
     size_m, false = np.repeat(np.linspace(0.03, 0.30, 14), 60), 0.05

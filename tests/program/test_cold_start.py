@@ -58,6 +58,7 @@ def until_it_compiles(process: subprocess.Popen[str]) -> list[int]:
     return others
 
 
+@pytest.mark.long
 def test_without_the_other_process_the_first_run_gives_what_later_ones_give(tmp_path):
     first = started(tmp_path, *RUN)
     for pid in until_it_compiles(first):

@@ -119,6 +119,7 @@ def dead(site: Path) -> Iterator[str]:
                 yield f"{page.relative_to(site.resolve())} -> {link}"
 
 
+@pytest.mark.long
 def test_every_document_is_in_the_site(site):
     made = {path.relative_to(site).with_suffix(".md") for path in pages(site)}
     written = {path.relative_to(DOCS) for path in DOCS.rglob("*.md")}

@@ -33,6 +33,7 @@ def test_the_printed_similarities_come_out_and_say_little(recordings: Path, tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_session_that_no_fit_has_seen_is_predicted(recordings: Path, tmp_path: Path) -> None:
     """The number of samples, and not with the timer of other experiments: the negative control."""
     settings = Settings(runs=9, columns=("calibrated",), recordings=recordings)

@@ -17,6 +17,7 @@ from vibroswarm.scenario.scenario import preset
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.long
 def test_a_fit_to_the_recordings(real: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     """One test for all that is known of the fit, which takes long: a process for each would make it again.
 

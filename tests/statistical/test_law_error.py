@@ -93,6 +93,7 @@ def false_calls(with_error: bool, laws: int) -> float:
     return float(np.mean(called))
 
 
+@pytest.mark.long
 def test_intact_surfaces_are_seldom_called_by_a_law_of_few_values() -> None:
     """Drawn surfaces are judged as the surface is: by a law that has not seen the values that they measure."""
     assert false_calls(True, 12) * 48 <= binom.ppf(0.999, 48, 0.05)
@@ -100,6 +101,7 @@ def test_intact_surfaces_are_seldom_called_by_a_law_of_few_values() -> None:
     assert false_calls(False, 25) * 100 > binom.ppf(0.999, 100, 0.05)
 
 
+@pytest.mark.long
 def test_drawn_surfaces_measure_more_than_the_largest_measured_value_as_often_as_others_do() -> None:
     """None did: by 40 values 13 % of intact surfaces were called at 5 %, and by 400 values 7 %."""
     beyond = []
@@ -168,6 +170,7 @@ def held(with_error: bool, laws: int, weighed: Callable[[Samples, Patches], Shar
     return count
 
 
+@pytest.mark.long
 def test_regions_by_a_law_of_few_values_hold_what_they_state() -> None:
     """They held 1 of 20: the bins of the law were others at each contrast, and its error did not count."""
     assert held(True, 24) >= binom.ppf(0.01, 24, 0.9)
@@ -193,6 +196,7 @@ def cleared_damage(contrasts: tuple[float, ...]) -> list[tuple[int, float]]:
     return [(int(truly), told) for truly, told in cleared]
 
 
+@pytest.mark.long
 def test_risks_by_laws_of_few_values_are_not_above_the_told_ones() -> None:
     (truly, told), (weaker, told_of_weaker) = cleared_damage((1.0, 0.5))
     assert truly <= told

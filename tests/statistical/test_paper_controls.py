@@ -85,6 +85,7 @@ def decided(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Found]:
 
 # One test for all controls of motion, and one for all others: what they are compared with, runs without a control, is
 # then computed once, and not by each of the processes that pass tests.
+@pytest.mark.long
 @pytest.mark.parametrize(
     "controls",
     [MOTION, tuple(one for one in CONTROLS if one not in MOTION)],

@@ -91,6 +91,7 @@ def changed_of_ours() -> dict[str, list[str]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_they_change_none_of_our_functions() -> None:
     here = Path(__file__)
     done = subprocess.run(
