@@ -301,6 +301,7 @@ def claiming() -> Iterator[Scenario]:
     ("value", "words"),
     [
         ({"belief": 1.5}, "belief_below is 1.5; it has to be from 0 to 1"),
+        ({"belief": 1.0 + 2.0**-52}, "belief_below is 1.0000000000000002; it has to be from 0 to 1"),
         ({"belief": -0.5}, "belief_below is -0.5"),
         ({"estimate": 1e301}, r"estimate is 1e\+301"),
         ({"spread": -0.1}, "estimate_spread is -0.1"),

@@ -149,13 +149,52 @@ def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
         ("--runs 20 --vary walk.walk_duration_scale_ms=9000,9500", "no two strategies are compared"),
         ("--runs 19 --strategy none,soft", "it takes 20 successive runs of each cell"),
         ("--runs 20 --strategy none,soft --floor random:0.5 --tiles 4x4", "a run has no right decision"),
-        ("--runs 20 --strategy none,soft", ""),
+        ("--runs 20 --strategy none,soft --vary walk.walk_duration_scale_ms=1,2,3,4,5,6,7", ""),
     ],
 )
 def test_who_asks_in_vain_for_equal_error_is_told(words, why, capsys):
     told = words_of(capsys, "evaluate", *SHORT, *words.split(), "--equal-error", "--no-confirm", *QUIET, "-q")
     assert why in told
     assert ("nothing is compared at equal error" in told) == bool(why)
+
+
+def test_a_strategy_that_no_setting_changes_is_compared_at_equal_error_only_as_it_was_run(tmp_path, capsys):
+    """Once one that errs less was called slower at equal error, though it had never erred as often."""
+    code = """
+from vibroswarm.strategies import strategy_in
+
+class State:
+    one: bool
+
+def begin(s, a, d, p, w):
+    s.one = {}
+
+def on_sample(s, a, x, out, d, p, w):
+    return False
+
+def decision(s, a, p, w):
+    return int(s.one)
+
+{} = strategy_in(__name__, "{}")
+"""
+    for name, value in (("less", False), ("more", True)):
+        (tmp_path / f"{name}.py").write_text(code.format(value, name, name))
+    names = f"none,{tmp_path}/less.py:less,{tmp_path}/more.py:more"
+    line = ["--runs", "20", "--strategy", names, "--floor", "random:0.44", "--equal-error", *QUIET, "-q"]
+    told = words_of(capsys, "evaluate", *SHORT, *line)
+    assert (
+        "2 pairs not compared at equal error: with other settings the strategy that errs less does the"
+        in told
+    )
+    assert told.count("At equal error") == 1
+    assert "At equal error (100.0 %, that of more), none with its best settings, more as run: " in told
+    assert "add --equal-error" not in told
+
+
+def test_a_study_says_that_faulty_robots_count(capsys):
+    faults = ("--set", "faults.battery_empty=[0]", "--set", "faults.stuck_at_1=[1]")
+    told = words_of(capsys, "evaluate", *SHORT, *faults, "--runs", "4", *QUIET, "-q")
+    assert "faulty robots (stuck at 1 and battery empty) count like the others" in told
 
 
 def test_until_a_precision(tmp_path, capsys):

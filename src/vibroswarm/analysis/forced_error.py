@@ -63,6 +63,11 @@ class Reached(NotebookView):
     time_s: Array
     error: Array
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether all points are the same: the strategy uses none of the settings that were tried."""
+        return bool((self.time_s == self.time_s[0]).all() and (self.error == self.error[0]).all())
+
 
 @dataclass(frozen=True)
 class MatchedError(NotebookView):
@@ -78,6 +83,8 @@ class MatchedError(NotebookView):
     """First - reference, at equal error; a limit is infinite if the strategy that errs less may not reach it."""
     error_difference: Interval
     """First - reference, at equal time; nan if a front does not reach it."""
+    as_run: bool = False
+    """Whether no setting changes what the strategy that errs more does, so that it is compared only as it was run."""
 
 
 FEWEST: Final = 300
@@ -143,6 +150,7 @@ def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedE
         time_s=float(time_as_given[0]),
         time_difference_s=drawn_interval(time_differences_s, runs, METHOD),
         error_difference=drawn_interval(error_differences, runs, METHOD),
+        as_run=(first, reference)[matched].is_fixed,
     )
 
 

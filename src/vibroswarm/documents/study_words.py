@@ -31,6 +31,7 @@ from vibroswarm.core.numbers import (
     with_limits,
 )
 from vibroswarm.documents.knowledge import setting as setting_of
+from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.cell_comparison import Answer, Compared, lacks_truth
 from vibroswarm.study.equal_error import pairs_at_equal_error
@@ -176,12 +177,17 @@ def at_equal_error(answer: Answer, found: MatchedError) -> str:
     """Write the comparison at equal error ``found`` for an answer, and what follows from it."""
     # The strategies are compared at the error of the one that errs more as run: settings can always make a strategy
     # err more often, but not always less often.
-    erring_more = answer.first_name if found.of_first else answer.reference_name
-    where = f"At equal error ({percent(found.error)}, that of {erring_more}), each with its best settings: "
+    names = (answer.first_name, answer.reference_name)
+    erring_more, reaching = names if found.of_first else names[::-1]
+    settings = (
+        f"{reaching} with its best settings, {erring_more} as run"
+        if found.as_run
+        else "each with its best settings"
+    )
+    where = f"At equal error ({percent(found.error)}, that of {erring_more}), {settings}: "
     difference = found.time_difference_s
     if math.isnan(difference.low) or math.isnan(difference.high):
         return f"{where}{_signed('decision_time_s', difference)}; an interval needs {FEWEST} runs."
-    reaching = answer.reference_name if found.of_first else answer.first_name
     unsure = "" if math.isfinite(difference.high - difference.low) else f" ∞: {reaching} may not reach it."
     # There is no p-value at equal error: the difference is significant if its interval excludes 0.
     if side(difference) == 0:
@@ -321,6 +327,8 @@ def _agreement(one: CellOutcome) -> str:
 
 def traded(outcome: Outcome) -> list[str]:
     """Name the strategies that are faster but wrong more often, and could be compared at equal error but were not."""
+    if outcome.unmatched:  # requested: a warning says why they were not
+        return []
     comparable = pairs_at_equal_error(outcome.result, outcome.comparisons)
     names = [
         answer.faster_and_more_wrong
@@ -341,8 +349,9 @@ def warnings_of(outcome: Outcome) -> list[str]:
     failed = _each_once(
         (one.cell.name, failed_words(one.failed, one.summary.runs)) for one in cells if one.failed.height
     )
+    faulty = _each_once((one.cell.name, _fault_words(one)) for one in cells if one.cell.scenario.faults.kinds)
     every = (
-        *floors, *unreached, *failed, *_missing_runs(outcome), *_store_warnings(outcome),
+        *floors, *unreached, *failed, *faulty, *_missing_runs(outcome), *_store_warnings(outcome),
         _imprecise(outcome), outcome.unmatched,
     )  # fmt: skip
     return list(filter(None, every))
@@ -367,6 +376,12 @@ def _floor_words(one: CellOutcome) -> str:
     return f"floor {scenario.floor.source}" + (
         "" if threshold is None else f", threshold {stated(threshold)}"
     )
+
+
+def _fault_words(one: CellOutcome) -> str:
+    """Write that robots with a fault count like the others: they may be why no swarm is right."""
+    faults = listed([fault_words(kind) for kind in one.cell.scenario.faults.kinds])
+    return f"faulty robots ({faults}) count like the others; judged_tables (Python) leaves them out."
 
 
 def _missing_runs(outcome: Outcome) -> list[str]:

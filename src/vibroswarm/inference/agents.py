@@ -432,9 +432,10 @@ def refuse_values(scenario: Scenario, values: Mapping[str, NDArray[Any]]) -> Non
         low, high = ALLOWED[name]
         wrong = (column < low) | (column > high)
         if wrong.any():
+            value = f"{column[wrong][0]}".removesuffix(".0")  # all digits, so that a rounding error shows
             raise CodeError(
-                f"strategy '{scenario.strategy.name}': {name} is {column[wrong][0]:g}; it has to be from "
-                f"{stated(low)} to {stated(high)}"
+                f"strategy '{scenario.strategy.name}': {name} is {value}; it has to be from {stated(low)} to "
+                f"{stated(high)}"
             )
 
 

@@ -21,7 +21,7 @@ from vibroswarm.study.run import run
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_result import StudyResult
 
-MATCHED_CELLS: Final = 12
+MATCHED_CELLS: Final = 60
 """With more cells nothing is compared at equal error."""
 MATCHED_RUNS: Final = 1000
 """Most runs of a cell that are replayed with each setting."""
@@ -69,7 +69,7 @@ def _why_none(result: StudyResult, pairs: Mapping[tuple[int, int], tuple[Cell, C
         return f"the motion of '{result.study.motion}' is not simulated again"
     cells = {cell.number: cell for pair in pairs.values() for cell in pair}
     if len(cells) > MATCHED_CELLS:
-        return f"{count(len(cells), 'cell')} are more than {MATCHED_CELLS}"
+        return f"{count(len(cells), 'cell')} are more than {MATCHED_CELLS}; vary fewer values in one study"
     runs = min(_runs(result, cell) for cell in cells.values())
     if runs < LEAST_RUNS:
         return f"it takes {LEAST_RUNS} successive runs of each cell, from run 0, and {count(runs, 'run')} can be used"
@@ -85,7 +85,10 @@ def why_not_at_equal_error(
         compared: result of ``comparisons``. matched: result of ``at_equal_error``.
     """
     pairs = _comparable(compared)
-    of_some = "with other settings, a scenario is refused, or a run has no right decision"
+    of_some = (
+        "with other settings the strategy that errs less does the same (give `vibroswarm league --vary` its own "
+        "parameters), a scenario is refused, or a run has no right decision"
+    )
     why = _why_none(result, pairs) or of_some
     if not matched:
         return f"nothing is compared at equal error: {why}."
@@ -98,11 +101,12 @@ def at_equal_error(
 ) -> dict[tuple[int, int], MatchedError]:
     """Compare pairs of cells with different strategies at equal error, by runs with other settings.
 
-    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run.
+    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run; a pair, if no
+    setting changes what the strategy that errs less does.
 
     Args:
         compared: result of ``comparisons``. progress: called after cells were replayed, with the share of cells done.
-    Returns: the comparison of each pair of ``pairs_at_equal_error``, by the numbers of cell and reference.
+    Returns: the comparison of each other pair of ``pairs_at_equal_error``, by the numbers of cell and reference.
     """
     pairs = pairs_at_equal_error(result, compared)
     cells = {cell.number: cell for pair in pairs.values() for cell in pair}
@@ -110,11 +114,13 @@ def at_equal_error(
         return {}
     runs = min(_runs(result, cell) for cell in cells.values())
     found = _reached(list(cells.values()), result.study.seed, runs, progress)
-    return {
+    matched = {
         (cell, reference): matched_error(found[cell], found[reference])
         for cell, reference in pairs
         if cell in found and reference in found
     }
+    # ``pair[one.of_first]`` errs less, and has to have settings at which it errs as often as the other.
+    return {pair: one for pair, one in matched.items() if not found[pair[one.of_first]].is_fixed}
 
 
 def _reached(
