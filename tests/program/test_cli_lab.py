@@ -83,6 +83,27 @@ def test_a_csv_of_ones_own(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("empty_pictures")
+def test_lost_rows_and_a_stated_stop_in_a_log_without_beliefs(tmp_path, capsys):
+    """The page of such a log was refused, and tau was less a stop of 1 s whatever stop was stated."""
+    rows = pl.read_csv(SHIPPED / "camera.csv")
+    rows = rows.with_columns(sends=pl.int_range(pl.len()).over("id"))
+    rows.filter(pl.col("sends") != 3).write_csv(tmp_path / "log.csv")
+    columns = tmp_path / "columns.toml"
+    columns.write_text(
+        (SHIPPED / "columns.toml").read_text() + 'sent = "sends"\n[settings]\n"sample.stop_ms" = 600.0\n'
+    )
+    command = ["lab", "import", tmp_path / "log.csv", "--columns", columns, *FLOOR, "--out", tmp_path / "a"]
+    said = " ".join(output_of(capsys, *command).split())
+    lost = rows["id"].n_unique()
+    assert f"{lost} samples without a row" in said
+    assert "less a stop of 0.600 s" in said
+    recording = Recording.read(tmp_path / "a")
+    assert recording.robots["samples"].sum() == rows.height
+    stated = output_of(capsys, *command, "--force", "--set", "sample.stop_ms=700.0")
+    assert "less a stop of 0.700 s" in " ".join(stated.split())
+
+
+@pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize(("sep", "zone"), [("T", "Z"), ("T", ""), (" ", "+02:00")])
 def test_times_may_be_timestamps(tmp_path, capsys, sep, zone):
     """Each was refused as no number, though loggers write them."""
@@ -410,6 +431,8 @@ def test_figures(kept, capsys):
     assert "names a folder twice" in refusal_of(capsys, "calibrate", "figures", kept, kept)
     about = json_of(capsys, "calibrate", "figures", kept, "--at", "1.55", "--json")
     assert about["made_by"]["rms_threshold"] == "1.55"
+    used = Recording.read(kept).scenario.sensor.rms_threshold
+    assert f"errors at a threshold of {used:g}." in output_of(capsys, "calibrate", "figures", kept)
     assert main(["calibrate", "figures", str(kept), "--at", "high"]) == 2
 
 

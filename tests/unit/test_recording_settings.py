@@ -198,6 +198,15 @@ def test_the_timer_is_found(told: Scenario, tmp_path: Path, timer: str, interval
     assert inferred.value == timer, inferred.evidence
 
 
+@pytest.mark.parametrize("timer", ["reset_after_turn", "frozen_in_avoidance", "reset_at_avoidance"])
+def test_the_timer_is_found_where_legs_are_short(told: Scenario, tmp_path: Path, timer: str) -> None:
+    """Many intervals have a turn at the end of a leg too, and are longer by it: the first was taken for the third."""
+    legs = {"walk__walk_duration_location_ms": 3000.0, "walk__walk_duration_scale_ms": 3000.0}
+    changes = {"sample__timer": timer, "sample__sample_interval_ms": 5000.0, "run__t_end_s": 900.0}
+    inferred = found(told, tmp_path, **legs, **changes)["sample.timer"]
+    assert inferred.value == timer, inferred.evidence
+
+
 def test_a_timer_is_not_found_where_the_log_cannot_tell(
     logs: list[Path], told: Scenario, tmp_path: Path
 ) -> None:
@@ -220,8 +229,8 @@ def test_a_fit_warns_of_a_base_that_ran_otherwise(told: Scenario, capsys: pytest
         {"name": "sample.sample_interval_ms", "value": 2000.0, "low": 1990.0, "high": 2050.0},
         {"name": "sample.timer", "value": "held_at_avoidance", "low": None, "high": None},
     )
-    recording: Any = SimpleNamespace(inferred=inferred)
-    simulated: Any = SimpleNamespace()  # a simulation as REAL: nothing is inferred
+    recording: Any = SimpleNamespace(inferred=inferred, scenario=told)
+    simulated: Any = SimpleNamespace(scenario=told)  # a simulation as REAL: nothing is inferred
     ran = told.with_values({"sample.timer": "held_at_avoidance", "sample.sample_interval_ms": 2040.0})
     assert contradictions([recording, simulated], told) == [
         "sample.timer is reset_after_turn in the base, but held_at_avoidance in the recordings; "
@@ -230,6 +239,11 @@ def test_a_fit_warns_of_a_base_that_ran_otherwise(told: Scenario, capsys: pytest
     assert contradictions([recording], ran) == []
     (other,) = contradictions([recording], ran.with_values({"sample.sample_interval_ms": 3000.0}))
     assert "add --set sample.sample_interval_ms=2000.0." in other
+    assert contradictions([simulated], told.with_values({"swarm.robots": 9, "arena.width_m": 2.0})) == [
+        f"swarm.robots is 9 in the base, but {told.swarm.robots} in the recordings; "
+        f"add --set swarm.robots={told.swarm.robots}.",
+        "arena.width_m is 2.0 in the base, but 1.0 in the recordings; add --set arena.width_m=1.0.",
+    ]
 
 
 def test_a_fit_warns_of_robots_that_it_does_not_search() -> None:
@@ -256,6 +270,8 @@ def test_tau_is_found_where_rows_cut_its_intervals(tmp_path: Path) -> None:
         pl.DataFrame(columns | {"spacing_s": [4.8] * 30})
     )  # less a stop of 1 s and up to 0.04 s
     assert (alike.low, alike.high) == pytest.approx((3760 - 20, 3760 + 40 + 20))
+    stated = pl.DataFrame(columns | {"stop_s": pl.Series([None] * 122, dtype=pl.Float64)})
+    assert infer_tau(stated, stop_s=5.0).evidence.endswith("s do not hold a stop of 5.000 s")
 
 
 def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:

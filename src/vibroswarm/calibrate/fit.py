@@ -436,14 +436,20 @@ FITS: Final = (
 
 WALK_SETTINGS: Final = ("sample.sample_interval_ms", "sample.timer")
 """Settings that are inferred from recordings, and with which the robots of the base must run too."""
+AROUND: Final = ("swarm.robots", "arena.width_m", "arena.height_m")
+"""What decides how often robots meet each other and walls."""
 
 
 def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
-    """Return sentences about the base: settings of the walk that recordings contradict, and ``other_robots``.
+    """Return sentences about the base: settings that recordings contradict, and ``other_robots``.
 
-    Of settings, only those that determine when robots sample count (``WALK_SETTINGS``): others are the user's choice.
+    Of settings, only those of the walk count that determine what robots meet (``AROUND``) and when they sample
+    (``WALK_SETTINGS``): others are the user's choice.
     """
     found = []
+    for name in AROUND:
+        others = {result.scenario[name] for result in results} - {base[name]}
+        found += [_differs(name, base[name], other) for other in sorted(others)[:1]]
     for name in WALK_SETTINGS:
         own = base[name]
         inferred = [
@@ -453,12 +459,13 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
             low, high = one["low"], one["high"]
             fits = own == one["value"] if low is None else low <= own <= high
             if one["value"] is not None and not fits:
-                found.append(
-                    f"{name} is {own} in the base, but {one['value']} in the recordings; "
-                    f"add --set {name}={one['value']}."
-                )
+                found.append(_differs(name, own, one["value"]))
                 break
     return found + other_robots(base)
+
+
+def _differs(name: str, own: object, other: object) -> str:
+    return f"{name} is {own} in the base, but {other} in the recordings; add --set {name}={other}."
 
 
 def other_robots(base: Scenario) -> list[str]:

@@ -94,8 +94,9 @@ def _refuse_twice(folders: Sequence[Path], field: str) -> None:
 
 def figures(
     *folders: Annotated[Path, Option("folders of recordings or simulations", "DIR")],
-    # One threshold for all results, because error rates depend on it; by default that of the paper.
-    at: Annotated[float, Option("threshold for error rates", "THETA")] = 1.33,
+    at: Annotated[
+        float | None, Option("threshold for error rates (default: that of the first DIR)", "THETA")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Figures of one or more results (each run is a session) with 95 % intervals over sessions."""
@@ -104,7 +105,10 @@ def figures(
     from vibroswarm.recordings.recording import read_result
 
     _refuse_twice(folders, "DIR")
-    found = {str(folder): figures_of(read_result(folder), at) for folder in folders}
+    results = {str(folder): read_result(folder) for folder in folders}
+    # One threshold for all results, because error rates depend on it.
+    at = next(iter(results.values())).scenario.sensor.rms_threshold if at is None else at
+    found = {folder: figures_of(result, at) for folder, result in results.items()}
     print_document(figures_document(found, at), as_json=json)
 
 

@@ -95,6 +95,7 @@ def recording_of(
         prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
         eta=scenario.strategy.table("soft").eta,
         kappa=scenario.strategy.table("soft").kappa,
+        stop_s=_stop_ms(scenario, stated, ordered) / 1000.0,
     )
     described, stated = _described(scenario, list(stated), ordered, inferred, floor, robots=len(names))
     sessions = [_session(run, log, names, described, floor) for run, log in enumerate(ordered)]
@@ -141,10 +142,19 @@ def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, 
         if numbers != by_log[0]:
             raise InputError(
                 f"has robots {', '.join(map(str, numbers))}, and '{logs[0].name}' {', '.join(map(str, by_log[0]))}; "
-                "sessions of one recording must have the same robots; import it into a folder of its own",
+                "sessions of one recording must have the same robots. Put the rows of a session into one file; import "
+                "a session of other robots into a folder of its own",
                 field=log.name,
             )
     return tuple(by_log[0])
+
+
+def _stop_ms(scenario: Scenario, stated: Sequence[str], logs: Sequence[Log]) -> float:
+    """Return the duration of a stop that the user or, failing that, the last log to do so states, ms."""
+    of_logs = [log.settings["sample.stop_ms"] for log in logs if "sample.stop_ms" in log.settings]
+    if of_logs and "sample.stop_ms" not in stated:
+        scenario = scenario.with_values({"sample.stop_ms": of_logs[-1]})
+    return scenario.sample.stop_ms
 
 
 def _described(

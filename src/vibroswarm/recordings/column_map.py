@@ -401,7 +401,10 @@ def _column(use: str, value: Any, name: str) -> Column:
         raise InputError("values must be a table from text to number", field=location)
     wraps_at = value.get("wraps_at")
     if wraps_at is not None and use not in COUNTERS:
-        raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=location)
+        raise InputError(
+            f"only counters may wrap ({', '.join(COUNTERS)}); unwrap other columns in the file",
+            field=location,
+        )
     if wraps_at is not None and not plain_number(wraps_at, "wraps_at", location) > 0:
         raise InputError(f"{wraps_at} is not above 0", field=f"{location}, wraps_at")
     first = value.get("first")

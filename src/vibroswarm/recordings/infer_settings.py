@@ -29,17 +29,13 @@ import polars as pl
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import count, number, rounded, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
-from vibroswarm.recordings.infer_timer import infer_timer
+from vibroswarm.recordings.infer_timer import infer_timer, usual_of
 from vibroswarm.recordings.inferred import STOP_S, Inferred, undetermined
 from vibroswarm.recordings.log import Log
 from vibroswarm.strategies.bayes import GATES
 
 TICKS_S: Final = 0.04
 """Two ticks of the simulator: undisturbed samples are tau + stop + two ticks apart."""
-
-
-UNDISTURBED_S: Final = 0.3
-"""Intervals between samples that differ by more than this from the most frequent duration are not used for tau, s."""
 
 
 FAR: Final = 0.25
@@ -51,19 +47,25 @@ NEEDED: Final = "decisions, beliefs or numbers of messages sent"
 
 
 def infer_settings(
-    logs: Sequence[Log], *, prior: tuple[int, int] = (1, 1), eta: float = 1500.0, kappa: float = 2.0
+    logs: Sequence[Log],
+    *,
+    prior: tuple[int, int] = (1, 1),
+    eta: float = 1500.0,
+    kappa: float = 2.0,
+    stop_s: float = STOP_S,
 ) -> list[Inferred]:
     """Infer all settings of the module's table; a setting that cannot be determined has the value None and says why.
 
     Args:
         logs: sessions, each from ``log.in_order``. prior: alpha and beta before the first observation.
         eta, kappa: parameters of soft feedback with which that strategy is tried.
+        stop_s: duration of a stop for tau, if times spent standing are not logged, s.
     """
     between = intervals_of(logs, prior)
     threshold = infer_threshold(between)
     credible = 0.95  # p_c of the study; the gate is inferred from robots that are surer than this
     gate = infer_gate(logs, credible)
-    tau = infer_tau(between)
+    tau = infer_tau(between, stop_s)
     settings = [threshold, *gate, infer_credible(logs, gate), tau, infer_timer(between, tau)]
     if threshold.value is not None:
         settings.append(infer_strategy(logs, between, float(threshold.value), eta, kappa))
@@ -313,12 +315,11 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
     )  # fmt: skip
 
 
-def infer_tau(between: pl.DataFrame) -> Inferred:
+def infer_tau(between: pl.DataFrame, stop_s: float = STOP_S) -> Inferred:
     """Infer tau from the time between samples without avoidance, or between all samples if avoidance is not logged.
 
     It is undetermined with fewer than 20 such intervals, or if only one of them is near the most frequent duration.
-    The usual interval is tau, a stop and up to two ticks. An interval is longer if the robot first had to finish a
-    turn; so only intervals near the most frequent duration count.
+    The usual interval is tau, a stop (``stop_s`` if times spent standing are not logged) and up to two ticks.
     """
     name = "sample.sample_interval_ms"
     calm = between.filter(pl.col("whole"), pl.col("spacing_s").is_not_null())
@@ -329,19 +330,16 @@ def infer_tau(between: pl.DataFrame) -> Inferred:
     spacing = calm["spacing_s"].to_numpy()
     if spacing.size < 20:
         return undetermined(name, f"{count(spacing.size, 'undisturbed interval')}: too few")
-    # Find the window of width UNDISTURBED_S (two neighbouring bins of a histogram) with the most intervals.
-    edges = np.arange(0.0, spacing.max() + UNDISTURBED_S, UNDISTURBED_S / 2)
-    in_windows = np.convolve(np.histogram(spacing, edges)[0], [1, 1], "valid")
-    middle_s = edges[int(np.argmax(in_windows))] + UNDISTURBED_S / 2
-    # The edges are those of bins, which may cut the usual intervals anywhere. A log with rows every 0.2 s has intervals
-    # on both sides of the true one, of which only the mean is right: so take them around the window's median.
-    middle_s = float(np.median(spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S / 2]))
-    usual = spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S]
+    usual = usual_of(spacing)
     if usual.size < 2:  # one interval has no standard deviation
         return undetermined(name, f"{spacing.size} undisturbed intervals: too different from each other")
     stops_s = calm["stop_s"].drop_nulls().to_numpy()
-    stop_s = float(np.median(stops_s)) if stops_s.size else STOP_S
+    stop_s = float(np.median(stops_s)) if stops_s.size else stop_s
     tau_s = float(usual.mean()) - stop_s - TICKS_S
+    if tau_s <= 0.0:
+        return undetermined(
+            name, f"intervals of {number(usual.mean(), 3)} s do not hold a stop of {number(stop_s, 3)} s"
+        )
     error_s = float(usual.std(ddof=1)) / math.sqrt(usual.size) + 0.01  # times are logged to 0.01 s
     # Two standard errors on each side. A robot whose control loop is faster than the simulator's takes less than two
     # ticks of 20 ms in addition, so its tau may be up to TICKS_S longer.

@@ -40,12 +40,15 @@ LEAST: Final = 30
 """Fewest intervals with avoidance, and fewest calm intervals with turns, that tell rules apart."""
 LEAST_TAU_S: Final = 1.5
 """With a shorter sample interval, avoidances that are shorter than it are too short to tell rules apart, s."""
-COUNTED: Final = 0.65
-"""Avoidance counts if at least this share of the rests is shorter than the usual interval."""
+USUAL_S: Final = 0.3
+"""Intervals without avoidance are the usual one if they differ by no more from the most frequent duration, s."""
+COUNTED: Final = 0.3
+"""Avoidance counts if at least this share of the intervals with avoidance is as long as the usual one (45 to 100 %,
+fewer with short legs, as turns lengthen intervals; under other rules at most 15 %)."""
 SOME: Final = 0.05
-"""Only ``reset_at_avoidance`` has a share between this and ``COUNTED``. Rules under which no rest is shorter have less,
+"""If avoidance does not count, only ``reset_at_avoidance`` has a share of shorter rests above this. Others have less,
 from lost rows and late times."""
-FROZEN: Final = 0.5
+FROZEN: Final = 0.3
 """Avoidance is not counted, and nothing is reset, if at least this share of the rests is as long as the usual interval;
 a timer held at 0 has a small share: avoidances that begin right after a sample."""
 TURNS: Final = 1.4
@@ -67,25 +70,46 @@ def infer_timer(between: pl.DataFrame, tau: Inferred) -> Inferred:
         return undetermined(NAME, f"tau is {words}")
     known = between.filter(pl.col("whole"), pl.col("spacing_s").is_not_null())
     calm = known.filter(pl.col("avoid_s") == 0)["spacing_s"].to_numpy()
-    usual_s = float(np.median(calm))
+    usual_s = float(np.median(usual_of(calm)))
     avoids = known.filter(pl.col("avoid_s") > MARGIN_S, pl.col("avoid_s") <= tau.value / 1000.0)
     avoid_s = avoids["avoid_s"].to_numpy()
-    rest_s = avoids["spacing_s"].to_numpy() - avoid_s
+    spacing_s = avoids["spacing_s"].to_numpy()
+    rest_s = spacing_s - avoid_s
     if rest_s.size < LEAST:
         return undetermined(NAME, f"{rest_s.size} intervals with avoidance: too few")
+    counted = float((np.abs(spacing_s - usual_s) <= MARGIN_S).mean())
     shorter = float((rest_s < usual_s - MARGIN_S).mean())
     alike = float((np.abs(rest_s - usual_s) <= MARGIN_S).mean())
     words = (
-        f"of {rest_s.size} intervals with avoidance, less the avoidance {percent(shorter, 0)} are shorter than the "
-        f"usual {number(usual_s, 2)} s and {percent(alike, 0)} as long, median {number(np.median(rest_s), 2)} s"
+        f"of {rest_s.size} intervals with avoidance, {percent(counted, 0)} are as long as the usual "
+        f"{number(usual_s, 2)} s; less the avoidance {percent(shorter, 0)} are shorter and {percent(alike, 0)} as "
+        f"long, median {number(np.median(rest_s), 2)} s"
     )
-    if shorter >= COUNTED:
+    if counted >= COUNTED:
         return _counted(calm - usual_s, float(np.median(avoid_s)), words)
     if shorter > SOME:
         return Inferred(NAME, "reset_at_avoidance", None, None, words)
     return Inferred(
         NAME, "frozen_in_avoidance" if alike >= FROZEN else "held_at_avoidance", None, None, words
     )
+
+
+def usual_of(spacing_s: Floats) -> Floats:
+    """Return the durations near the most frequent one of some intervals without avoidance, s.
+
+    An interval is longer if the robot first had to finish a turn.
+
+    Args:
+        spacing_s: at least one duration, s.
+    """
+    # Find the window of width USUAL_S (two neighbouring bins of a histogram) with the most intervals.
+    edges = np.arange(0.0, spacing_s.max() + USUAL_S, USUAL_S / 2)
+    in_windows = np.convolve(np.histogram(spacing_s, edges)[0], [1, 1], "valid")
+    middle_s = edges[int(np.argmax(in_windows))] + USUAL_S / 2
+    # The edges are those of bins, which may cut the usual intervals anywhere. A log with rows every 0.2 s has intervals
+    # on both sides of the true one, of which only the mean is right: so take them around the window's median.
+    middle_s = float(np.median(spacing_s[np.abs(spacing_s - middle_s) <= USUAL_S / 2]))
+    return spacing_s[np.abs(spacing_s - middle_s) <= USUAL_S]
 
 
 def _counted(excess_s: Floats, turn_s: float, words: str) -> Inferred:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 STOP_S: Final = 1.0
-"""Duration of a stop of the study's robots, s. ``infer_tau`` uses it only if times spent standing are not logged,
-``infer_strategy`` always."""
+"""Duration of a stop of the study's robots, s; ``infer_strategy`` takes every stop to last so long."""
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
         "step",
         " over three times as fast as a robot's usual ones: markers were swapped or misread, or robots lifted",
     ),
-    "off_the_floor": ("sample", " off all tiles"),
+    "off_the_floor": ("sample", " off all tiles; if these are many, state arena.width_m and arena.height_m"),
     "decisions_missing": (
         "sample",
         " without a decision, taken as not logged; where such cells mean undecided, a column map can say so: "
@@ -210,7 +210,7 @@ def _sorted(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
         k = int(np.argmax(behind > LATE_S))
         raise InputError(
             f"its time, {time[k]:g} s, is {behind[k]:.3g} s before that of an earlier row: the file is not ordered by "
-            "time, or holds two sessions",
+            "time, holds two sessions, or its clock began again",
             field=f"{name}, row {frame['line'][k]}",
         )
     return frame.sort("time_s", "line", maintain_order=True), int((behind > 0).sum())

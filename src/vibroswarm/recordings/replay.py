@@ -445,6 +445,8 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
         )
         replayed.append(infer(of_session, seed, motion, recording.observations.filter(of_run)))
     inference, finals = (pl.concat(tables) for tables in zip(*replayed, strict=True))
+    # Samples whose rows were lost count here too: their numbers are missing in the table of motion.
+    finals = finals.with_columns(recording.robots["samples"])
     robots, runs = outcome_tables(recording.scenario, recording.floor_by_run, finals, recording.ends)
     # As in ``_replayed``: people ended the session.
     return replace(recording, inference=inference, robots=robots, runs=runs.with_columns(stopped_early=False))

@@ -144,7 +144,8 @@ class Tracking:
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
-                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm: {self._why_off()}"
+                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: "
+                f"{self._why_off()}"
             )
         # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
         if self.camera.floor_error_px > 1.0:
