@@ -253,6 +253,9 @@ def test_without_a_grid_damage_is_called_and_certified(
     )
     certificate = (tmp_path / "out" / "certificate.html").read_text()
     assert re.search(r'<p class="verdict[^>]*>[^<]*DAMAGE', certificate)
+    # It had a50, contrasts, ranges and dashes, and did not say what they are.
+    assert "A dash: not reached." in certificate
+    assert "of one joint 90" in certificate
     assert "Not covered" in certificate
 
 
@@ -331,13 +334,16 @@ def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[
 
 
 def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]) -> None:
-    small = ["--plan", "3", "--minutes", "1,2", "--runs", "4", "--plates", "20"]
+    small = ["--plan", "3", "--minutes", "1,6", "--runs", "4", "--plates", "20"]
     document = json_of(capsys, "inspect", *small, "--want-cm", "25", "--json")
     rows = document["tables"]["plan"]
     assert [row["robots"] for row in rows] == [3, 3]
     assert rows[1]["samples"] > rows[0]["samples"]
-    assert rows[1]["sweep_a90_m"] is None or rows[1]["sweep_a90_m"] > 0
-    assert "25 cm" in document["answer"][0]
+    # They were min and cm, named until_s and a90_m. What is enough was given without its false calls.
+    assert [row["until_min"] for row in rows] == [1, 6]
+    assert rows[1]["a50_cm"] > 5
+    assert rows[1]["sweep_a90_cm"] is None or rows[1]["sweep_a90_cm"] > 5
+    assert re.search(r"are enough for squares of 25 cm: .* cm, at \S+ % false calls", document["answer"][0])
     assert document["robots_were_told"] == ["Places: estimated by the robots."]
     few = ["--plan", "3", "--minutes", "1", "--runs", "4", "--plates", "10"]
     told = "Places: true places, which no real robot knows: an upper bound."
@@ -388,7 +394,13 @@ def test_samples_of_one_time_have_one_map(capsys: pytest.CaptureFixture[str], tm
     """They had 60, all of that time: the page of their map was a traceback."""
     once = saved(tmp_path / "once.csv", [[r, 7, x, y, v] for r, _, x, y, v in ROWS[:100]])
     asked = ("--tiles", "5x5", "--damage", "--contrasts", "1", "--replicates", "19")
-    assert "tiles vibrate" in output_of(capsys, "inspect", *small(once, *asked, "--out", tmp_path / "out"))
+    out = json_of(capsys, "inspect", *small(once, *asked, "--out", tmp_path / "out", "--json"))
+    assert "tiles vibrate" in out["answer"][-1]
+    assert len(out["tables"]["risk"]) == 1  # eight times 0 s
+    assert out["tables"]["weakest"][0].keys() >= {
+        "side_cm",
+        "area_cm2",
+    }  # which were named side_m and area_m2
     for name, cells in (("map", 25), ("raster", 40 * 40)):
         table = pl.read_parquet(tmp_path / "out" / f"{name}.parquet")
         assert table.filter(pl.col("robot").is_null()).height == cells
@@ -471,6 +483,15 @@ def test_times_may_be_timestamps(capsys: pytest.CaptureFixture[str], tmp_path: P
     assert "after 596 s" in words_of(
         capsys, "inspect", *small(csv, "--tiles", "5x5")
     )  # of 599 s, less the first 3
+
+
+def test_empty_lines_of_spreadsheets_are_left_out(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """They are written as separators only, and were refused as a robot and as a kind of tile without a name."""
+    csv = saved(tmp_path / "plate.csv", [*ROWS, [""] * 5])
+    laws = tmp_path / "laws.csv"
+    laws.write_text(f"{LAWS.read_text()}\n,\n,\n")
+    given = ("--laws", laws, "--size", "1x1", "--tiles", "5x5")
+    assert f"{len(ROWS)} samples of 5 robots" in output_of(capsys, "inspect", csv, *given)
 
 
 def test_a_header_in_the_middle_is_called_one(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -123,7 +123,8 @@ def damage_sections(found: Inspection) -> list[Section]:
     assessment = found.assessment
     assert assessment is not None
     told = {"time_s": assessment.stopping.times_s, "risk": assessment.stopping.told}
-    every_fourth = pl.DataFrame(told)[3::4]  # the last look included
+    # Every fourth look, the last one included; samples of one time have one.
+    every_fourth = pl.DataFrame(told)[3::4].unique("time_s", keep="last", maintain_order=True)
     return [
         Section(
             "Is there damage, and where?",
@@ -245,9 +246,10 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     )
     return (
         Text(
-            f"Risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, and "
-            f"Lambda {rule} and contrast ({contrasts}). With all samples it is {_tolerated(told.cleared_s)}; for the "
-            f"last robot, with its own samples and {heard} the others', {_tolerated(told.robots_s)}."
+            f"Risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, L the "
+            f"likelihood ratio of damage at a place against none, and Lambda {rule} and contrast ({contrasts}). With "
+            f"all samples it is {_tolerated(told.cleared_s)}; for the last robot, with its own samples and {heard} "
+            f"the others', {_tolerated(told.robots_s)}."
         ),
         Text(
             f"If the inspection ends when the risk is tolerated for the first time ({LOOKS} looks), squares of "
@@ -272,14 +274,14 @@ def pod_table(found: Assessment) -> Table:
         )
         for shape, contrast, pod in each
     ]  # fmt: skip
-    names = ("shape", "contrast", "a50", "a90", "a90_95", "false_calls", "top", "surfaces")
+    names = ("shape", "contrast", "a50_cm", "a90_cm", "a90_95_cm", "false_calls", "top", "surfaces")
     frame = pl.DataFrame(rows, schema=list(names), orient="row").with_columns(
         pl.col(pl.Float64).fill_nan(None)
     )
     columns = {
         **{
             name: Column(title, "cm", decimals=1)
-            for name, title in (("a50", "a50"), ("a90", "a90"), ("a90_95", "a90/95"))
+            for name, title in (("a50_cm", "a50"), ("a90_cm", "a90"), ("a90_95_cm", "a90/95"))
         },
         "false_calls": Column("false calls", share=True),
         "top": Column("PoD of the largest", share=True, wide=True),
@@ -296,10 +298,15 @@ def pod_table(found: Assessment) -> Table:
 
 def weakest_tables(weakest: pl.DataFrame) -> tuple[Table, ...]:
     """Return the weakest contrasts that would have been found, by area; readings of classes have none."""
-    shown = weakest.select(pl.col("side_m") * 100.0, pl.col("area_m2") * 1e4, "c90", "c90_95")
+    shown = weakest.select(
+        (pl.col("side_m") * 100.0).alias("side_cm"),
+        (pl.col("area_m2") * 1e4).alias("area_cm2"),
+        "c90",
+        "c90_95",
+    )
     columns = {
-        "side_m": Column("square", "cm", decimals=0),
-        "area_m2": Column("area", "cm²", decimals=0),
+        "side_cm": Column("square", "cm", decimals=0),
+        "area_cm2": Column("area", "cm²", decimals=0),
         "c90": Column("contrast at 90 %", decimals=2),
         "c90_95": Column("95 % limit", decimals=2),
     }
@@ -379,15 +386,17 @@ def plan_document(
         source, places: of the inspections, in words.
     """
     lengths = ("a50_m", "a90_m", "a90_95_m", "sweep_a90_m")
-    shown = table.with_columns(pl.col("until_s") / 60.0, *(pl.col(name) * 100.0 for name in lengths))
+    shown = table.with_columns(pl.col("until_s") / 60.0, *(pl.col(name) * 100.0 for name in lengths)).rename(
+        {"until_s": "until_min", **{name: name.replace("_m", "_cm") for name in lengths}}
+    )
     columns = {
-        "until_s": Column("time", "min"),
+        "until_min": Column("time", "min"),
         "samples": Column("samples", decimals=0),
         "false_calls": Column("false calls", share=True),
-        "a50_m": Column("a50", "cm", decimals=1),
-        "a90_m": Column("a90", "cm", decimals=1),
-        "a90_95_m": Column("a90/95", "cm", decimals=1),
-        "sweep_a90_m": Column("a90 of a sweep", "cm", decimals=1),
+        "a50_cm": Column("a50", "cm", decimals=1),
+        "a90_cm": Column("a90", "cm", decimals=1),
+        "a90_95_cm": Column("a90/95", "cm", decimals=1),
+        "sweep_a90_cm": Column("a90 of a sweep", "cm", decimals=1),
     }
     words = (
         f"{count(runs, 'simulated inspection')}, half of which give the threshold; {count(plates, 'surface')} with "
@@ -425,8 +434,8 @@ def _planned(table: pl.DataFrame, want_m: float | None) -> str:
     row = enough.row(0, named=True)
     return (
         f"{count(row['robots'], 'robot')} in {number(row['until_s'] / 60, 1)} min are enough for squares of "
-        f"{in_cm(want_m)} cm: a90 {in_cm(row['a90_m'])} cm, with 95 % confidence at most {in_cm(row['a90_95_m'])} cm "
-        "(fewest robot minutes)."
+        f"{in_cm(want_m)} cm: a90 {in_cm(row['a90_m'])} cm, with 95 % confidence at most {in_cm(row['a90_95_m'])} cm, "
+        f"at {percent(row['false_calls'])} false calls (fewest robot minutes)."
     )
 
 

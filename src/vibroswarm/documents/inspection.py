@@ -33,6 +33,7 @@ from vibroswarm.documents.damage import (
     weakest_tables,
 )
 from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.region import HELD
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.scan import Scan
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, if_any
@@ -223,6 +224,10 @@ def _calibration(found: Inspection) -> Table:
 
 
 CERTIFICATE: Final = "certificate.html"
+_FOUND: Final = (
+    "a50, a90: size that would have been found in 50 and 90 % of inspections; a90/95: upper 95 % limit of a90. "
+    "Contrast 1: as strong as in the reference. A dash: not reached."
+)
 
 
 def certificate_document(found: Inspection) -> Document:
@@ -256,6 +261,7 @@ def certificate_document(found: Inspection) -> Document:
                     *if_any(
                         assessment.weakest, lambda weakest: map(_for_certificate, weakest_tables(weakest))
                     ),
+                    Text(_FOUND),
                     *stopping_parts(assessment),
                 ),
             ),
@@ -298,15 +304,14 @@ def _patches(scan: Scan) -> tuple[Table | Text, ...]:
         "area": Column("centres", "cm²", decimals=0),
     }
     table = Table(pl.DataFrame(rows, list(columns), orient="row"), columns)
-    left_out = len(scan.called_m) - len(rows)
-    if not left_out:
-        return (table,)
-    more = count(left_out, "more patch is", "more patches are")
-    return table, Text(f"{more} called; the report lists all.")
+    words = f"Size, contrast and area of the centres: of one joint {percent(HELD, 0)} region of each patch."
+    if left_out := len(scan.called_m) - len(rows):
+        words += f" {count(left_out, 'more patch is', 'more patches are')} called; the report lists all."
+    return table, Text(words)
 
 
 def _for_certificate(table: Table) -> Table:
-    return replace(table, frame=table.frame.drop("top", "surfaces", "area_m2", strict=False))
+    return replace(table, frame=table.frame.drop("top", "surfaces", "area_cm2", strict=False))
 
 
 def _sampled(found: Inspection) -> str:

@@ -25,7 +25,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
 
     Args:
         path: a CSV file whose first line names the columns ``kind`` (vibrating or still, 1 or 0) and ``energy`` (RMS,
-            0 to ``MAX_ENERGY``); other columns and, below the first line, empty lines are ignored.
+            0 to ``MAX_ENERGY``); other columns and, below the first line, lines of empty cells are ignored.
     Raises:
         InputError: the file cannot be read, is larger than ``LARGEST_BYTES`` or is not a CSV file; its first line lacks
             a column; a line is wrong (the message names it); a kind has no energy, or more than ``MAX_ENERGIES``.
@@ -40,7 +40,7 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
         for number, row in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
             if head is None:
                 head = _head(row, name)
-            elif row:
+            elif any(row):  # spreadsheets write empty lines as ","
                 kind, energy = _sample(row, head, f"{name}, line {number}")
                 energies[kind].append(energy)
                 if len(energies[kind]) > MAX_ENERGIES:

@@ -109,8 +109,8 @@ def text_of(path: Path, what: str = "a log of one session", *, comments: bool = 
 def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
     """Parse CSV text with a header into a table of the file's columns; return it after the numbers of its lines.
 
-    Cells stay strings. Empty lines are skipped. A name that the header repeats gets its column's number:
-    "x", "x (3)".
+    Cells stay strings. Lines without text in any cell are skipped. A name that the header repeats gets its column's
+    number: "x", "x (3)".
 
     Args:
         name: of the file, for errors.
@@ -130,7 +130,7 @@ def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
             raise InputError(f"has {mark} between columns; use ',' there, and '.' in numbers", field=name)
         begins = reader.line_num + 1  # a quoted cell may have line breaks
         for row in reader:
-            if row:
+            if any(row):  # spreadsheets write empty lines as ",,,"
                 lines.append(begins)
                 rows.append(row)
             begins = reader.line_num + 1
@@ -286,7 +286,7 @@ def plain_number(value: Any, what: str, name: str) -> float:
 
 
 _HINTS: Final = {
-    "robot": "; give robots numbers (in a column map: values = { ada = 0, bob = 1 })",
+    "robot": "; give robots numbers (with lab import also in a column map: values = { ada = 0, bob = 1 })",
     "time_s": ", and not a time such as 2026-05-01T10:00:00.250Z",
 }
 """What would be right in place of a text, by use."""
