@@ -295,6 +295,8 @@ class Result(NotebookView):
             if run is not None and frame.schema.get("run", pl.Null()).is_integer():
                 frame = frame.filter(pl.col("run") == run)
             frames[name] = check_table(frame, SCHEMAS[name], f"result.{name}", name)
+        if run is not None and frames["runs"].is_empty():
+            raise InputError(f"there is no run {run} in this result", field="run")
         check_result(frames, self.scenario, None, simulated=self.seed is not None)
 
     @contextmanager

@@ -43,7 +43,7 @@ Progress = Callable[[float], None]
 def simulate(
     scenario: Scenario,
     seed: int = 1,
-    runs: int | Sequence[int] = 1,
+    runs: int | Iterable[int] = 1,
     *,
     motion: str = "event",
     segments: bool = False,
@@ -191,7 +191,7 @@ MAX_RUNS = 100_000_000
 """Runs of one call: far more than memory holds, few enough to list their numbers."""
 
 
-def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
+def check_runs(seed: int, runs: int | Iterable[int]) -> list[int]:
     """Check seed and runs as given to ``simulate``, and return the run numbers as a sorted list.
 
     Args:

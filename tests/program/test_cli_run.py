@@ -220,6 +220,7 @@ BAD = {
     "--set strategy.nam=soft": ("strategy.nam", "did you mean 'strategy.name'?"),
     "--set walk": ("--set", "section.field=value"),
     "--set walk=3": ("walk", "is a section"),
+    "--set walk.=3": ("walk.", "there is no such field"),
     "--set rays.side_m=0,0.01": ("rays.side_m", "give a list, such as [0,0.01]"),
     "--set run.t_end_s=nan": ("run.t_end_s", "nan"),
     "--set run.t_end_s=inf": ("run.t_end_s", "inf"),

@@ -164,7 +164,7 @@ def test_the_same_seed_makes_the_same_floor_and_another_another():
         ((20, 20, 0.0005, 0.5), "fill_ratio"),
         ((20, 20, float("nan"), 0.5), "fill_ratio"),
         ((1, 1, 0.5, 0.5), "fill_ratio"),
-        ((0, 20, 0.5, 0.5), "tiles"),
+        ((0, 20, 0.5, 0.5), "rows"),
         ((101, 100, 0.5, 0.5), "tiles"),
         ((20, 20, 0.5, 0.5, None, -1), "seed"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import html
 import re
 from dataclasses import replace
@@ -205,7 +206,7 @@ def test_a_study_answers(studied: StudyResult, tmp_path: Path) -> None:
     assert studied.plot("robots_wrong").numbers.height == 2
     with pytest.raises(ValueError, match=r"did you mean 'robots_wrong'.*choices: outcomes"):
         studied.plot("robots_wrongs")
-    with pytest.raises(ValueError, match="did you mean 'none'"):
+    with pytest.raises(ValueError, match=r"^reference: .*did you mean 'none'"):
         studied.compare("non")
 
 
@@ -221,5 +222,13 @@ def test_a_study_writes_its_report_and_shows_it(studied: StudyResult, tmp_path: 
     view.check_inert()
     assert view.frames == [document]
     assert repr(report) == f"ReportFile({str(report.path)!r})"
-    with pytest.raises(ValueError, match="exists already"):
+    with pytest.raises(ValueError, match=r"^folder: .*exists already"):
         studied.report(tmp_path / "report")
+
+
+@pytest.mark.usefixtures("one_picture", "empty_pictures")
+def test_a_report_is_shown_after_its_unsaved_study_is_gone() -> None:
+    """As of a cell that ends with ``study.run().report()``."""
+    report = Study(preset("paper").with_values({"run.t_end_s": 5.0}), runs=1).run(progress=False).report()
+    gc.collect()
+    assert Markup(report._repr_html_()).frames == [report.path.read_text(encoding="utf-8")]

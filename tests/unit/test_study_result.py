@@ -304,6 +304,17 @@ def test_xarray_of_one_cell_and_of_cells_that_are_no_grid() -> None:
         twice.to_xarray()
 
 
+def test_xarray_of_cells_that_leave_a_field_out() -> None:
+    """They took the place of the last value: three cells came to one place, with the rows of one of them."""
+    points = [{"swarm.robots": 3}, {"strategy.name": "soft"}, {"swarm.robots": 3, "strategy.name": "soft"}]
+    result = Study(SHORT, {"list": points}, 2).run()
+    for table, sizes in {"cells": {}, "runs": {"run": 2}, "robots": {"run": 2, "robot": 3}}.items():
+        assert dict(result.to_xarray(table).sizes) == {"cell": 3, **sizes}
+    assert result.to_xarray()["distance_m"].values.ravel().tolist() == result.runs()["distance_m"].to_list()
+    selected = result.where(name="soft", robots=3).to_xarray()
+    assert dict(selected.sizes) == {"swarm.robots": 1, "strategy.name": 1, "run": 2}
+
+
 def test_without_a_folder_it_lasts_as_long_as_the_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -413,6 +424,8 @@ def test_runs_of_a_slow_source_are_simulated_again_once_and_for_a_short_time(
     assert chosen == slow.runs_there(0, 10)
     again = slow.result(0, chosen)
     assert slow.result(0, chosen) is again
+    assert slow.result(0, np.int64(3)).runs.height == 3
+    assert slow.result(0, [3]).runs["run"].to_list() == [3]  # it was the first three
     assert_frame_equal(again.motion, vibroswarm.simulate(SHORT, 3, chosen, motion="mujoco-planar").motion)
     monkeypatch.setattr("vibroswarm.study.study_result.AGAIN_S", 5 * slow.plan.groups[0].run_s)
     assert slow.runs_again(0, 10) == [0, 1, 2, 3, 4]

@@ -136,6 +136,8 @@ def test_the_verdict_is_on_the_run_that_there_is(short: Scenario) -> None:
     for run in (0, "x", 10**5000):
         with pytest.raises(InputError, match=r"^run: there is no run"):
             verdict(result, run)
+    with pytest.raises(InputError, match=r"^run: there is no run 0"):
+        result.check(0)
 
 
 @pytest.mark.parametrize("field", ["swarm.robots", "run.t_end_s", "floor.source", "rays.side_m"])
@@ -284,10 +286,19 @@ def test_sizes_and_numbers_out_of_range_are_refused(value: Any, ran: Result) -> 
         assert len(str(caught.value)) < 300
 
 
+def test_values_without_an_order_are_refused(short: Scenario) -> None:
+    """Cells, and so the folder's hash, depended on the order of a set, which differs from process to process."""
+    for values in ({"none", "soft"}, frozenset({"none", "soft"})):
+        with pytest.raises(InputError, match=r"^strategy\.name: .*is not a list of values"):
+            Study.of(short, strategy__name=values)
+
+
 def test_what_is_missing_is_named(ran: Result) -> None:
     sizes = np.repeat([0.1, 0.2, 0.3], 10)
     for field, call in {
         "segments": lambda: pose(ran.motion, 0, 0, [1.0]),
+        "progress": lambda: inspect(ran, progress=True),
+        "half_width": lambda: Precision("2%"),  # it was told to give a percentage such as 2%
         "shares": lambda: merge(Path("all"), []),
         "cases": lambda: compare_scenarios(ran.scenario, ran.scenario, cases=[]),
         "curves": lambda: fit_pod(sizes, sizes > 0.1, 0, 10, curves=["linear"]),

@@ -28,7 +28,6 @@ from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
-from vibroswarm.floors.floor import check_size
 from vibroswarm.floors.source import check_fill_ratio, random_tiles
 
 
@@ -199,17 +198,14 @@ def _target(
         InputError: an argument is out of its range, or a measure is undefined, as no tile, all tiles or, for the
             entropy, a single tile would vibrate.
     """
-    # Here rows and columns may be any integers: ``check_size`` refuses those below 1, with a better message.
-    rows = whole_number_of(rows, "rows", -(2**31), 2**31 - 1)
-    columns = whole_number_of(columns, "columns", -(2**31), 2**31 - 1)
+    rows = whole_number_of(rows, "rows", 1, TILE_LIMIT)
+    columns = whole_number_of(columns, "columns", 1, TILE_LIMIT)
     seed = whole_number_of(seed, "seed", 0, 2**63 - 1)
     numbers = {"fill_ratio": fill_ratio, "moran_index": moran_index, "entropy": entropy}
     for name, value in numbers.items():
         if not isinstance(value, Real) and (name != "entropy" or value is not None):
             raise InputError(f"{shown(value)} is not a number", field=name)
-    check_size(rows, columns)
     check_fill_ratio(fill_ratio)
-    # This limit is lower than that of ``check_size``, which is for floors of any kind.
     if rows * columns > TILE_LIMIT:
         raise InputError(
             f"{rows} x {columns} tiles are too many to make; at most {TILE_LIMIT}", field="tiles"

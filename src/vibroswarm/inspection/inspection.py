@@ -17,6 +17,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import (
     InputError,
+    check_callable,
     check_choice,
     check_flags,
     check_kind,
@@ -196,6 +197,7 @@ def inspect(
     known: Laws = str(laws) if isinstance(laws, Path) else laws
     _check_types(source, known)
     check_flags(bits=bits)
+    check_callable(progress, "progress")
     run, seed = whole_number_of(run, "run", 0, 2**32 - 1), check_seed(seed)
     spread_m = number_of(spread_m, "spread_m")
     size_m = None if size_m is None else _pair_of(size_m, "size_m", LEAST_M)
@@ -341,7 +343,9 @@ def _of_csv(
     """Return the samples of a CSV of places and values."""
     check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
-        raise InputError("a CSV needs the size of the surface", field="--size")
+        raise InputError(
+            "a CSV needs the size of the surface (in Python: size_m=(width, height))", field="--size"
+        )
     # Without a grid the question is always whether there is damage, and that needs the error of the law.
     law = _law_of(None, 0, laws, spreads, DRAWS if floor is None else draws)
     is_known = isinstance(floor, Floor)

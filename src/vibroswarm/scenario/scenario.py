@@ -205,7 +205,7 @@ class Scenario(Sections, NotebookView):
         for name, value in values.items():
             check_kind(name, str, "values", "the dotted name of a field")
             section, _, field = name.partition(".")
-            if not field and section in data:
+            if name in data:
                 raise _is_section(name)
             if not field or not isinstance(data.get(section), dict):
                 raise InputError(f"there is no such field{nearest_field(name)}", field=name)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -242,6 +242,8 @@ class ReportFile(NotebookView):
 
     path: Path
     """The page, which opens in a browser."""
+    _kept: object = field(default=None, repr=False, compare=False)
+    """The temporary folder of a study that is not saved: a notebook shows the page after the result is gone."""
 
     def __repr__(self) -> str:
         return f"ReportFile({str(self.path)!r})"
@@ -309,4 +311,4 @@ def _write(result: StudyResult, folder: Path) -> ReportFile:
     equal_error = (result.store.root / "equal_error.csv").is_file()
     document = write_report(outcome_of(result, equal_error=equal_error), folder)
     write_figures(folder / PICTURES, document, "column")
-    return ReportFile(folder / REPORT)
+    return ReportFile(folder / REPORT, result._kept)

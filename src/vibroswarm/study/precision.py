@@ -67,7 +67,8 @@ class Precision(NotebookView):
         keep_plain(self)
         if not (isinstance(self.half_width, float) and 0 < self.half_width < 1):
             raise InputError(
-                f"{self.half_width!r} is not a precision; give a percentage such as 2%", field="until"
+                f"{self.half_width!r} is wrong; give a share above 0 and below 1, such as 0.02",
+                field="half_width",
             )
         if self.figure in RENAMED:
             raise InputError(f"'{self.figure}' is called '{RENAMED[self.figure]}' now", field="figure")

@@ -197,7 +197,12 @@ class Study(NotebookView):
         check_kind(self.keep, (tuple, list), "keep", "a list of tables")
         object.__setattr__(self, "keep", tuple(self.keep))
         if self.until is not None:
-            check_kind(self.until, Precision, "until", "a Precision")
+            check_kind(
+                self.until,
+                Precision,
+                "until",
+                "a vibroswarm.study.precision.Precision, such as Precision(0.02)",
+            )
         if self.folder is not None:
             object.__setattr__(self, "folder", path_of(self.folder, "folder"))
         if (self.runs is None) == (self.until is None):
@@ -240,7 +245,7 @@ class Study(NotebookView):
         return f"Study({name}{cells}, {runs} each, seed {self.seed}{vary})"
 
     @classmethod
-    def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
+    def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Iterable[Any]) -> Study:
         """Make a study of a scenario with every combination of some values.
 
         Args:
@@ -251,7 +256,10 @@ class Study(NotebookView):
             InputError: an unknown field, one that changes nothing in any cell, or a value that is wrong.
         """
         for name, values in grid.items():
-            if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+            # A set has no order of its own, so cells would have other numbers in another process.
+            if isinstance(values, str | bytes | Mapping | set | frozenset) or not isinstance(
+                values, Iterable
+            ):
                 raise InputError(f"{shown(values)} is not a list of values", field=name.replace("__", "."))
         vary = {name.replace("__", "."): list(values) for name, values in grid.items()}
         study = cls(base=scenario, vary={"grid": vary} if vary else {}, runs=runs, seed=seed)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -26,13 +26,22 @@ from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView, study_verbs
 from vibroswarm.core.numbers import count, some, whole
 from vibroswarm.core.optional_library import needed
-from vibroswarm.errors import InputError, check_choice, check_flags, nearest, path_of, shown, whole_number_of
+from vibroswarm.errors import (
+    InputError,
+    check_choice,
+    check_flags,
+    named,
+    nearest,
+    path_of,
+    shown,
+    whole_number_of,
+)
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import rows_as_text
-from vibroswarm.simulation import simulate
+from vibroswarm.simulation import check_runs, simulate
 from vibroswarm.study.batch import FURTHER, SAMPLES
 from vibroswarm.study.batch_table import (
     AGREED_TABLE,
@@ -228,7 +237,8 @@ class StudyResult(NotebookView):
     def rows(self, *cells: int) -> pl.LazyFrame:
         """Return a lazy table with one row for each cell, run and robot, sorted by cell, run and robot.
 
-        Columns of the run are repeated for each robot. To limit memory use, collect one cell at a time.
+        Columns of the run are repeated for each robot. To limit memory use, collect one cell at a time. Of a study that
+        is not saved, collect it while the result is there.
 
         Args:
             cells: by number; by default all selected cells.
@@ -479,7 +489,7 @@ class StudyResult(NotebookView):
             return pl.DataFrame(schema=dict(schema.columns))
         return pl.concat(scans).sort(schema.key).collect()
 
-    def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
+    def result(self, cell: int, runs: int | Iterable[int], *, segments: bool = False) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.
 
         Args:
@@ -490,9 +500,12 @@ class StudyResult(NotebookView):
         scenario, study = self.cell(cell).scenario, self.study
         if not self._is_slow:
             return simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
-        chosen = (cell, (runs,) if isinstance(runs, int) else tuple(runs), segments)
+        numbers = check_runs(study.seed, runs)
+        chosen = (cell, tuple(numbers), segments)
         if chosen not in self._again:
-            self._again[chosen] = simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
+            self._again[chosen] = simulate(
+                scenario, study.seed, numbers, motion=study.motion, segments=segments
+            )
         return self._again[chosen]
 
     def runs_there(self, cell: int, most: int) -> list[int]:
@@ -536,9 +549,10 @@ class StudyResult(NotebookView):
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
         """Convert a table to an xarray Dataset.
 
-        Its dimensions are the varied fields; also ``run`` for the tables ``runs``, ``robots`` and ``samples``,
-        ``robot`` for the last two of them, and ``sample`` for the table ``samples``. Values are missing where the
-        table has no row, for instance if no cell has a combination of varied values.
+        Its dimensions are the varied fields, or ``cell`` if a selected cell does not set one of them; also ``run`` for
+        the tables ``runs``, ``robots`` and ``samples``, ``robot`` for the last two of them, and ``sample`` for the
+        table ``samples``. Values are missing where the table has no row, for instance if no cell has a combination of
+        varied values.
 
         Args:
             table: name of the table, as ``to_pandas`` takes it.
@@ -547,8 +561,11 @@ class StudyResult(NotebookView):
                 dimensions; xarray is not installed; or ``to_pandas`` raises it.
         """
         of_table = {"runs": ["run"], "robots": ["run", "robot"], "samples": ["run", "robot", "sample"]}
-        # A cell is given by its varied values.
-        return _dataset_of(self._table(table).drop("cell"), [*self.study.varied, *of_table.get(table, [])])
+        rows, further = self._table(table), of_table.get(table, [])
+        # xarray would give cells without a value the place of another cell.
+        if any(column.null_count() for column in self._varied_columns):
+            return _dataset_of(rows, ["cell", *further])
+        return _dataset_of(rows.drop("cell"), [*self.study.varied, *further])
 
     def summary(self) -> pl.DataFrame:
         """Return one row per selected cell that has runs (``Outcome.table``): varied values, figures and their limits.
@@ -574,7 +591,8 @@ class StudyResult(NotebookView):
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
         check_flags(confirm=confirm, equal_error=equal_error)
-        comparison: Comparison = study_verbs().compared(self, reference, confirm, equal_error)
+        with named("reference", of="--reference"):
+            comparison: Comparison = study_verbs().compared(self, reference, confirm, equal_error)
         return comparison
 
     def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:
@@ -600,7 +618,8 @@ class StudyResult(NotebookView):
         """
         own = None if folder is None else path_of(folder, "folder")
         check_flags(replace=replace)
-        written: ReportFile = study_verbs().reported(self, own, replace)
+        with named("folder", of="--out"):
+            written: ReportFile = study_verbs().reported(self, own, replace)
         return written
 
     def _table(self, table: str) -> pl.DataFrame:
