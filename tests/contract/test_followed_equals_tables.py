@@ -96,6 +96,15 @@ def test_searches_judge_as_tables_do(strategy: str, revise: bool, stop: str) -> 
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
 
 
+@pytest.mark.parametrize("strategy", ["none", "totals", "dmvd"])  # with each sample, in turn, and by a timer
+def test_messages_are_counted_to_the_end_of_the_run(strategy: str) -> None:
+    values = {"strategy.name": strategy, "decision.min_observations": 30, "run.t_end_s": 200.0}
+    scenario = preset("paper").with_values(values)
+    for found in outcomes_of([scenario, scenario], 5, [0]):
+        ended = scenario.with_values({"run.t_end_s": float(found.end_s[0])})
+        np.testing.assert_array_equal(found.sent[0], simulate(ended, 5, [0]).robots["sent"])
+
+
 @pytest.mark.parametrize("strategy", ["mcp", "averaging"])
 def test_estimates_other_than_a_posterior_s_are_those_of_tables(strategy: str) -> None:
     """The strategy's own, or from its shares of kinds; of a task without decisions, so that runs go on to T_end."""

@@ -31,6 +31,7 @@ def made(
         decision=np.array(decision),
         decision_time_s=np.array(time_s),
         estimate=np.array(estimate),
+        sent=np.zeros(np.shape(decision), dtype=np.int64),
         end_s=np.full(runs, 1200.0),
         fill_ratio=np.full(runs, fill),
         truth=np.full(runs, NAN if fill == 0.5 else float(fill > 0.5)),

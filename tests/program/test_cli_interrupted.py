@@ -18,7 +18,7 @@ import pytest
 
 from helpers.commands import output_of, refusal_of
 from vibroswarm.cli import main
-from vibroswarm.core.atomic_io import MANIFEST, folder_lock
+from vibroswarm.core.atomic_io import MANIFEST, folder_lock, remove_folder
 from vibroswarm.core.folders import read_manifest
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.documents.saved import begin
@@ -156,6 +156,33 @@ def test_a_tuning_tells_whether_it_is_done_when_its_runs_go(monkeypatch, capsys)
     assert main(command) == 130
     assert Path("s.toml").exists()
     assert capsys.readouterr().err.endswith("vibroswarm: interrupted\n")
+
+
+@pytest.mark.usefixtures("here")
+def test_two_tunings_that_begin_or_end_together_do_not_share_runs(monkeypatch, capsys):
+    command = ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"]
+    other = {
+        "was removed by another process": shutil.rmtree,
+        "with other settings": lambda folder: begin(folder, "league tune", "of another"),
+    }
+    for said, done in other.items():  # by another process, before the folder is locked
+
+        def locked(folder: Path, done=done):
+            done(folder)
+            return folder_lock(folder)
+
+        with monkeypatch.context() as patched:
+            patched.setattr("vibroswarm.cli.league.folder_lock", locked)
+            assert said in refusal_of(capsys, *command)
+        shutil.rmtree("s.toml.runs", ignore_errors=True)
+
+    def removed(folder: Path) -> None:
+        with folder_lock(folder):  # another tuning has just begun
+            remove_folder(folder)
+
+    monkeypatch.setattr("vibroswarm.cli.league.remove_folder", removed)
+    assert "decision.min_observations" in output_of(capsys, *command)
+    assert Path("s.toml.runs").exists()
 
 
 def test_show_names_the_command_that_began_the_work(here, monkeypatch, capsys):

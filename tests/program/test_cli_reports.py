@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import polars as pl
@@ -54,7 +55,6 @@ def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
         "references.csv",
     } <= there
     assert {"pictures", "report.html", "second-block"} <= there
-    assert main(["show", str(swept / "second-block")]) == 0
     captions = pl.read_csv(swept / "pictures" / "captions.csv")
     for name in captions["name"]:
         for suffix in ("svg", "pdf", "png", "csv"):
@@ -67,6 +67,17 @@ def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
         "detection",
     }
     assert wanted | {"front-1", "compared-decision-time-s", "density", "belief"} <= set(captions["name"])
+
+
+def test_an_unfinished_repetition_is_resumed_with_its_study(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By itself, it would be repeated on further seeds."""
+    folder = tmp_path / "own"
+    shutil.copytree(swept, folder)
+    next(folder.glob("second-block/shards/*.json")).unlink()
+    shown = output_of(capsys, "show", str(folder / "second-block"))
+    assert shown.splitlines()[-1] == f"To resume: vibroswarm evaluate {folder}/study.toml --out {folder}"
 
 
 def test_pictures_show_the_numbers_of_the_summary(swept: Path) -> None:

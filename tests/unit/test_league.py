@@ -425,7 +425,9 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     assert {rows[f"guess (answer {k})"]["forced_error"] for k in (0, 1)} == {0.5}
     spaces, found = tmp_path / "spaces.toml", tmp_path / "found.toml"
     own = [*SMALL[:-1], f"{code}:guess", *QUICK[:-1], "--points", "4"]
-    assert "no space to search for 'guess'" in refusal_of(capsys, "league", "tune", *own, "--out", str(found))
+    assert "no space to search for 'guess'; give one in a file (--spaces" in refusal_of(
+        capsys, "league", "tune", *own, "--out", str(found)
+    )
     assert not list(tmp_path.glob("found*"))
     spaces.write_text('[guess]\n"strategy.guess.answer" = { from = 0.0, to = 1.0 }\n', encoding="utf-8")
     assert main(["league", "tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0

@@ -112,10 +112,10 @@ def test_the_first_sentences_name_the_best_and_what_is_sure() -> None:
         ),
     )  # fmt: skip
     assert found[0] == (
-        "At 20 % forced error base and sure cannot be told apart (500 to 510 s); slower: fast +33 s."
+        "At 20 % forced error base and sure do not differ significantly (500 to 510 s); slower: fast +33 s."
     )
     assert found[1] == (
-        "Smallest forced error: sure, 10.0 % [9.0, 11.0] in 700 s; cannot be told apart from it: base."
+        "Smallest forced error: sure, 10.0 % [9.0, 11.0] in 700 s; not significantly different from it: base."
     )
     assert found[2] == "Fastest: fast, 30.0 % [28.0, 32.0] in 300 s."
     assert "faster or more accurate, no loss found: fast;" in found[3]
@@ -127,16 +127,17 @@ def test_the_first_sentences_name_the_best_and_what_is_sure() -> None:
 
 
 def test_those_that_differ_in_no_run_are_named() -> None:
-    """Not only "cannot be told apart", with a difference of 0 [0, 0]."""
+    """Not only "do not differ significantly", with a difference of 0 [0, 0]."""
     found = said(
         differences().clear(),
         FRONTS.with_columns(behind_s_low=0.0, behind_s_high=0.0),
         best=BEST.with_columns(behind_low=0.0, behind_high=0.0),
     )
     assert found[0].startswith(
-        "At 20 % forced error base and sure cannot be told apart (500 to 510 s) (the same in all runs: base and sure)"
+        "At 20 % forced error base and sure do not differ significantly (500 to 510 s) "
+        "(the same in all runs: base and sure)"
     )
-    assert found[1].endswith("told apart from it: base (the same in all runs: sure and base).")
+    assert found[1].endswith("different from it: base (the same in all runs: sure and base).")
     assert "the same" not in found[2]  # control: alone
 
 

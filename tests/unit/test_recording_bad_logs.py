@@ -510,7 +510,7 @@ def test_the_correction_of_a_floor_is_the_one_that_is_named(
 def test_what_was_read_is_counted_in_words() -> None:
     """Every count that is made, once and often; what was never found is not said."""
     once = dict.fromkeys(COUNTED, 1.0)
-    often = {**dict.fromkeys(COUNTED, 2000.0), "tracking_gap_longest_s": 4.694, "off_the_floor": 0}
+    often = {**dict.fromkeys(COUNTED, 2000.0), "tracking_gap_longest_s": 4.694123, "off_the_floor": 0}
     sessions = [
         {"log": "a.csv", "reader": "rugbot", "told": once},
         {"log": "b.csv", "reader": "csv", "told": often},

@@ -6,15 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vibroswarm import preset
+from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.space import PAPER, Dimension, Space
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.words import search_of
+from vibroswarm.strategies import none
 
 
 def test_the_papers_space_holds_its_parameters() -> None:
@@ -78,6 +81,54 @@ def test_a_base_need_not_fit_together_without_the_space(tmp_path: Path) -> None:
     file.write_text(text.replace("dirichlet", "soft"))
     with pytest.raises(InputError, match="'none' reads 0 or 1"):
         search_of(file)
+
+
+def test_a_field_that_is_a_list_is_searched_over(tmp_path: Path) -> None:
+    """From a preset on, through the tables, and again by ``verify``."""
+    file, out = tmp_path / "search.toml", tmp_path / "out"
+    file.write_text("""
+        start = ["paper"]
+        scenario.run.t_end_s = 20
+        objective = { cost = "decision_time", statistic = "mean" }
+        search = { method = "random", budget = 60, fresh = 2 }
+        [space]
+        "rays.angle_deg" = [[0.0, 90.0, -90.0], [0.0, 27.0, -27.0]]
+    """)
+    assert main(["optimize", str(file), "--out", str(out), "--no-pictures"]) == 0
+    found = pl.read_csv(out / "candidates.csv")
+    assert found["rays.angle_deg"][0] == "[0.0, 27.0, -27.0]"
+    assert found["failed"].to_list() == [0] * found.height
+    assert main(["verify", str(out)]) == 0
+
+
+def test_a_strategy_of_the_users_own_may_be_a_choice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Worker processes run it, and the folder has it; once its file has changed, the search is refused."""
+    code, file, out = tmp_path / "quiet.py", tmp_path / "search.toml", tmp_path / "out"
+    own = Path(none.__file__).read_text().replace("none = register(", "quiet = (")
+    code.write_text(own.replace('name="none"', 'name="quiet"'))
+    file.write_text("""
+        scenario.run.t_end_s = 20
+        objective = { cost = "decision_time", statistic = "mean" }
+        search = { method = "random", budget = 40, fresh = 2 }
+        space = { "strategy.name" = ["none", "quiet.py:quiet"] }
+    """)
+    command = ["optimize", str(file), "--out", str(out), "--trust", "--no-pictures"]
+    assert main([*command, "--executor", "processes", "--workers", "1"]) == 0
+    assert pl.read_csv(out / "candidates.csv")["failed"].sum() == 0
+    assert (out / "quiet.py").read_text() == code.read_text()
+    code.write_text(code.read_text() + "# changed")
+    assert main(command) == 2
+    assert "another file" in capsys.readouterr().err
+
+
+def test_a_choice_that_fits_nowhere_is_refused() -> None:
+    text = 'space = { "strategy.name" = ["none", "sotf"] }'
+    with pytest.raises(
+        InputError, match=r"^space.strategy.name: there is no strategy 'sotf', did you mean 'soft'"
+    ):
+        Search.from_toml(text)
 
 
 def test_a_log_scale_has_its_geometric_mean_in_the_middle() -> None:

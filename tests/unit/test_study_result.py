@@ -195,6 +195,12 @@ def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
     assert result.cells["there"].to_list() == [12] * 4
 
 
+def test_summaries_of_several_studies_can_be_joined(result: StudyResult) -> None:
+    """A figure that no cell has was a column of another type than elsewhere, as in the Parquet file."""
+    assert result.summary()["agreement_lasted"].null_count() == 4
+    assert pl.Null not in result.summary().dtypes
+
+
 def test_figures_from_some_runs_at_a_time_are_those_of_the_whole_table(
     result: StudyResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:

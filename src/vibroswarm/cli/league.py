@@ -6,8 +6,8 @@ wrong robots, where an undecided robot counts as if it had decided for the answe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -211,10 +211,7 @@ def tune(
         saves_in(None, resumes=True)
         runs_folder = None
         if out is not None:
-            runs_folder = _runs_beside(out, force, *asked)
-            stack.callback(_remove_unused, runs_folder)
-            # Another process would remove these runs, by --force or when it has finished.
-            stack.enter_context(folder_lock(runs_folder))
+            runs_folder = stack.enter_context(_runs_beside(out, force, *asked))
         tuned = tuned_by(
             base,
             names,
@@ -233,18 +230,20 @@ def tune(
     saves_in(None, resumes=False)  # after Ctrl-C, nothing is left to resume
     # The file is complete, so the saved runs are no longer needed.
     if runs_folder is not None and runs_folder.exists():
-        remove_folder(runs_folder)
+        with suppress(InputError):  # another tuning has begun to use them, and removes them
+            remove_folder(runs_folder)
     print_document(tuned)
     print_saved_file(out)
 
 
-def _runs_beside(out: Path, force: bool, *asked: object) -> Path:
-    """Return the folder of a tuning's runs, to be filled; runs of the same question are used again, with --force too.
+@contextmanager
+def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
+    """Yield the folder of a tuning's runs, locked; runs of the same question are used again, with --force too.
 
     Args:
         asked: all that the runs depend on.
     Raises:
-        InputError: the folder holds something else, and would be removed at the end.
+        InputError: the folder holds something else, and would be removed at the end; or another process uses it.
     """
     from vibroswarm.core.folders import has_manifest, matching, read_definition
     from vibroswarm.documents.saved import begin, hash_of, refuse_other
@@ -261,7 +260,13 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Path:
     folder = folder_of_runs(out)
     claim(Saved(out=folder, force=force), check)
     begin(folder, "league tune", work)
-    return folder
+    try:
+        # Another process would remove these runs, by --force or when it has finished.
+        with folder_lock(folder):
+            check(folder)  # another process may have replaced it before it was locked
+            yield folder
+    finally:
+        _remove_unused(folder)
 
 
 def _remove_unused(folder: Path) -> None:

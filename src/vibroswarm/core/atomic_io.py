@@ -156,7 +156,8 @@ def folder_lock(folder: Path) -> Iterator[None]:
     process that holds it, for the error message of other processes.
 
     Raises:
-        InputError: another process holds the lock, or the lock file is a link, a folder or a pipe.
+        InputError: another process holds the lock or has removed the folder, or the lock file is a link, a folder or a
+            pipe.
     """
     path = folder / LOCK_FILE
     stream = _acquire(path)
@@ -183,7 +184,8 @@ def _acquire(path: Path) -> int | None:
     """Create or open a lock file and lock it; return its descriptor, or None if the file cannot be written.
 
     Raises:
-        InputError: another process holds the lock, or it is no plain file: what a link leads to would be overwritten.
+        InputError: another process holds the lock or has removed the folder, or it is no plain file: what a link leads
+            to would be overwritten.
     """
     while True:
         with suppress(OSError):  # there is none
@@ -191,6 +193,10 @@ def _acquire(path: Path) -> int | None:
                 raise InputError("is in the place of a file: move it away", field=str(path))
         try:
             stream = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except FileNotFoundError:
+            raise InputError(
+                "was removed by another process; run the command again", field=str(path.parent)
+            ) from None
         except OSError:
             return None
         try:

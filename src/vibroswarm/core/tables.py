@@ -283,12 +283,17 @@ _MARK: Final = "'"
 
 
 def csv_bytes(frame: pl.DataFrame) -> bytes:
-    """Return a frame as CSV in UTF-8, with texts and column names as ``escaped`` returns them.
-
-    The caller converts lists and structs to text first, as polars cannot write them to CSV.
-    """
+    """Return a frame as CSV in UTF-8, with texts and column names as ``escaped`` returns them, and lists as text."""
     # polars holds valid UTF-8 only, so that "replace" has nothing to replace.
-    return escaped(frame).write_csv().encode("utf-8", "replace")
+    return escaped(_without_nested_columns(frame)).write_csv().encode("utf-8", "replace")
+
+
+def _without_nested_columns(frame: pl.DataFrame) -> pl.DataFrame:
+    nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
+    return frame.with_columns(
+        pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])
+        for name in nested
+    )
 
 
 def escaped(frame: pl.DataFrame) -> pl.DataFrame:

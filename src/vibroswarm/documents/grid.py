@@ -109,8 +109,7 @@ def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, 
     if others := sum(node.as_good for node in nodes.nodes if node is not nodes.best):
         yield (
             f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} {verb(others, 'are', 'is')} not significantly "
-            "different from it. "
-            "Which of them is lowest is chance."
+            "different from it. These runs do not show which of them is best."
         )
     if edges := _edges(nodes):
         yield f"The lowest cell lies at the edge of the grid: {listed(edges)}. Better values may lie beyond."

@@ -213,9 +213,9 @@ def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
     words = (
         "The settings of a strategy, each a point of its front, were chosen on other motions and floors. Between two "
         "of them, a swarm draws one for each run. Times are read at the same forced errors for all, which no strategy "
-        "sets. An asterisk: among the fastest, which cannot be told apart (paired bootstrap, intervals that hold "
-        "together with 95 % for all pairs at that error). A dash: not reached; errs less: along its whole front; open: "
-        "reached in some bootstrap draws."
+        "sets. An asterisk: among the fastest, which do not differ significantly (paired bootstrap, intervals that "
+        "hold together with 95 % for all pairs at that error). A dash: not reached; errs less: along its whole front; "
+        "open: reached in some bootstrap draws."
     )
     levels = _levels(fronts)
     compared = fronts.filter(reached=REACHES).drop("reached")

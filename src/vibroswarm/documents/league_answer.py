@@ -67,11 +67,11 @@ def _fastest_at_each_error(fronts: pl.DataFrame) -> Iterator[str]:
 
 
 def _group_words(names: Iterable[str], one: str, value: str) -> str:
-    """Say who is best: ``the fastest is none (620 s)``, or who cannot be told apart."""
+    """Say who is best: ``the fastest is none (620 s)``, or who do not differ significantly."""
     first, *others = names
     if not others:
         return f"{one} {first} ({value})"
-    return f"{listed([first, *others])} cannot be told apart ({value})"
+    return f"{listed([first, *others])} do not differ significantly ({value})"
 
 
 def _alike(group: pl.DataFrame, name: str, behind: str) -> str:
@@ -90,7 +90,9 @@ def _least_error_and_fastest(standings: pl.DataFrame, best: pl.DataFrame) -> Ite
         error, time = with_limits(Estimate.of(row, "forced_error"), "%"), number(row["decision_time_s"], 0)
         words = f"{start}: {first}, {error} in {time} s"
         if others:
-            words += f"; cannot be told apart from it: {listed(others)}{_alike(group, 'name', 'behind')}"
+            words += (
+                f"; not significantly different from it: {listed(others)}{_alike(group, 'name', 'behind')}"
+            )
         yield f"{words}."
 
 

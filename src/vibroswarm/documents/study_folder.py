@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.folders import has_manifest
@@ -87,7 +88,10 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
     command = about["command"]
     again = f"run the same {shown(f'vibroswarm {command}')} command again"
     if command == "evaluate":  # which reads all of it from the folder
-        again = resume_command(about["folder"])
+        folder = Path(about["folder"]).absolute()
+        # A repetition is resumed with its study: by itself, it would be repeated on further seeds.
+        is_repetition = folder.name == SECOND and has_manifest(folder.parent)
+        again = resume_command(folder.parent if is_repetition else about["folder"])
     return Document(
         title=about["name"] or "Study",
         answer=(

@@ -60,8 +60,6 @@ from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
-FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
-"""Figures of the standings; the table of the module's docstring explains them."""
 SHOWN: Final = {
     "forced_error": "forced_error",
     "right": "robots_right",
@@ -70,7 +68,9 @@ SHOWN: Final = {
     "decision_time_s": "decision_time_s",
     "sent": "sent",
 }
-"""Names in ``analysis.figures`` of the figures that are declared there: all but ``bytes_sent``."""
+"""Names in ``analysis.figures`` of the figures that are declared there."""
+FIGURES: Final = (*SHOWN, "bytes_sent")
+"""Figures of the standings; the table of the module's docstring explains them."""
 COMPARED: Final = ("forced_error", "decision_time_s")
 """Figures that are compared with the reference."""
 DIFFERENCES: Final[dict[str, Any]] = {

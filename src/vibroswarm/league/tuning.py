@@ -149,7 +149,10 @@ def tune(
     tuned = entries_of(strategies, {})
     for entry in tuned:
         if entry.strategy not in known_spaces:
-            raise InputError(f"no space to search for '{entry.strategy}'; give one", field="strategy")
+            raise InputError(
+                f"no space to search for '{entry.strategy}'; give one in a file (--spaces; in Python: space_of)",
+                field="strategy",
+            )
     settings: dict[str, list[dict[str, Any]]] = {}
     tables = []
 
@@ -185,14 +188,18 @@ def tune(
         ]
         tables.append(_table(found, chosen))
     progress(1.0)
-    found_by = (
+    in_order = {entry.strategy: settings[entry.strategy] for entry in tuned}
+    return Tuned(in_order, pl.concat(tables), _found_by(points, runs, len(floors), robots, seed))
+
+
+def _found_by(points: int, runs: int, floors: int, robots: Sequence[int], seed: int) -> str:
+    """Say in one sentence how settings were found, from the arguments of ``tune`` and the number of floors."""
+    return (
         f"{count(points, 'setting')} for each tuned field of a strategy with {count(runs, 'run')} of each of "
-        f"{count(len(floors), 'floor')} and swarms of {listed(map(str, robots))}; then, with {ROUNDS[1] * runs} fresh "
+        f"{count(floors, 'floor')} and swarms of {listed(map(str, robots))}; then, with {ROUNDS[1] * runs} fresh "
         f"runs, the best {FINALISTS} for each forced error and half as many new ones around them; then the best "
         f"{FINALISTS} with {ROUNDS[2] * runs} fresh runs (seeds {seed} to {seed + 2})."
     )
-    in_order = {entry.strategy: settings[entry.strategy] for entry in tuned}
-    return Tuned(in_order, pl.concat(tables), found_by)
 
 
 def _best(found: Standings, most: int) -> list[Entry]:

@@ -14,6 +14,7 @@ Results are joined in the order of the requests, so that they do not depend on t
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -81,7 +82,8 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
         return CRASHED
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
-        scenarios = [_scenario(text, piece.values) for text in piece.cases]
+        values = json.dumps(piece.values)
+        scenarios = [_scenario(text, values) for text in piece.cases]
         outcomes = outcomes_of(scenarios, piece.seed, piece.numbers, piece.motion)
     except InputError as error:
         return str(error)
@@ -94,9 +96,12 @@ def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
 
 
 @lru_cache(maxsize=512)
-def _scenario(text: str, values: tuple[tuple[str, Any], ...]) -> Scenario:
-    """Return the scenario of a TOML text with a candidate's values; cached, since a candidate has several pieces."""
-    return scenario_of(text).with_values(dict(values))
+def _scenario(text: str, values: str) -> Scenario:
+    """Return the scenario of a TOML text with a candidate's values; cached, since a candidate has several pieces.
+
+    The values are JSON, as a list cannot be the key of a cache.
+    """
+    return scenario_of(text).with_values(dict(json.loads(values)))
 
 
 class Simulations:
@@ -114,6 +119,7 @@ class Simulations:
         self, values: Mapping[str, Any], first: int, end: int, size: int = PIECE, crashed: bool = False
     ) -> list[Piece]:
         """Divide the runs ``first`` to ``end`` - 1 of a candidate with these values into pieces of at most ``size``."""
+        code = self.code + plugins.texts_of(value for value in values.values() if plugins.is_code(value))
         return [
             Piece(
                 cases=self.cases,
@@ -122,7 +128,7 @@ class Simulations:
                 motion=self.motion,
                 first=low,
                 last=min(low + size, end),
-                code=self.code,
+                code=code,
                 crashed=crashed,
             )
             for low in range(first, end, size)

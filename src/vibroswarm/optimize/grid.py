@@ -2,8 +2,8 @@
 
 A grid is a study with one cell for each combination of the values. Fields of strategy and decision do not change how
 robots move, so all cells replay one motion and are compared run by run. The cell with the lowest score is the best.
-Every cell that does not differ significantly from the best one is marked as equally good, since it is luck which of
-them is lowest. The differences hold together (``analysis.best_group``): the lowest of many equal cells is always far
+Every cell that does not differ significantly from the best one is marked, since the runs do not show which of them is
+best. The differences hold together (``analysis.best_group``): the lowest of many equal cells is always far
 below some of them. The best cell is scored again on fresh runs, that is runs that played no part in choosing it.
 
 | name | values in the paper |
@@ -112,7 +112,10 @@ class Grid(NotebookView):
             InputError: its cost is a function, which a file cannot hold, or its study varies no fields in a grid.
         """
         if self.objective.function is not None:
-            raise InputError("a cost that is a function cannot be written to a file", field="objective")
+            raise InputError(
+                "a cost that is a function cannot be written to a file; search without a folder",
+                field="objective",
+            )
         values = tomllib.loads(self.study.to_toml())
         if "grid" not in values:
             raise InputError("a file of a grid needs fields with their values", field="space")

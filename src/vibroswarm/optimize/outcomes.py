@@ -66,6 +66,8 @@ class Outcomes(NotebookView):
     estimate: Array
     """Estimate of the fill ratio, or of the number that the task asks for, at the last own sample before ``end_s``,
     (runs, robots): the strategy's own, or the mean of its posterior; nan where it has neither."""
+    sent: NDArray[np.int64]
+    """Messages that each robot sent up to ``end_s``, (runs, robots)."""
     end_s: Array
     """End of the run for the cost, (runs,)."""
     fill_ratio: Array
@@ -161,6 +163,7 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
         decision=robots["decision"].to_numpy().astype(np.int64).reshape(shape),
         decision_time_s=time_s,
         estimate=estimate,
+        sent=robots["sent"].to_numpy().astype(np.int64).reshape(shape),
         end_s=runs["end_s"].to_numpy(),
         fill_ratio=runs["fill_ratio"].to_numpy(),
         truth=numbers(runs["truth"]),
@@ -309,7 +312,7 @@ class _ScenarioRuns:
         self.floors = floors
         self.tiles = floors[runs[0]].tiles.size
         shape = (len(runs), scenario.swarm.robots)
-        self.decision = np.empty(shape, dtype=np.int64)
+        self.decision, self.sent = np.empty(shape, dtype=np.int64), np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
         self.end_s, self.judged_s = np.empty(len(runs)), np.full(len(runs), self.t_end_s)
         self.ends_s = sorted(self.loop.ends_s[-MANY:])
@@ -364,7 +367,7 @@ class _ScenarioRuns:
         # when they have agreed for ``decision.hold_s``, possibly after ``end_s``: the rewind would undo it.
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
-        self.estimate[r] = loop.estimate
+        self.estimate[r], self.sent[r] = loop.estimate, loop.replayer.swarm.agents["sent"]
         if first_s is not None:
             self.judged_s[r] = min(first_s + self.tick_s, self.t_end_s)
             if self.may_change:  # up to here, and no later
@@ -383,6 +386,7 @@ class _ScenarioRuns:
             decision=self.decision,
             decision_time_s=self.decision_time_s,
             estimate=self.estimate,
+            sent=self.sent,
             end_s=self.end_s,
             fill_ratio=fills,
             truth=truth,

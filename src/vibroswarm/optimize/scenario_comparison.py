@@ -28,10 +28,8 @@ from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of, shifted_progress
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_scenario, check_seed
+from vibroswarm.study.cell_comparison import FIGURES
 from vibroswarm.study.executors import Workers, workers_for
-
-FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
-"""Figures that are compared as well, run by run."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Checked(NotebookView):
     replicate: Interval
     """The same difference on the second block of runs."""
     figures: tuple[Paired, ...] = ()
-    """Comparisons of the ``FIGURES``, on the first block."""
+    """Comparisons of the ``FIGURES``, run by run, on the first block."""
     scenarios: tuple[Scenario, ...] = ()
     """The two scenarios, in the first case."""
     seed: int = 1

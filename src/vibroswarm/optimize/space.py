@@ -114,9 +114,10 @@ class Dimension:
             InputError: the value is not a finite number, is out of bounds, or is not among the choices.
         """
         if self.choices:
-            if value not in self.choices:
-                raise InputError(f"{value!r} is not among {list(self.choices)}", field=self.name)
-            return (self.choices.index(value) + 0.5) / len(self.choices)
+            chosen = _as_lists(value)
+            if chosen not in self.choices:
+                raise InputError(f"{chosen!r} is not among {list(self.choices)}", field=self.name)
+            return (self.choices.index(chosen) + 0.5) / len(self.choices)
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError(f"{value!r} is not a number", field=self.name)
         if not self.low <= value <= self.high:
@@ -194,3 +195,8 @@ class Space(NotebookView):
     def values_of(self, scenario: Scenario) -> Values:
         """Return a scenario's values of the fields of the space."""
         return {name: value_of(scenario, name) for name in self.names}
+
+
+def _as_lists(value: Any) -> Any:
+    """Return the tuples of a scenario as the lists of a search file, however deeply nested."""
+    return list(map(_as_lists, value)) if isinstance(value, list | tuple) else value

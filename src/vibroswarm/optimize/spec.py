@@ -35,6 +35,8 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Final
 
+import numpy as np
+
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import (
@@ -52,7 +54,7 @@ from vibroswarm.optimize import methods, optuna_samplers  # noqa: F401  (the sec
 from vibroswarm.optimize.evaluate import NUMBERS
 from vibroswarm.optimize.objective import Objective, objectives_from
 from vibroswarm.optimize.pso import PsoSettings
-from vibroswarm.optimize.space import PAPER, Point, Space
+from vibroswarm.optimize.space import PAPER, Point, Space, Values
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -175,6 +177,7 @@ class Search(NotebookView):
                 raise InputError("is searched over, and varied by the cases too", field=both[0])
         for cell in self.study.cells:
             check_scenario(cell.scenario, "floor.source")
+        self._check_choices_fit()
         _ = self.starts  # computed only to raise an error if a start is wrong
         if self.settings.method == "pso" and len(self.starts) > self.pso.particles:
             raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
@@ -188,6 +191,30 @@ class Search(NotebookView):
                 )
             if self.final_runs:
                 raise InputError('noise = "as-ran" has no race; leave this out', field="search.final")
+
+    def _check_choices_fit(self) -> None:
+        """Check the choices of each field: one that fits nowhere, such as a misspelt name, would waste its runs.
+
+        A choice is tried at three points of the other fields, since it may fit only some of their values.
+
+        Raises:
+            InputError: a choice is wrong at all of them.
+        """
+        points = [self.space.values(np.full(self.space.size, u)) for u in (0.0, 0.5, 1.0)]
+        for one in self.space:
+            for choice in one.choices:
+                errors = [self._error_with({**values, one.name: choice}) for values in points]
+                wrong = [error for error in errors if error is not None and error.field == one.name]
+                if len(wrong) == len(points):
+                    raise InputError(wrong[0].reason, field=f"space.{one.name}")
+
+    def _error_with(self, values: Values) -> InputError | None:
+        """Return why the first case cannot have these values; None if it can."""
+        try:
+            self.cases[0].scenario.with_values(values)
+        except InputError as error:
+            return error
+        return None
 
     def _check_starts_fit(self) -> None:
         """Check that methods other than pso have enough runs to evaluate every start.
@@ -250,7 +277,8 @@ class Search(NotebookView):
         for key in values:
             if nearest(key, KEYS) and not nearest(key, [*study_keys, "scenario", "grid", "list"]):
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
-        block = search_values.get("space")
+        with plugins.search_beside(folder):
+            block = plugins.resolve_codes(search_values.get("space"))
         study = _study_beside(block, values, name, folder)
         check_kind(block, (Mapping, NoneType), "space", "a table of fields with bounds")
         start = search_values.get("start")
@@ -334,7 +362,10 @@ class Search(NotebookView):
             InputError: its cost is a function, which a file cannot hold.
         """
         if any(objective.function is not None for objective in self.objectives):
-            raise InputError("a cost that is a function cannot be written to a file", field="objective")
+            raise InputError(
+                "a cost that is a function cannot be written to a file; search without a folder",
+                field="objective",
+            )
         return as_toml(self.to_values())
 
     def with_settings(self, **changed: Any) -> Search:
@@ -352,9 +383,10 @@ class Search(NotebookView):
         return self.study.cells
 
     @property
-    def code_used(self) -> tuple[list[Scenario], str, str]:
-        """Scenarios, source of motion and method, whose code ``result.write_code`` writes."""
-        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method
+    def code_used(self) -> tuple[list[Scenario], *tuple[str, ...]]:
+        """Scenarios, source of motion, method and choices of the space, whose code ``result.write_code`` writes."""
+        choices = [value for one in self.space for value in one.choices if plugins.is_code(value)]
+        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method, *choices
 
     @cached_property
     def starts(self) -> list[Point]:

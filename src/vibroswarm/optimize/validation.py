@@ -112,10 +112,8 @@ class Truth(NotebookView):
 
         If the true score is 0, the difference is 0 if the believed score is 0 as well, else nan.
         """
-        true = self.winner.score.estimate
-        if true == 0:
-            return 0.0 if self.believed == 0 else math.nan
-        return (true - self.believed) / abs(true)
+        score = self.winner.score
+        return 0.0 if score.estimate == self.believed == 0 else _too_little(self.believed, score)
 
     @property
     def luck(self) -> str:
@@ -217,7 +215,6 @@ def score_fresh(
     named: Sequence[tuple[str, Mapping[str, Any]]],
     runs: int,
     *,
-    purpose: str = "fresh runs",
     folder: str | Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
@@ -228,7 +225,6 @@ def score_fresh(
     Args:
         search: defines scenarios, objective and seed. named: sets of values of the space's fields, each with its name.
         runs: number of runs of each set.
-        purpose: the seed of the runs is derived from it and the search's seed; another purpose gives other runs.
         folder: of the search, which saves the fresh runs; None: they are not saved.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
@@ -236,7 +232,7 @@ def score_fresh(
     """
     runs = whole_number_of(runs, "runs", 2, 10**9)
     sets, first = [dict(values) for _, values in named], search.objectives[:1]
-    fresh = _fresh_figures(search, sets, first, runs, purpose, folder, executor, workers, progress)
+    fresh = _fresh_figures(search, sets, first, runs, folder, executor, workers, progress)
     return [
         scored_of(name, values, first[0], simulated.rows, simulated.runs, simulated.failed)
         for (name, _), values, simulated in zip(named, sets, fresh, strict=True)
@@ -248,14 +244,13 @@ def _fresh_figures(
     sets: Sequence[Values],
     objectives: tuple[Objective, ...],
     runs: int,
-    purpose: str,
     folder: str | Path | None,
     executor: str | Executor,
     workers: int | None,
     progress: Callable[[int], None],
 ) -> list[RunFigures]:
     """Simulate sets of values on the same fresh runs; the arguments are those of ``score_fresh``."""
-    cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, purpose)
+    cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, "fresh runs")
     width = sum(objective.width for objective in objectives)
     saved = None if folder is None else FreshFolder(folder, search)
     fresh: list[RunFigures] = []
@@ -493,9 +488,7 @@ def front_of(
         )
     search, archive, runs = found.search, found.archive, fresh_runs(found)
     sets = [archive[key].values for key in found.front]
-    fresh = _fresh_figures(
-        search, sets, search.objectives, runs, "fresh runs", folder, executor, workers, progress
-    )
+    fresh = _fresh_figures(search, sets, search.objectives, runs, folder, executor, workers, progress)
     scored = [
         (
             tuple(

@@ -12,7 +12,7 @@ import math
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -308,6 +308,7 @@ def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
     """
     seed, motion, runs = how
     scenarios = {key: cell.scenario for key, cell in group.items()}
-    return Study.of_scenarios(
+    study = Study.of_scenarios(
         scenarios, runs, seed, motion=motion, base=preset(COLUMNS[0]), name="The paper's cells"
     )
+    return replace(study, command="reproduce")

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.numbers import count, stated
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
@@ -524,4 +524,4 @@ def count_lines(recording: Recording) -> Iterator[str]:
 def _counted(name: str, found: float) -> str:
     """Write one of the counts of ``log.COUNTED``."""
     thing, more = COUNTED[name]
-    return f"{count(int(found), thing) if thing else stated(found)}{more}"
+    return f"{count(int(found), thing) if thing else number(found, digits=4)}{more}"

@@ -169,7 +169,9 @@ def resolve_code(kind: str, spec: str) -> str:
         return str(load_file(kind, spec, _trusted[-1]).code)
     if HASH in spec:
         return spec
-    raise InputError(f"{spec} is code; add --trust if you know what it does", field=field_of(kind))
+    raise InputError(
+        f"{spec} is code; add --trust if you know what it does (in Python: load_code)", field=field_of(kind)
+    )
 
 
 def resolve_codes(values: Any, path: str = "") -> Any:

@@ -251,18 +251,10 @@ def _csv_link(frame: pl.DataFrame, name: str) -> dict[str, str] | None:
     # converted.
     if frame.estimated_size() > 20 * CSV_UP_TO:
         return None
-    data = csv_bytes(_without_nested_columns(frame))
+    data = csv_bytes(frame)
     if len(data) > CSV_UP_TO:
         return None
     return {
         "file": re.sub(r"[^\w.-]+", "-", name) or "numbers",
         "data": base64.b64encode(data).decode("ascii"),
     }
-
-
-def _without_nested_columns(frame: pl.DataFrame) -> pl.DataFrame:
-    nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
-    return frame.with_columns(
-        pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])
-        for name in nested
-    )

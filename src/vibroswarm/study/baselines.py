@@ -32,7 +32,7 @@ from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
 RUNS: Final = 200
-"""Runs simulated again for each cell."""
+"""Most runs simulated again for each cell."""
 MIN_RUNS: Final = 20
 """With fewer runs, the half on which pooled counting is tuned and the half on which it is judged are too small."""
 MOST_CELLS: Final = 60
@@ -86,7 +86,7 @@ class References:
 
 
 def references_of(
-    result: StudyResult, runs: int = RUNS, progress: Callable[[float], None] = lambda share: None
+    result: StudyResult, progress: Callable[[float], None] = lambda share: None
 ) -> list[References]:
     """Compute the references of the selected cells, in the order of their numbers.
 
@@ -95,21 +95,20 @@ def references_of(
     (``StudyResult.runs_again``). The list is empty if more than ``MOST_CELLS`` cells are selected.
 
     Args:
-        runs: largest number of runs that are simulated again for each cell; below ``MIN_RUNS`` all cells are left out.
         progress: called after each cell, with the share of the selected cells that are done.
     """
     if len(result.selected) > MOST_CELLS:
         return []
     references = []
-    for done, (cell, simulated) in enumerate(_simulated_again(result, runs), start=1):
+    for done, (cell, simulated) in enumerate(_simulated_again(result), start=1):
         if simulated is not None:
             references.append(_references(cell, simulated))
         progress(done / len(result.selected))
     return sorted(references, key=lambda reference: reference.cell.number)
 
 
-def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None]]:
-    """Yield each selected cell with at most ``runs`` of its runs, simulated again.
+def _simulated_again(result: StudyResult) -> Iterator[tuple[Cell, Result | None]]:
+    """Yield each selected cell with at most ``RUNS`` of its runs, simulated again.
 
     Cells of a group share their motion. It is simulated for the first of them, and the others are replayed on it where
     that is possible. A cell that ``references_of`` leaves out is yielded with None instead of its runs.
@@ -118,7 +117,7 @@ def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Res
         cells = [cell for cell in group.cells if cell.number in result.selected]
         simulated: Result | None = None
         for cell in cells:
-            chosen = result.runs_again(cell.number, runs)
+            chosen = result.runs_again(cell.number, RUNS)
             # Of several kinds, what could be known is computed of the most common one.
             task = "majority" if cell.scenario.sensor.kinds > 2 else "fill_ratio"
             if len(chosen) < MIN_RUNS or cell.scenario.task.name != task:

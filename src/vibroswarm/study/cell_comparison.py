@@ -23,7 +23,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -40,7 +39,6 @@ from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.run import run
-from vibroswarm.study.runner import Progress
 from vibroswarm.study.spec import SOURCE, Cell, Study
 from vibroswarm.study.study_result import StudyResult
 
@@ -261,35 +259,19 @@ def in_second_block() -> Iterator[None]:
         ) from None
 
 
-def second_block(
-    result: StudyResult,
-    *,
-    executor: str | Executor = "threads",
-    workers: int | None = None,
-    mixed: bool = False,
-    progress: Progress | None = None,
-    allow_failures: bool = False,
-) -> StudyResult:
+def second_block(result: StudyResult, **how: Any) -> StudyResult:
     """Run a study again from another seed, with fresh motion, floors and noise: the second block of its runs.
 
     It is saved in the folder ``SECOND`` inside the study's folder, or continued if it is there. Every cell gets as many
     runs as the selected cell with fewest runs, and at most ``MOST_AGAIN``. No samples are saved.
 
     Args:
-        result: the study. executor, workers, mixed, progress, allow_failures: see ``runner.run_study``.
+        result: the study. how: further arguments of ``study.run.run``, such as workers.
     Returns: the result of the second block, for the cells that ``result`` selects.
     """
     runs = min(map(result.runs_of, result.selected))
     with in_second_block():
-        replicate = run(
-            on_other_seeds(result.study, runs),
-            result.store.root / SECOND,
-            executor=executor,
-            workers=workers,
-            mixed=mixed,
-            progress=progress,
-            allow_failures=allow_failures,
-        )
+        replicate = run(on_other_seeds(result.study, runs), result.store.root / SECOND, **how)
     return replace(replicate, selected=result.selected)
 
 

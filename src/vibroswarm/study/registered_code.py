@@ -30,14 +30,16 @@ PACKAGES: Final = frozenset({"site-packages", "dist-packages"})
 """Folders of installed packages."""
 
 
-def registered_code(scenarios: Iterable[Scenario], motion: str = "", method: str = "") -> dict[str, str]:
+def registered_code(
+    scenarios: Iterable[Scenario], motion: str = "", method: str = "", *_files: str
+) -> dict[str, str]:
     """Return a hash of the code of all that is selected and has no file, by kind and name.
 
     What belongs to this package is left out. Not seen are changes of other installed packages, and of values that may
     change as code runs: lists, tables and private attributes.
 
     Args:
-        motion, method: name of the source of motion, and of the method of search.
+        motion, method: name of the source of motion, and of the method of search. _files: further code that has a file.
     """
     selected = {(one.kind, one.selected) for scenario in scenarios for one in scenario.choices}
     selected |= {("motion", motion), ("method", method)}

@@ -107,6 +107,8 @@ class Outcome(NotebookView):
         if self.has_failed_runs:
             counts = pl.Series("failed_runs", [cell.failed.height for cell in self.cells], dtype=pl.Int64)
             figures = figures.insert_column(figures.columns.index("runs") + 1, counts)
+        # A figure that no cell has is a column of numbers too, so that tables of several studies can be joined.
+        figures = figures.with_columns(pl.col(pl.Null).cast(pl.Float64))
         # Both tables have a row for each selected cell, in the same order.
         return varied.hstack(figures)
 
