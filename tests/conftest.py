@@ -70,7 +70,7 @@ def pytest_configure(config: pytest.Config) -> None:
     compiling = [
         subprocess.Popen([sys.executable, "-c", COMPILE, engine]) for engine in ("event", "fixed-step")
     ]
-    # Each worker would compile all tests, too, and says what is wrong with them.
+    # Otherwise each worker would compile all tests. What is wrong with them is reported by the workers.
     subprocess.run([sys.executable, "-m", "pytest", "--collect-only"], stdout=subprocess.DEVNULL, check=False)
     codes = [process.wait() for process in compiling]
     if any(codes):

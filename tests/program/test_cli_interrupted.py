@@ -174,6 +174,7 @@ def test_two_tunings_that_begin_or_end_together_do_not_share_runs(monkeypatch, c
         with monkeypatch.context() as patched:
             patched.setattr("vibroswarm.cli.league.folder_lock", locked)
             assert said in refusal_of(capsys, *command)
+        assert Path("s.toml.runs").exists() == (done is not shutil.rmtree)
         shutil.rmtree("s.toml.runs", ignore_errors=True)
 
     def removed(folder: Path) -> None:

@@ -43,7 +43,6 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.long
 def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
     there = {path.name for path in swept.iterdir()}
     assert {

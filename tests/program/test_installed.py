@@ -178,7 +178,6 @@ def commands_of_the_readme() -> list[list[str]]:
     return [small(command) for command in found]
 
 
-@pytest.mark.long
 def test_every_command_of_the_readme_works_from_the_wheel_alone(installed: Path, here: Path) -> None:
     program = installed.parent / "vibroswarm"
     assert called(program, "--version", cwd=here).startswith("vibroswarm ")

@@ -73,8 +73,8 @@ def test_a_recording_of_one_robot_is_compared_without_the_classifier() -> None:
     assert even == f"No more similar than evenly spread values: {WORDS[alike[1].feature]}."
     (units, _) = comparison_document(replace(found, missing=("still",))).warnings
     assert units == (
-        "Too few values to compare: energy on still tiles (energies count below 5 and 3: convert their unit in the "
-        "column map)."
+        "Too few values to compare: energy on still tiles (only energies below 3 count: if their unit is another, "
+        "convert it in the column map)."
     )
     told = IntervalAccuracy(Told((0.5, 0.7), (0.4, 0.5, 0.9)), Told((), ()), {"turn_rad": 0.6})
     ranges = comparison_document(replace(found, intervals=told)).tables["intervals_told_apart"].frame

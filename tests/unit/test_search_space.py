@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
+from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.space import PAPER, Dimension, Space
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.validation import score_fresh
 from vibroswarm.optimize.words import search_of
 from vibroswarm.strategies import none
 
@@ -109,6 +111,7 @@ def test_a_strategy_of_the_users_own_may_be_a_choice(
     own = Path(none.__file__).read_text().replace("none = register(", "quiet = (")
     code.write_text(own.replace('name="none"', 'name="quiet"'))
     file.write_text("""
+        start = [{ "strategy.name" = "quiet.py:quiet" }]
         scenario.run.t_end_s = 20
         objective = { cost = "decision_time", statistic = "mean" }
         search = { method = "random", budget = 40, fresh = 2 }
@@ -123,12 +126,33 @@ def test_a_strategy_of_the_users_own_may_be_a_choice(
     assert "another file" in capsys.readouterr().err
 
 
-def test_a_choice_that_fits_nowhere_is_refused() -> None:
-    text = 'space = { "strategy.name" = ["none", "sotf"] }'
-    with pytest.raises(
-        InputError, match=r"^space.strategy.name: there is no strategy 'sotf', did you mean 'soft'"
-    ):
-        Search.from_toml(text)
+def test_a_choice_that_is_not_loaded_is_refused_before_any_run() -> None:
+    search = Search.from_toml(f'space = {{ "strategy.name" = ["none", "gone.py:gone sha256:{"0" * 64}"] }}')
+    with pytest.raises(InputError, match=r"^space.strategy.name: 'gone.py:gone' is not loaded"):
+        run_search(search)
+
+
+@pytest.mark.parametrize(
+    ("space", "words"),
+    [
+        (
+            '"strategy.name" = ["none", "sotf"]',
+            "strategy.name: there is no strategy 'sotf', did you mean 'soft'",
+        ),
+        ('"rays.angle_deg" = [[0.0, 90.0, -90.0], [0.0, 27.0, "x"]]', "rays.angle_deg: "),
+    ],
+)
+def test_a_choice_that_fits_nowhere_is_refused(space: str, words: str) -> None:
+    with pytest.raises(InputError, match=f"^space.{words}"):
+        Search.from_toml(f"space = {{ {space} }}")
+
+
+def test_fresh_runs_take_numbers_of_numpy() -> None:
+    search = Search.from_toml('scenario.run.t_end_s = 20\nspace = { "decision.min_observations" = [1, 5] }')
+    plain, numpy = (
+        score_fresh(search, [("a", {"decision.min_observations": value})], 2)[0] for value in (3, np.int64(3))
+    )
+    assert plain.score == numpy.score
 
 
 def test_a_log_scale_has_its_geometric_mean_in_the_middle() -> None:

@@ -42,10 +42,8 @@ WORDS: Final = {
 """The features in words, for titles."""
 
 
-VIBRATING_BELOW: Final = 5.0
-"""Upper limit of the energies on vibrating tiles that the authors used; larger ones are dropped."""
-STILL_BELOW: Final = 3.0
-"""Upper limit of the energies on still tiles that the authors used; larger ones are dropped."""
+BELOW: Final = {"vibrating": 5.0, "still": 3.0}
+"""Upper limits of the energies on vibrating and on still tiles that the authors used; larger ones are dropped."""
 _EDGES: Final = {
     "avoidance": [np.linspace(0.0, 8.0, 80)],
     "vibrating": [np.linspace(0.0, 6.0, 60)],
@@ -167,9 +165,9 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
     check_choice(feature, "feature", FEATURES)
     energy, vibrating = samples["energy"].to_numpy(), samples["vibrating"].to_numpy()
     if feature == "vibrating":
-        return np.asarray(energy[vibrating & (energy < VIBRATING_BELOW)][:, None])
+        return np.asarray(energy[vibrating & (energy < BELOW["vibrating"])][:, None])
     if feature == "still":
-        return np.asarray(energy[~vibrating & (energy < STILL_BELOW)][:, None])
+        return np.asarray(energy[~vibrating & (energy < BELOW["still"])][:, None])
     if feature == "places":
         return samples.select("x_m", "y_m").to_numpy()
     stepped = samples.filter(pl.col("dx_m").is_not_null())
@@ -211,8 +209,8 @@ def shapeless(feature: str, u: Floats) -> Floats:
         u: uniform numbers in (0, 1), (n, 2); the second column is not used for a feature with one column.
     """
     spans: dict[str, tuple[tuple[float, float], ...]] = {
-        "vibrating": ((0.0, VIBRATING_BELOW),),
-        "still": ((0.0, STILL_BELOW),),
+        "vibrating": ((0.0, BELOW["vibrating"]),),
+        "still": ((0.0, BELOW["still"]),),
         "avoidance": ((0.0, 8.0),),
         "places": ((0.0, 1.0), (0.0, 1.0)),
         "distances": ((0.0, 1200.0), (0.05, 0.2)),

@@ -29,7 +29,7 @@ from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
 from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import stated
+from vibroswarm.core.numbers import listed, stated
 from vibroswarm.errors import check_kind
 from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
@@ -448,8 +448,13 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
     """
     found = []
     for name in AROUND:
-        others = {result.scenario[name] for result in results} - {base[name]}
-        found += [_differs(name, base[name], other) for other in sorted(others)[:1]]
+        there = sorted({result.scenario[name] for result in results})
+        if len(there) == 1 and there[0] != base[name]:
+            found.append(_differs(name, base[name], there[0]))
+        elif there and base[name] not in there:
+            found.append(
+                f"{name} is {base[name]} in the base, but {listed(map(str, there))} in the recordings."
+            )
     for name in WALK_SETTINGS:
         own = base[name]
         inferred = [

@@ -260,13 +260,16 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
     folder = folder_of_runs(out)
     claim(Saved(out=folder, force=force), check)
     begin(folder, "league tune", work)
+    is_own = False
     try:
         # Another process would remove these runs, by --force or when it has finished.
         with folder_lock(folder):
             check(folder)  # another process may have replaced it before it was locked
+            is_own = True
             yield folder
     finally:
-        _remove_unused(folder)
+        if is_own:
+            _remove_unused(folder)
 
 
 def _remove_unused(folder: Path) -> None:

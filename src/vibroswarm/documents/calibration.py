@@ -19,7 +19,7 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import ESTIMATED, Confirmation
 from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
 from vibroswarm.calibrate.effect import Effect
-from vibroswarm.calibrate.features import FEATURES, STILL_BELOW, VIBRATING_BELOW, WORDS
+from vibroswarm.calibrate.features import BELOW, FEATURES, WORDS
 from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
 from vibroswarm.calibrate.real_vs_simulated import Comparison
@@ -171,8 +171,12 @@ def _no_more_similar_than_even(found: Comparison) -> str:
 def _missing(found: Comparison) -> tuple[str, ...]:
     """Return what was not compared, and why."""
     features = [WORDS[name] for name in found.missing]
-    counted = f" (energies count below {VIBRATING_BELOW:g} and {STILL_BELOW:g}: convert their unit in the column map)"
-    why = counted if {"vibrating", "still"} & set(found.missing) else ""
+    limits = [stated(BELOW[name]) for name in found.missing if name in BELOW]
+    why = (
+        f" (only energies below {listed(limits)} count: if their unit is another, convert it in the column map)"
+        if limits
+        else ""
+    )
     too_few = (f"Too few values to compare: {listed(features)}{why}.",) if features else ()
     unclassified = (f"Without the classifier: {found.unclassified}.",) if found.unclassified else ()
     return too_few + unclassified

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.numbers import every
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError, RunError, plain_value
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.objective import Objective, Rows
@@ -82,7 +82,7 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
         return CRASHED
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
-        values = json.dumps(piece.values)
+        values = json.dumps(plain_value(piece.values))
         scenarios = [_scenario(text, values) for text in piece.cases]
         outcomes = outcomes_of(scenarios, piece.seed, piece.numbers, piece.motion)
     except InputError as error:

@@ -156,6 +156,7 @@ def run_search(
     """
     check_kind(search, Search, "search", "a Search; make one with Search.read(file)")
     check_libraries(search)
+    search.check_loaded()
     place = None if folder is None else SearchFolder(folder, search, mixed=mixed)
     with workers_for(executor, workers) as pool, nullcontext() if place is None else place.alone():
         return _Loop(search, place, pool, progress).run()

@@ -204,9 +204,23 @@ class Search(NotebookView):
         for one in self.space:
             for choice in one.choices:
                 errors = [self._error_with({**values, one.name: choice}) for values in points]
-                wrong = [error for error in errors if error is not None and error.field == one.name]
+                # Of a list it is the field of one of its values.
+                wrong = [error for error in errors if error and f"{error.field}.".startswith(f"{one.name}.")]
                 if len(wrong) == len(points):
                     raise InputError(wrong[0].reason, field=f"space.{one.name}")
+
+    def check_loaded(self) -> None:
+        """Refuse code of the scenarios or among the choices that is not loaded.
+
+        Raises:
+            InputError: some is not.
+        """
+        for part in (part for cell in self.cases for part in cell.scenario.choices):
+            part.check_loaded()
+        for one in self.space:
+            for choice in filter(plugins.is_code, one.choices):
+                if plugins.text_of(choice) is None:
+                    raise plugins.not_loaded(choice, f"space.{one.name}")
 
     def _error_with(self, values: Values) -> InputError | None:
         """Return why the first case cannot have these values; None if it can."""
@@ -278,10 +292,11 @@ class Search(NotebookView):
             if nearest(key, KEYS) and not nearest(key, [*study_keys, "scenario", "grid", "list"]):
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
         with plugins.search_beside(folder):
-            block = plugins.resolve_codes(search_values.get("space"))
+            block, start = map(
+                plugins.resolve_codes, (search_values.get("space"), search_values.get("start"))
+            )
         study = _study_beside(block, values, name, folder)
         check_kind(block, (Mapping, NoneType), "space", "a table of fields with bounds")
-        start = search_values.get("start")
         check_kind(start, (list, NoneType), "start", "a list of presets or of tables of values")
         objectives = objectives_from(search_values.get("objective", {}))
         settings = search_values.get("search", {})

@@ -193,6 +193,7 @@ def _of_study(folder: Path) -> _Part:
 
 def _of_search(folder: Path) -> _Part:
     search = saved_search(folder)
+    search.check_loaded()
     fresh, damaged = FreshFolder(folder, search).recorded()
     for path in matching(folder / STEPS, "*.json"):
         try:

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.numbers import count, number
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import outcome_tables
@@ -95,7 +95,7 @@ def recording_of(
         prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
         eta=scenario.strategy.table("soft").eta,
         kappa=scenario.strategy.table("soft").kappa,
-        stop_s=_stop_ms(scenario, stated, ordered) / 1000.0,
+        stop_s=_stop_s(scenario, stated, ordered),
     )
     described, stated = _described(scenario, list(stated), ordered, inferred, floor, robots=len(names))
     sessions = [_session(run, log, names, described, floor) for run, log in enumerate(ordered)]
@@ -149,12 +149,11 @@ def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, 
     return tuple(by_log[0])
 
 
-def _stop_ms(scenario: Scenario, stated: Sequence[str], logs: Sequence[Log]) -> float:
-    """Return the duration of a stop that the user or, failing that, the last log to do so states, ms."""
-    of_logs = [log.settings["sample.stop_ms"] for log in logs if "sample.stop_ms" in log.settings]
-    if of_logs and "sample.stop_ms" not in stated:
-        scenario = scenario.with_values({"sample.stop_ms": of_logs[-1]})
-    return scenario.sample.stop_ms
+def _stop_s(scenario: Scenario, stated: Sequence[str], logs: Sequence[Log]) -> float:
+    """Return the duration of a stop that the user or, failing that, the last log to do so states, s."""
+    name = "sample.stop_ms"
+    of_logs = [] if name in stated else [log.settings[name] for log in logs if name in log.settings]
+    return number_of([scenario[name], *of_logs][-1], name) / 1000.0
 
 
 def _described(

@@ -42,15 +42,18 @@ LEAST_TAU_S: Final = 1.5
 """With a shorter sample interval, avoidances that are shorter than it are too short to tell rules apart, s."""
 USUAL_S: Final = 0.3
 """Intervals without avoidance are the usual one if they differ by no more from the most frequent duration, s."""
-COUNTED: Final = 0.3
-"""Avoidance counts if at least this share of the intervals with avoidance is as long as the usual one (45 to 100 %,
-fewer with short legs, as turns lengthen intervals; under other rules at most 15 %)."""
+COUNTED: Final = 0.2
+"""Where avoidance counts, at least this share of the intervals with avoidance is as long as the usual one, and more are
+than are a little longer."""
 SOME: Final = 0.05
-"""If avoidance does not count, only ``reset_at_avoidance`` has a share of shorter rests above this. Others have less,
-from lost rows and late times."""
-FROZEN: Final = 0.3
+"""If avoidance does not count, only ``reset_at_avoidance`` has a share of shorter rests above this."""
+FEW: Final = 0.01
+"""Of other rules fewer rests than this are shorter, from lost rows and late times."""
+FROZEN: Final = 0.33
 """Avoidance is not counted, and nothing is reset, if at least this share of the rests is as long as the usual interval;
 a timer held at 0 has a small share: avoidances that begin right after a sample."""
+MANY: Final = 0.5
+"""If a larger share of intervals without avoidance has turns, many have more than one, and say nothing of one turn."""
 TURNS: Final = 1.4
 """The timer is reset after turns if intervals with turns are longer than the usual one by more than this many median
 avoidances (with the study's settings 1.9 to 2.6), and held in them if by less (1.0 to 1.2)."""
@@ -77,7 +80,9 @@ def infer_timer(between: pl.DataFrame, tau: Inferred) -> Inferred:
     rest_s = spacing_s - avoid_s
     if rest_s.size < LEAST:
         return undetermined(NAME, f"{rest_s.size} intervals with avoidance: too few")
-    counted = float((np.abs(spacing_s - usual_s) <= MARGIN_S).mean())
+    excess_s = spacing_s - usual_s
+    counted = float((np.abs(excess_s) <= MARGIN_S).mean())
+    later = float(((excess_s > MARGIN_S) & (excess_s <= 3.0 * MARGIN_S)).mean())
     shorter = float((rest_s < usual_s - MARGIN_S).mean())
     alike = float((np.abs(rest_s - usual_s) <= MARGIN_S).mean())
     words = (
@@ -85,10 +90,14 @@ def infer_timer(between: pl.DataFrame, tau: Inferred) -> Inferred:
         f"{number(usual_s, 2)} s; less the avoidance {percent(shorter, 0)} are shorter and {percent(alike, 0)} as "
         f"long, median {number(np.median(rest_s), 2)} s"
     )
-    if counted >= COUNTED:
+    if counted > max(later, COUNTED):
         return _counted(calm - usual_s, float(np.median(avoid_s)), words)
     if shorter > SOME:
         return Inferred(NAME, "reset_at_avoidance", None, None, words)
+    if shorter > FEW:
+        return undetermined(
+            NAME, f"{words}: too few are shorter to tell whether avoidances set the timer to 0"
+        )
     return Inferred(
         NAME, "frozen_in_avoidance" if alike >= FROZEN else "held_at_avoidance", None, None, words
     )
@@ -120,6 +129,8 @@ def _counted(excess_s: Floats, turn_s: float, words: str) -> Inferred:
         words: the evidence so far.
     """
     longer = excess_s[excess_s > MARGIN_S]
+    if longer.size > MANY * excess_s.size:
+        return undetermined(NAME, f"{words}: avoidance counts; many intervals hold more than one turn")
     if longer.size < LEAST:
         share = longer.size / excess_s.size
         if excess_s.size >= 10 * LEAST and share < 0.01:
