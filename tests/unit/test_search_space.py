@@ -126,10 +126,24 @@ def test_a_strategy_of_the_users_own_may_be_a_choice(
     assert "another file" in capsys.readouterr().err
 
 
-def test_a_choice_that_is_not_loaded_is_refused_before_any_run() -> None:
-    search = Search.from_toml(f'space = {{ "strategy.name" = ["none", "gone.py:gone sha256:{"0" * 64}"] }}')
-    with pytest.raises(InputError, match=r"^space.strategy.name: 'gone.py:gone' is not loaded"):
-        run_search(search)
+def test_a_choice_that_is_not_loaded_is_refused_before_any_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also before ``--force`` removes what is there."""
+    words = "space.strategy.name: 'gone.py:gone' is not loaded"
+    space = f'space = {{ "strategy.name" = ["none", "gone.py:gone sha256:{"0" * 64}"] }}'
+    with pytest.raises(InputError, match=f"^{words}"):
+        run_search(Search.from_toml(space))
+    file, out = tmp_path / "search.toml", tmp_path / "out"
+    file.write_text(
+        f"scenario.run.t_end_s = 20\nsearch = {{ method = 'random', budget = 40, fresh = 2 }}\n{space}"
+    )
+    small = ["--set", "run.t_end_s=5", "--runs", "2", "--no-pictures"]
+    assert main(["evaluate", "--strategy", "none,soft", *small, "--no-confirm", "--out", str(out)]) == 0
+    assert main(["optimize", str(file), "--out", str(out), "--force"]) == 2
+    assert main(["optimize", "sensitivity", str(file), "--out", str(out), "--force"]) == 2
+    assert capsys.readouterr().err.count(words) == 2
+    assert (out / "study.toml").is_file()
 
 
 @pytest.mark.parametrize(

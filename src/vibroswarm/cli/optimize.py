@@ -86,13 +86,13 @@ def _start(search: Search) -> None:
 def _search(file: Path | None, options: SearchOptions, execution: Execution, output: Drawn) -> None:
     """Run a search, score its winner or its Pareto front on fresh runs, print and save the result."""
     from vibroswarm.documents.search import plan_sentences, search_document
-    from vibroswarm.optimize.loop import check_libraries
+    from vibroswarm.optimize.loop import check_ready
     from vibroswarm.optimize.steps import SearchFolder
     from vibroswarm.optimize.words import check_budgeted, search_of, searched
 
     search = search_of(file, **vars(options))
     check_budgeted(search)
-    check_libraries(search)  # now, since `--force` removes the folder
+    check_ready(search)  # now, since `--force` removes the folder
     # Making a `SearchFolder` writes nothing, but refuses a folder that holds anything but this search.
     claim(output, lambda folder: SearchFolder(folder, search, mixed=execution.mixed), mixed=execution.mixed)
     _start(search)
@@ -134,7 +134,9 @@ def sensitivity(
     from vibroswarm.optimize.words import counting, search_of
 
     made = search_of(search, cost=cost, seed=seed)
-    design_of(made, budget)  # refuses a small budget now, since `--force` removes the folder
+    design_of(
+        made, budget
+    )  # refuses a small budget and code not loaded now, since `--force` removes the folder
     destination = Destination(output, "optimize sensitivity", made.hash, budget)
     _start(made)
     with counting(STAGES)("simulating", budget) as counted:

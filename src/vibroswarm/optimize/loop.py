@@ -65,12 +65,13 @@ def requests_of(stage: Stage, code: str) -> list[Ask]:
     return asks
 
 
-def check_libraries(search: Search) -> None:
-    """Check that a search can begin with the installed libraries; called before anything is written.
+def check_ready(search: Search) -> None:
+    """Check that a search can begin, with its code and the installed libraries; called before anything is written.
 
     Raises:
-        InputError: as of ``stage_of``.
+        InputError: as of ``Search.check_loaded`` and ``stage_of``.
     """
+    search.check_loaded()
     stage_of(search, Archive(search.space, search.objectives))  # made only for its checks
 
 
@@ -148,15 +149,14 @@ def run_search(
             refused, since no single version could repeat such a search.
         progress: called as runs finish, with the state of the search.
     Raises:
-        InputError: the folder is refused (see ``SearchFolder``) or in use, a library is missing, or a cost returns no
-            number.
+        InputError: the folder is refused (see ``SearchFolder``) or in use, code is not loaded, a library is missing, or
+            a cost returns no number.
         CodeError: a user's method failed.
         RunError: every run of the first step failed, the workers are gone, the folder cannot be written, or it holds
             other requests than the method makes; finished steps are saved.
     """
     check_kind(search, Search, "search", "a Search; make one with Search.read(file)")
-    check_libraries(search)
-    search.check_loaded()
+    check_ready(search)
     place = None if folder is None else SearchFolder(folder, search, mixed=mixed)
     with workers_for(executor, workers) as pool, nullcontext() if place is None else place.alone():
         return _Loop(search, place, pool, progress).run()

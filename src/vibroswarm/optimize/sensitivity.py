@@ -111,8 +111,8 @@ def sobol_indices(
         replicates: runs of each point of the design, at least 1. executor, workers: see ``study.executors``.
         progress: called as runs finish, with the number done so far.
     Raises:
-        InputError: SALib is not installed, the budget is too small, ``replicates`` is not a whole number from 1 on, or
-            a cost gives no number for a run. RunError: a run failed, or the workers are gone.
+        InputError: SALib is not installed, code is not loaded, the budget is too small, ``replicates`` is not a whole
+            number from 1 on, or a cost gives no number for a run. RunError: a run failed, or the workers are gone.
     """
     replicates = whole_number_of(replicates, "replicates", 1, RUN_LIMIT - 1)
     archive = Archive(search.space, search.objectives[:1])
@@ -135,7 +135,12 @@ def sobol_indices(
 
 
 def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
-    """Draw the design of an analysis, see ``saltelli``; ``budget`` and ``replicates`` as in ``sobol_indices``."""
+    """Draw the design of an analysis, see ``saltelli``; ``budget`` and ``replicates`` as in ``sobol_indices``.
+
+    Raises:
+        InputError: as of ``Search.check_loaded`` and ``saltelli``, or the budget is too small.
+    """
+    search.check_loaded()
     least = LEAST * (search.space.size + 2) * replicates
     if budget < least:
         fields = count(search.space.size, "field")
