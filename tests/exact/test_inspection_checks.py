@@ -286,6 +286,22 @@ def test_measured_values_of_which_many_are_equal_are_checked() -> None:
         assert outcomes(samples.with_columns(value=value), nothing)["law of still places"] == outcome
 
 
+def test_a_gain_that_is_not_in_the_reference_is_noticed_by_100_values() -> None:
+    """Surfaces were drawn by the third that each judge had not seen: a gain of 1.2 was noticed on 18 % of surfaces."""
+    random = np.random.default_rng(1)
+    refused: dict[float, list[bool]] = {1.0: [], 1.2: []}
+    for seed in range(8):
+        law = law_of_measured(random.gamma(6.0, 2.0, 100), random.gamma(6.0, 1.0, 100), "measured")
+        samples = replace(drawn_samples(seed, count=800, spread_m=0.0), law=law)
+        nothing = Others(samples, {robot: np.zeros(9) for robot in range(5)}, np.zeros(800))
+        value = random.gamma(6.0, 1.0, 800)
+        for gain, of_gain in refused.items():
+            found = outcomes(samples.with_columns(value=gain * value), nothing)
+            of_gain.append(found["law of still places"] == "refused")
+    assert sum(refused[1.0]) <= 1
+    assert sum(refused[1.2]) >= 6
+
+
 @pytest.mark.parametrize("bits", [1, 2])
 def test_damage_by_measured_readings_has_one_contrast(bits: int) -> None:
     """Half-way between 0 and 1 are values that nothing measures: damage of half the rate was cleared, as if sought."""

@@ -189,6 +189,19 @@ def test_samples_of_a_file_are_the_same_in_all_units(tmp_path: Path) -> None:
         assert found.column("y_m") == pytest.approx(np.full(30, 0.5))
 
 
+def test_a_file_may_say_how_wrong_each_place_is(tmp_path: Path) -> None:
+    """Such a column was passed over, and all places taken as exact."""
+    path, law = tmp_path / "plate.csv", Law(preset("paper").sensor, "")
+    rows = [f"{k},0.5,0.5,{k / 10},1" for k in range(30)]
+    path.write_text("\n".join(["time_s,x_m,y_m,spread_cm,value", *rows]))
+    found = samples_of_csv(path, law, (1.0, 1.0))
+    for axis in "xy":
+        assert found.column(f"spread_{axis}_m") == pytest.approx(np.arange(30) / 1000)
+    assert "their own standard deviations" in found.places
+    with pytest.raises(InputError, match="--spread-mm: leave it out: column 'spread_cm' has it"):
+        samples_of_csv(path, law, (1.0, 1.0), 0.01)
+
+
 def test_calibration_counts_tiles_by_bin() -> None:
     """A probability at an edge is in the bin above it, and 1 in the last."""
     table = calibration(np.array([0.01, 0.4, 0.5, 0.95, 1.0]), np.array([0, 1, 0, 1, 1]))

@@ -282,13 +282,13 @@ def test_a_curve_may_end_below_one_and_above_90_percent() -> None:
     for curve in ("size", "log size"):
         fit = fit_pod(size_m, found, 105, 2000, asymptote=True, curves=[curve])
         assert fit.top == pytest.approx(0.94, abs=0.01)
-        assert fit.a90_m < fit.a90_95_m < 0.15
+        assert fit.a90_m < fit.a90_95_m < 0.16
 
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_a90_95_is_too_small_more_often_where_the_curve_ends_just_above_90_percent() -> None:
-    """docs/figures/inspect.md has the shares of 200 fits."""
+def test_a90_95_holds_where_the_curve_ends_just_above_90_percent() -> None:
+    """By one degree of freedom it was too small in 7 of 60; docs/figures/inspect.md has 200 fits."""
     size_m, false = np.repeat(np.linspace(0.03, 0.30, 14), 60), 0.05
     share = {}
     for top in (0.93, 1.0):
@@ -306,7 +306,8 @@ def test_a90_95_is_too_small_more_often_where_the_curve_ends_just_above_90_perce
             for draw in draws
         ]
         share[top] = np.mean([fit.a90_95_m < true_m for fit in fits])  # one that does not exist holds
-    assert share[1.0] <= 0.05 < share[0.93] < 0.2
+    assert share[1.0] <= 0.05
+    assert share[0.93] <= 0.1
 
 
 def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(

@@ -193,9 +193,9 @@ def _patch_parts(scan: Scan) -> tuple[Text | Table, ...]:
         f"Place, size and contrast of a patch are in one joint region with {percent(HELD, 0)}, of which the table has "
         "the area of the centres, the sizes and the contrasts. One patch is presumed; later ones are by the samples "
         "that are not on those before. Damage below the smallest or above the largest declared size is not weighed: "
-        "smaller damage comes out larger and weaker than it is. The region presumes the shapes that were scanned for: "
-        "other damage is in it less often than stated (a crack, if only squares were scanned for: its centre in 40 to "
-        "80 % of cases, its length seldom)."
+        "smaller damage comes out larger and weaker than it is, larger as several patches (declare its size). The "
+        "region presumes the shapes that were scanned for: other damage is in it less often than stated (a crack, if "
+        "only squares were scanned for: its centre in 40 to 80 % of cases, its length seldom)."
     )
     return Table(pl.DataFrame(rows, schema=list(columns), orient="row"), columns, name="patches"), Text(words)
 

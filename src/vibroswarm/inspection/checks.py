@@ -31,6 +31,7 @@ places say nothing, that it finds at 5 %. **Where nothing vibrates places cannot
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -88,13 +89,13 @@ def law_checks(
     random = generator(seed, "checks of the law")
     quiet = still & (others.felt <= SURE)
     known = quiet | (others.felt >= 1.0 - SURE)
-    some = samples.with_frame(samples.frame.filter(pl.Series(known)))
+    some = _of_whole_reference(samples).with_frame(samples.frame.filter(pl.Series(known)))
     exact = not (samples.column("spread_x_m").any() or samples.column("spread_y_m").any())
     compared = (some.frame["robot"].value_counts()["count"] >= LEAST_PER_ROBOT).sum()
     possible = (quiet.sum() >= FEWEST, compared >= 2, compared >= 1 and not samples.is_timeless)
     p: dict[str, float] = {}
     if any(possible):
-        found = _of_law(some, ~quiet[known], others.found and not exact, drawn, random)
+        found = _of_law(some, samples.law, ~quiet[known], others.found and not exact, drawn, random)
         p = {check: value for check, value, may in zip(LAW_CHECKS, found, possible, strict=True) if may}
     power = 0.0
     if len(others.maps) > 1 and others.found:
@@ -113,21 +114,32 @@ def law_checks(
     return pl.DataFrame(rows, CHECKS, orient="row")
 
 
+def _of_whole_reference(samples: Samples) -> Samples:
+    """Return samples whose law draws surfaces by all values of its reference, if it was measured.
+
+    Each judge left out a third of them. Surfaces drawn by that third alone differ so much from the law that 100 values
+    count as 21. Likelihoods need them, as they favour a judge's own values (``damage``); ranks do not.
+    """
+    law = samples.law
+    return samples if law.sensor.still_energies is None else replace(samples, law=replace(law, draws=()))
+
+
 def _of_law(
-    some: Samples, vibrates: NDArray[np.bool_], only_likely: bool, drawn: int, random: np.random.Generator
-) -> list[float]:
+    some: Samples, law: Law, vibrates: NDArray[np.bool_], only_likely: bool, drawn: int, random: np.random.Generator
+) -> list[float]:  # fmt: skip
     """Return the p-values of ``LAW_CHECKS``.
 
     Args:
-        some: samples on places that are still or vibrate. vibrates: on which they do, (samples,).
+        some: samples on places that are still or vibrate, with the law by which surfaces are drawn.
+        law: by which they are judged, with its error. vibrates: which are on vibrating places, (samples,).
         only_likely: leave out values that are more likely on places of the other kind.
     """
     ranks = partial(_ranks, vibrates=vibrates, only_likely=only_likely)
     values = values_where(random, some, drawn, vibrates[:, None])
     # In the precision of the law, whose values they may equal.
     value = some.column("value").astype(np.float32).astype(np.float64)[:, None]
-    observed = _statistics(some, ranks(some.law, value), vibrates)
-    rank = judged(some.law, values, ranks)
+    observed = _statistics(some, ranks(law, value), vibrates)
+    rank = judged(law, values, ranks)
     # In parts, for memory.
     parts = (rank[:, begin : begin + AT_ONCE] for begin in range(0, drawn, AT_ONCE))
     null = np.hstack([_statistics(some, part, vibrates) for part in parts])

@@ -9,7 +9,8 @@
 | upper asymptote | c | c - p_f in the place of 1 - p_f: places that are not visited are not found, however large |
 | size found in 50, 90 % | a50, a90 | PoD(a50) = .5, PoD(a90) = .9 |
 | penalised log likelihood | l | log likelihood + ln(det I) / 2, I the Fisher information of b0 and b1 |
-| limit of a90 | a90/95 | largest a with 2 (l_max - l(a90 = a)) <= 2.706, l at its largest over b1, with c as fitted |
+| limit of a90 | a90/95 | largest a with 2 (l_max - l(a90 = a)) <= 2.706, l at its largest over b1, with c as fitted; \
+4.605 if the curve ends below 1: a90 and c are then in one joint region |
 
 The most likely curve of few inspections is too steep, and its a90 too small. The penalty (Jeffreys; Firth 1993) takes
 most of that away, and keeps the slope finite where all damage above a size was found and none below. Several curves
@@ -38,6 +39,8 @@ INTACT: Final = 2000
 """Intact inspections that give p_f to half a percent."""
 DROP: Final = 2.706
 """Chi squared with one degree of freedom at 90 %: a one-sided limit of 95 %."""
+DROP_OF_TWO: Final = 4.605
+"""The same with two degrees of freedom, where the asymptote is fitted, too."""
 SEARCH: Final[Any] = {"xatol": 1e-5, "fatol": 1e-8, "maxiter": 4000}
 """Settings of the search for the largest likelihood."""
 STEEP: Final = 10.0
@@ -169,8 +172,12 @@ class _Fit(NamedTuple):
             return float("nan")
         return max(float(trials.curve.size(g)), float(trials.size_m[0]))
 
-    def limit(self) -> float:
-        """Return a90/95 by profile likelihood at this asymptote; nan: none up to ``BEYOND``."""
+    def limit(self, drop: float) -> float:
+        """Return a90/95 by profile likelihood at this asymptote; nan: none up to ``BEYOND``.
+
+        Args:
+            drop: twice the loss of log likelihood that is allowed.
+        """
         trials, top, a90 = self.trials, self.top, self.size_at(0.9)
         if not np.isfinite(a90):
             return float("nan")
@@ -189,7 +196,7 @@ class _Fit(NamedTuple):
                 lambda log: trials.penalised(x - np.exp(log) * g, np.exp(log), top),
                 bounds=(steep - 5.0, steep + 5.0), method="bounded", options={"xatol": 1e-5},
             )  # fmt: skip
-            return 2.0 * (float(found.fun) - least) - DROP
+            return 2.0 * (float(found.fun) - least) - drop
 
         if excess(a90) > 0.0:  # the least size that was tried, where the curve's a90 is below it
             return a90
@@ -289,7 +296,8 @@ def fit_pod(
     best = min(fits, key=lambda fit: fit.aic)
     # Beyond the sizes that were tried the curve says nothing.
     a50, a90 = (size if size <= sizes[-1] else float("nan") for size in map(best.size_at, (0.5, 0.9)))
-    limits = [fit.limit() for fit in fits if fit.aic - best.aic <= DROP]
+    drop = DROP if best.top == 1.0 else DROP_OF_TWO
+    limits = [fit.limit(drop) for fit in fits if fit.aic - best.aic <= DROP]
     limit = float(np.max(limits)) if np.isfinite(a90) else float("nan")  # nan if one of them is
     return Pod(
         p_f, best.b0, best.b1, best.name, a50, a90, limit, int(at.size), intact, float(sizes[-1]), best.top

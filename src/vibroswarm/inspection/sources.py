@@ -261,13 +261,15 @@ def samples_of_csv(
     """Return the samples of a CSV of places and values.
 
     Its header names the columns robot, time_UNIT, x_UNIT, y_UNIT and value, such as ``robot,time_s,x_mm,y_mm,value``;
-    without robot, one robot took all samples.
+    without robot, one robot took all samples. A column spread_UNIT has the standard deviation of each place.
 
     Args:
-        size_m: width and height of the surface. spread_m: standard deviation of the places in x and in y.
+        size_m: width and height of the surface. spread_m: standard deviation of the places in x and in y, if the file
+            has none.
         floor: grid of tiles; None: none is known. truth_known: whether it says which tiles vibrate.
     Raises:
-        InputError: the file cannot be read, a column is missing, places are in two units, or there are too many robots.
+        InputError: the file cannot be read, a column is missing, places are in two units, spreads are given twice, or
+            there are too many robots.
     """
     _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
     by = _column_map(table.columns, path)
@@ -283,6 +285,7 @@ def samples_of_csv(
         raise InputError(
             f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"
         )
+    spread = pl.col("place_spread_m").fill_null(spread_m)
     frame = log.samples.select(
         pl.col("robot").fill_null(0),
         "time_s",
@@ -290,13 +293,19 @@ def samples_of_csv(
         "y_m",
         true_x_m=None,
         true_y_m=None,
-        spread_x_m=pl.lit(spread_m),
-        spread_y_m=pl.lit(spread_m),
+        spread_x_m=spread,
+        spread_y_m=spread,
         value="energy",
     ).sort("time_s", "robot", "x_m", "y_m", "value")  # so that the order of rows does not matter
     exact = (
         "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {stated(1000 * spread_m)} mm"
     )
+    if "place_spread_m" in by.columns:
+        if spread_m:
+            raise InputError(
+                f"leave it out: column '{by.columns['place_spread_m'].name}' has it", field="--spread-mm"
+            )
+        exact = "with their own standard deviations"
     places = f"as the file has them, {exact}"
     found = _samples(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
@@ -429,10 +438,15 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
     lower = {
         name: re.sub(r" \(\d+\)$", "", name.lower()) for name in names
     }  # names that are repeated have numbers
-    for use, units, column in (("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m")):
+    uses = (
+        ("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m"), ("spread", LENGTHS, "place_spread_m"),
+    )  # fmt: skip
+    for use, units, column in uses:
         fitting = [
             (name, match[1]) for name, word in lower.items() if (match := re.fullmatch(rf"{use}_(\w+)", word))
         ]
+        if not fitting and use == "spread":
+            continue
         if not fitting:
             raise InputError(
                 f"has no column for {use} with its unit, such as {column} (units: {', '.join(units)}); "
@@ -451,7 +465,10 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
         raise InputError(f"has x in {x} and y in {y}; give both in one unit", field=str(path))
     values = [name for name, word in lower.items() if word in VALUES]
     if len(values) != 1:
-        raise InputError(f"needs one column of values, named {' or '.join(VALUES)}", field=str(path))
+        raise InputError(
+            f"needs one column of values, named {' or '.join(VALUES)}; it has {some(names, 12)}",
+            field=str(path),
+        )
     found["energy"] = Column(values[0])
     robots = [name for name, word in lower.items() if word == "robot"]
     _refuse_two("robot", robots, path)
