@@ -17,7 +17,12 @@ import pytest
 from helpers.manifests import resealed
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.documents.grid import grid_document
-from vibroswarm.documents.search import checked_document, search_document, sensitivity_document
+from vibroswarm.documents.search import (
+    checked_document,
+    plan_sentences,
+    search_document,
+    sensitivity_document,
+)
 from vibroswarm.documents.search_words import (
     OF_THE_PAPER,
     aim,
@@ -555,3 +560,9 @@ def test_what_is_minimised_is_said_in_words(objective: Objective, minimised: str
 
 def test_the_costs_of_the_paper_are_among_all() -> None:
     assert set(OF_THE_PAPER) < set(NAMES)
+
+
+def test_a_plan_counts_the_fresh_runs_of_the_starts_as_theirs() -> None:
+    """Each start is scored on as many fresh runs as the winner."""
+    assert "4,000 fresh runs to validate the best and the starts" in next(plan_sentences(Search()))
+    assert "2,000 fresh runs to validate the best;" in next(plan_sentences(Search(start=())))

@@ -43,9 +43,11 @@ class MarkerOptions:
         ),
     ]
     marker_size: Annotated[
-        float | None, Option("of the robots, with IDS: outer edge", "MM", low=2, high=1000)
+        float | None, Option("with IDS: outer edge of the robots' markers, mm", "MM", low=2, high=1000)
     ] = None
-    marker_height: Annotated[float | None, Option("above the floor, with IDS", "MM", low=0, high=1000)] = None
+    marker_height: Annotated[
+        float | None, Option("with IDS: their height above the floor, mm", "MM", low=0, high=1000)
+    ] = None
 
     def read(self, arena_m: tuple[float, float]) -> Markers:
         """Return the markers: those of a file, or the default markers with the given ids.
@@ -78,11 +80,11 @@ class CameraOptions:
     """The camera and its lens."""
 
     lens: Annotated[Path | None, Option("video of a chessboard, by the same camera", "VIDEO")] = None
-    board: Annotated[tuple[int, ...] | None, Option("its inner corners (default 9x6)", "WxH", read=board)] = (
-        None
-    )
+    board: Annotated[
+        tuple[int, ...] | None, Option("inner corners of the chessboard (default 9x6)", "WxH", read=board)
+    ] = None
     camera_height: Annotated[
-        float | None, Option("of the lens above the floor, if measured, m", "M", low=0.1, high=100)
+        float | None, Option("height of the lens above the floor, if measured, m", "M", low=0.1, high=100)
     ] = None
 
 
@@ -100,7 +102,7 @@ def track(
     log: Annotated[Path | None, Option("robots' log (CSV: robot,time_s,energy,...)", "LOG")] = None,
     partial: Annotated[bool, Option("use a video that ends too early")] = False,
     any_floor: Annotated[bool, Option("continue if the floor does not fit the log")] = False,
-    marked: MarkerOptions,
+    markers: MarkerOptions,
     camera: CameraOptions,
     scenario: ScenarioOptions,
     output: Required,
@@ -122,18 +124,18 @@ def track(
 
     opencv()  # raises an error before any work if the package is not installed
     made = scenario_from(scenario, is_final=False)
-    markers = marked.read((made.arena.width_m, made.arena.height_m))
+    placed = markers.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
     stated = stated_fields(
         **words_of(scenario)
     )  # `recording_of` prefers their values to those that the log implies
     # The video is identified by its path, not by its content; the log by its samples.
     settings = (
-        made.hash, stated, markers.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
+        made.hash, stated, placed.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
         None if samples is None else samples.to_dicts(), camera.board or BOARD, partial, any_floor,
     )  # fmt: skip
     destination = Destination(output, "lab track", *settings, at_once=False)
-    tracking = _tracking(video, markers, camera, partial=partial)
+    tracking = _tracking(video, placed, camera, partial=partial)
     # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
     # control period after the sample; ``with_positions`` needs this to match samples with stops.
     period_s = made.run.control_period_ms / 1000.0

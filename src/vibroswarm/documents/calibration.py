@@ -185,8 +185,8 @@ def _missing(found: Comparison) -> tuple[str, ...]:
 def _similarities(found: Comparison) -> Table:
     """Return the table of cosine similarities.
 
-    The column "published" is computed as in the paper: of all samples, with the authors' avoidance times. All others
-    use equal numbers of real and simulated values: "here" is the result; "null" and "ceiling" are its scale.
+    The column "published" (as in the paper) is of all samples, with the authors' avoidance times. All others use equal
+    numbers of real and simulated values: "here" (at equal counts) is the result; "null" and "ceiling" are its scale.
     """
     without = {one.feature: one.at_equal_counts for one in found.without_camera}
     rows = [
@@ -203,7 +203,11 @@ def _similarities(found: Comparison) -> Table:
         }
         for one in found.similarities
     ]
-    columns = {name: Column(decimals=3) for name in ("published", "null", "here", "ceiling")} | {
+    columns = {
+        "published": Column("as in the paper", decimals=3),
+        "null": Column(decimals=3),
+        "here": Column("at equal counts", decimals=3),
+        "ceiling": Column(decimals=3),
         "session": Column("sessions, real-sim", decimals=3, wide=True),
         "real_session": Column("sessions, real-real", decimals=3, wide=True),
         "without_camera": Column("without camera", decimals=3),
@@ -212,8 +216,8 @@ def _similarities(found: Comparison) -> Table:
     frame = pl.DataFrame(rows, infer_schema_length=None)
     unused = [name for name in ("without_camera", "note") if not any(row[name] for row in rows)]
     caption = (
-        "Cosine similarity (published: of all samples; here: at equal counts; null: of evenly spread values; ceiling: "
-        "expected of equal distributions; sessions: mean and range over pairs)."
+        "Cosine similarity (as in the paper: of all samples; null: of evenly spread values; ceiling: expected of equal "
+        "distributions, both at equal counts; sessions: mean and range over pairs)."
     )
     return Table(frame.drop(unused), columns, caption, "similarities")
 

@@ -109,7 +109,8 @@ def plan_sentences(search: Search) -> Iterator[str]:
     """Say what a search will do: its method, fields, runs and score."""
     # the runs of the method, those of the race between the best candidates, and those that validate the winner
     runs, fresh = search.search_runs + search.final_runs, search.settings.fresh
-    validation = f"{count(fresh * (1 + len(search.starts)), 'fresh run')} to validate the best"
+    judged = "the best and the starts" if search.starts else "the best"
+    validation = f"{count(fresh * (1 + len(search.starts)), 'fresh run')} to validate {judged}"
     if len(search.objectives) > 1:
         validation = f"{fresh} fresh runs to validate the front, at least {MIN_FRESH_RUNS} of each candidate"
     yield (

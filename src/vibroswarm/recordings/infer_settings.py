@@ -135,19 +135,19 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
     name = "sensor.rms_threshold"
     if between["bit"].null_count() < between.height:
         read_zero, read_one = pl.col("bit") == 0, pl.col("bit") == 1
-        source = "whose bit is logged"
+        source = "as logged"
     elif between["new_alpha"].null_count() == between.height:
         return undetermined(name, "neither bits nor posteriors are logged")
     else:
         read_zero, read_one = (pl.col("whole") & (pl.col(grown) == 0) for grown in ("new_alpha", "new_beta"))
-        source = "whose bit follows from alpha or beta not growing"
+        source = "as alpha or beta did not grow"
     zeros, ones = (between.filter(read)["energy"].sort().to_numpy() for read in (read_zero, read_one))
     if zeros.size == 0 or ones.size == 0:
         return undetermined(
             name, f"{count(zeros.size, 'sample')} read as 0 for certain, {ones.size} as 1: too few"
         )
     low, high = float(zeros[-1]), float(ones[0])
-    words = f"{count(zeros.size, 'sample')} {source} to be 0 and {ones.size} to be 1: "
+    words = f"{count(zeros.size, 'sample')} read as 0 and {ones.size} as 1 ({source}): "
     if low < high:
         value = _beside(low, high, at_low=zeros.size >= ones.size)
         return Inferred(
