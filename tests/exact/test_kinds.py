@@ -114,12 +114,18 @@ def test_bounds_of_beliefs_hold_and_draw_what_the_exact_beliefs_draw(
             assert drawn == kinds - 1 - int((borders <= number).sum())
 
 
+REVISED = {
+    "decision.revise": True,
+    "floor.source": "random:0.4",
+    "change.at_s": 200.0,
+    "change.to": "random:0.72",
+}
+
+
 @pytest.mark.parametrize("ours", ["none", "positive", "soft"])
-@pytest.mark.parametrize("fault", [{}, {"faults.radio_dead": 0.4}])
-def test_with_two_kinds_strategies_are_those_of_the_paper_bit_by_bit(
-    ours: str, fault: dict[str, Any]
-) -> None:
-    base = PAPER.with_values({"run.t_end_s": 500.0, "decision.min_observations": 40, **fault})
+@pytest.mark.parametrize("more", [{}, {"faults.radio_dead": 0.4}, REVISED])
+def test_with_two_kinds_strategies_are_those_of_the_paper_bit_by_bit(ours: str, more: dict[str, Any]) -> None:
+    base = PAPER.with_values({"run.t_end_s": 500.0, "decision.min_observations": 40, **more})
     name = "dirichlet" if ours == "none" else f"dirichlet_{ours}"
     paper = simulate(base.with_values({"strategy.name": ours}), seed=3, runs=6)
     kinds = simulate(base.with_values({"strategy.name": name, "task.name": "majority"}), seed=3, runs=6)
@@ -233,7 +239,7 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
 @pytest.mark.parametrize(
     ("values", "field", "words"),
     [
-        ({"floor.tiles": ["0123"]}, "floor.tiles", "kind 3"),
+        ({"floor.tiles": ["0123"]}, "floor.tiles", "set sensor.confusion.kinds"),
         ({"floor.source": "random:0.4,0.4,0.2"}, None, ""),
         (
             {"floor.source": "random:0.4,0.36,0.24", "sensor.confusion.kinds": 4},

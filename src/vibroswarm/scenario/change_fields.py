@@ -257,4 +257,7 @@ def change_warnings(change: Change, t_end_s: float, is_final: bool) -> Iterator[
     if late:
         yield f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s"
     if change.is_given and is_final:
-        yield "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading"
+        yield (
+            "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading "
+            "(dirichlet_soft for several kinds of tile)"
+        )

@@ -435,7 +435,8 @@ class Decision(FrozenModel):
     gate_counts_current: bool = False
     """Whether the current sample counts."""
     revise: bool = False
-    """Whether a robot may change its decision, under ``soft``, ``forget``, ``reset`` and ``fading``."""
+    """Whether a robot may change its decision, under ``soft``, ``dirichlet_soft``, ``forget``, ``reset`` and
+    ``fading``."""
     prior_alpha: Annotated[int, Field(ge=1, le=10**6)] = 1
     """The prior is Beta(prior_alpha, prior_beta)."""
     prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1

@@ -41,8 +41,16 @@ __all__ = [
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count the reading, decide, and send a random kind, drawn by the reading and the posterior."""
+    """Count the reading, decide, and send a random kind, drawn by the reading and the posterior.
+
+    A robot that has decided may change its decision if ``w.revise``.
+    """
+    before = s.decision
+    if w.revise:
+        s.decision = -1
     observe_and_decide(s, a, x, w)
+    if s.decision == -1:
+        s.decision = before
     if x.reading >= w.kinds:
         return False
     if w.kinds == 2:
@@ -59,6 +67,7 @@ dirichlet_soft = register(
         "dirichlet_soft",
         answers_kinds=True,
         shares="counts",
+        revises=True,
         about="soft feedback, several kinds of tile: a robot sends a kind drawn between its reading and its belief",
     )
 )

@@ -152,7 +152,7 @@ def refuse_without_effect(
         if field == "decision.revise" and not any(_may_revise(each) for each in scenarios):
             raise InputError(
                 "has no effect: the strategy never revises a decision by it; use one that does, such as soft, forget, "
-                "reset or fading, or leave this out",
+                "reset, fading or dirichlet_soft, or leave this out",
                 field=option + field,
             )
         kind, *path = field.split(".")
@@ -402,8 +402,8 @@ def _map_warnings(scenario: Scenario) -> list[str]:
 
 
 def _is_final(scenario: Scenario) -> bool:
-    """Return whether robots keep their decisions; False for a strategy whose code is not loaded."""
-    known = strategies.known().get(scenario.strategy.name)
-    if known is None or known.decides == "opinion" or scenario.task.name == "changed":
+    """Return whether robots keep their decisions, which are asked for; False for a strategy that is not loaded."""
+    known, asked = strategies.known().get(scenario.strategy.name), scenario.task
+    if known is None or known.decides == "opinion" or asked.name == "changed" or asked.asks_number:
         return False
     return not (known.revises and scenario.decision.revise)
