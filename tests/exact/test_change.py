@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -501,3 +502,21 @@ def test_answers_right_only_after_a_change_are_reported() -> None:
     assert became.answer[-1] == "Right by the floor at the end; when given, 0 % of the answers were right."
     assert not [words for words in were.answer if "when given" in words]
     assert "(1 of 25 tiles vibrates, fill ratio 0.04 at the end)" in were.parts[0].words
+
+
+def test_expected_readings_of_each_kind_are_means_over_time() -> None:
+    """A third of the time all tiles are of kind 0, then all of kind 2, of which 90 % read as such."""
+    values = {
+        "floor.tiles": ["00", "00"],
+        "floor.source": "ours",
+        "change.at_s": 20.0,
+        "change.to": "22/22",
+        "run.t_end_s": 60.0,
+        "sensor.model": "confusion",
+        "strategy.name": "dirichlet",
+        "task.name": "majority",
+    }
+    document = run_document(simulate(preset("paper").with_values(values), 1, 1), 0)
+    (words,) = [text for part in document.parts if "Samples read" in (text := getattr(part, "words", ""))]
+    shares = [float(share.rstrip(" %")) for share in re.findall(r"\(([\d.]+ %)\)", words)]
+    assert shares == pytest.approx([(0.9 + 2 * 0.05) / 0.03, 5.0, (0.05 + 2 * 0.9) / 0.03], abs=0.006)

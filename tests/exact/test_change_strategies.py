@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from helpers.commands import refusal_of, remarks_of
+from helpers.commands import output_of, refusal_of, remarks_of
 from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
 from vibroswarm.errors import InputError
@@ -108,6 +108,14 @@ def test_without_a_change_of_the_truth_there_is_no_delay() -> None:
     assert math.isnan(numbers["answer_delay_s"])
     assert numbers["false_changes_per_h"] == pytest.approx(18.0)  # the swarm leaves at 160 s
     assert numbers["right_at_decision"] == 0.0
+
+
+def test_where_no_answer_is_ever_right_nothing_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    """Such as the share of tiles that vibrate, which is estimated: decisions beside it are not wrong."""
+    assert all(map(math.isnan, judged(course(*RIGHT_THEN_NEW, **{"task.name": "share"})).values()))
+    changed = ["--set", "run.t_end_s=60", "--set", "change.at_s=20", "--set", "change.to=redraw"]
+    said = output_of(capsys, "evaluate", *changed, "--task", "share", "--runs", "2", "--no-confirm")
+    assert "The floor changes" not in said
 
 
 @pytest.mark.parametrize(
@@ -437,6 +445,7 @@ def test_what_is_probably_not_meant_is_a_warning(capsys: pytest.CaptureFixture[s
     short = ["run", "--tiles", "10x10", "--floor", "random:0.4", "--set", "run.t_end_s=20"]
     inverted = ["--set", "change.at_s=10", "--set", "change.to=invert"]
     assert "decisions are final; set decision.revise" in remarks_of(capsys, *short, *inverted)
+    assert "decisions are final" not in remarks_of(capsys, *short, *inverted, "--task", "share")
     assert "Warning: the floor changes" not in remarks_of(
         capsys, *short, *inverted, "--strategy", "forget", "--set", "decision.revise=true"
     )

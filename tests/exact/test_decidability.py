@@ -56,6 +56,8 @@ def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:
     assert "A threshold between" in d.says
     mended = at(sensor__rms_threshold=(d.mending_low + d.mending_high) / 2, floor__source="random:0.52")
     assert mended.verdict == "decidable"
+    became = {"floor__source": "random:0.48", "change__at_s": 900.0, "change__to": "random:0.52"}
+    assert at(sensor__rms_threshold=1.55, **became).says == f"Floor at the end: {d.says}"
     # At 1.55 less than half is right, but only because everything leans that way.
     lean = at(sensor__rms_threshold=1.55)
     assert lean.verdict == "decidable"

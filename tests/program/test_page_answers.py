@@ -353,6 +353,7 @@ def test_a_floor_that_changes_is_shown_as_it_is_at_the_time(open_page: Open) -> 
         page.evaluate("t => vibroswarm.seek(t)", time_s)
         drawn.append(page.evaluate('document.getElementById("floor").toDataURL()'))
     assert drawn[0] == drawn[2] != drawn[1]
+    assert page.inner_text("#task").endswith("Truth at the end: yes (52 %).")
     page.evaluate("t => vibroswarm.seek(t)", 120.0)
     seen = result.observations
     kinds = kinds_at(result.floor(0), seen["tile"].to_numpy(), result.motion["time_s"].to_numpy())

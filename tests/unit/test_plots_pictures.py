@@ -19,6 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
+from vibroswarm import preset, simulate, verdict
+from vibroswarm.analysis.verdict import headline
 from vibroswarm.errors import InputError
 from vibroswarm.plots import (
     Picture,
@@ -41,6 +43,7 @@ from vibroswarm.plots.certainty import draw_certainty, draw_rasters
 from vibroswarm.plots.distributions import Group, quantile
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.picture import _as_laid_out, picture_bytes
+from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.plots.style import ON_DARK, ON_LIGHT, PAPER, STYLES, look, settings
 
 LONG = [
@@ -941,6 +944,18 @@ def test_odd_numbers_and_names_are_drawn(rows, title, style):
     pictures.append(draw_heat(grid, best="low", title=title, style=style))
     for picture in pictures:
         assert faults_of(picture.figure) == []
+
+
+def test_the_true_number_of_reports_follows_a_floor_that_changes() -> None:
+    values = {"floor.source": "random:0.4", "change.at_s": [20.0, 40.0, 90.0], "change.to": "invert",
+              "run.t_end_s": 60.0, "strategy.name": "mcp", "task.name": "share"}  # fmt: skip
+    result = simulate(preset("paper").with_values(values), 1, 1)
+    assert "the share of tiles that vibrate at the end is 0.4." in headline(verdict(result))
+    picture = draw_run_reports(result)
+    true = picture.figure.axes[0].lines[-1]
+    assert true.get_xdata()[:3].tolist() == [0.0, 20.0, 40.0]
+    assert true.get_ydata().tolist() == pytest.approx([0.4, 0.6, 0.4, 0.4])
+    assert picture.caption.endswith("dashed: the true number.")
 
 
 @pytest.mark.usefixtures("without_layout")

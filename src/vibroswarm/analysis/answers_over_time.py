@@ -257,6 +257,8 @@ def _spans_at(since_s: Array, answers: list[Answer]) -> NDArray[np.int64]:
 
 def judged(course: Course) -> dict[str, float]:
     """Return the numbers of the module's table for one run, by name; nan where the run does not have one."""
+    if all(np.isnan(truth.answer).all() for truth in course.truths):  # no answer was ever right
+        return dict.fromkeys(JUDGED, math.nan)
     return {
         "right_at_decision": _right_when_given(course),
         "right_time_share": _right_time_share(course),

@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Literal, NamedTuple
 
@@ -145,8 +145,10 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
     truth = truth_on(scenario, floor, fill)
+    when = "Floor at the end: " if scenario.change.is_given else ""
     if max(sensor.kinds, sensor.readings) > 2:
-        return _of_kinds(scenario, floor, truth, fill, error)
+        of_kinds = _of_kinds(scenario, floor, truth, fill, error)
+        return replace(of_kinds, says=when + of_kinds.says)
     sensed = sensed_shares_on(sensor, floor, size)
     # s: area sensed as vibrating (on and off vibrating tiles) minus area that vibrates, as a share of the tiles' area.
     # The three areas are shares of the arena's area.
@@ -170,7 +172,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         )
     return Decidability(
         verdict=verdict,
-        says=says + mend,
+        says=when + says + mend,
         boundary=boundary,
         tested=tested,
         truth=truth,

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import polars as pl
 
 from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.outcomes import number_over_time
 from vibroswarm.result import Result
 from vibroswarm.strategies.base import arrays_of
 
@@ -53,3 +54,11 @@ def estimates_of(result: Result) -> list[str]:
     """Return the names of the reports that estimate the number that the task asks for."""
     reported = strategy_used(result.scenario).reported.values()
     return ["estimate", *(one.name for one in reported if one.estimates)]
+
+
+def true_number_over_time(result: Result, run: int) -> list[tuple[float, float]]:
+    """Return from when on (s), 0 first, the number that such reports estimate is which."""
+    floor, (row,) = result.floor(run), result.runs.filter(run=run).to_dicts()
+    if not floor.is_changing:
+        return [(0.0, row["fill_ratio"])]  # known also where the code of the task is not loaded
+    return number_over_time(result.scenario, floor, row["end_s"])

@@ -14,6 +14,7 @@ readings: it is an opinion, not an estimate.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -27,6 +28,7 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, every, number, span, stated, stated_percent
 from vibroswarm.errors import InputError, check_kind, shown
+from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -187,7 +189,11 @@ def _verdict(result: Result, run: int | None) -> Verdict:
         undecided=summary["undecided"],
         end_s=summary["end_s"],
         readings_boundary=readings_boundary(result.scenario),
-        share_of_ones_expected=_expected_ones(result, run, size, summary["end_s"]),
+        share_of_ones_expected=mean_over_time(
+            result.floor(run),
+            summary["end_s"],
+            lambda floor: expected_ones_on(result.scenario.sensor, floor, size),
+        ),
         presumed=presumed(result.scenario),
         share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         agreements=tuple(agreements_over_time(result, run)),
@@ -204,7 +210,8 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
         return {"asked_anew": known is not None and known.is_asked_anew(result.scenario.task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
-    return {"estimated": words, **{name: table[name][0] for name in ESTIMATES}}
+    when = " at the end" if result.floor(run).is_changing else ""
+    return {"estimated": words + when, **{name: table[name][0] for name in ESTIMATES}}
 
 
 def asked_number(scenario: Scenario) -> str:
@@ -213,22 +220,20 @@ def asked_number(scenario: Scenario) -> str:
     return "" if known is None else known.estimated_in_words(scenario.task.params)
 
 
-def _expected_ones(result: Result, run: int, size: tuple[float, float], end_s: float) -> float:
-    """Return the expected share of ones on a run's floor, as a mean over time if the floor changes.
+def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:
+    """Return what is expected on a floor, as a mean over the time of the run if the floor changes.
 
     Args:
-        size: width and height of the arena, m. end_s: end of the run.
+        end_s: end of the run. expected: a number or an array, of a floor that stays.
     """
-    sensor, floor = result.scenario.sensor, result.floor(run)
     if not floor.is_changing:
-        return expected_ones_on(sensor, floor, size)
+        return expected(floor)
     stages = [(since_s, stage) for since_s, stage in floor.stages() if since_s < end_s]
     until_s = [*(since_s for since_s, _ in stages[1:]), end_s]
-    ones = (
-        (until - since_s) * expected_ones_on(sensor, stage, size)
-        for (since_s, stage), until in zip(stages, until_s, strict=True)
+    means = (
+        (until - since_s) * expected(stage) for (since_s, stage), until in zip(stages, until_s, strict=True)
     )
-    return sum(ones) / end_s
+    return sum(means) / end_s
 
 
 def presumed(scenario: Scenario) -> str:

@@ -24,6 +24,7 @@ from vibroswarm.analysis.verdict import (
     decision_words,
     headline,
     holds_opinions,
+    mean_over_time,
     strategy_name,
     verdict,
 )
@@ -204,8 +205,9 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
     if max(sensor.kinds, sensor.readings) > 2:
         read = result.observations.filter(run=run)["observation"].to_numpy()
         counts = np.bincount(read, minlength=sensor.readings)
-        expected = expected_classes_on(
-            sensor, result.floor(run).at(found.end_s), (arena.width_m, arena.height_m)
+        size = (arena.width_m, arena.height_m)
+        expected = mean_over_time(
+            result.floor(run), found.end_s, lambda floor: expected_classes_on(sensor, floor, size)
         )
         shares = [
             f"{kind}: {stated_percent(round(n / max(read.size, 1), 4))} ({stated_percent(round(share, 4))})"

@@ -308,8 +308,8 @@ _OF_SOME_CELLS: Final = (
         JUDGED,
         "The floor changes: shares right at the decision and over time, and the delay until the swarm answered again "
         "after a change of the truth, at most to the next change or the end of the run. Where each robot is asked "
-        "again, these count robots, not swarms. All other figures refer to the floor at the end. 95 % intervals over "
-        "runs.",
+        "again, these count robots, not swarms. All other figures refer to the floor at the end, and count robots with "
+        "faults. 95 % intervals over runs.",
     ),
     _SomeCells(
         "maps",
@@ -323,11 +323,10 @@ _OF_SOME_CELLS: Final = (
 def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
     tables = []
     for kind in _OF_SOME_CELLS:
-        if cells := [one.cell.number for one in outcome.cells if kind.has_them(one)]:
-            of_cells = outcome.table.filter(pl.col("cell").is_in(cells))
-            rows = of_cells.select(
-                "name", "runs", *with_limits_of(_given(kind.figures, of_cells), of_cells.columns)
-            )
+        cells = [one.cell.number for one in outcome.cells if kind.has_them(one)]
+        of_cells = outcome.table.filter(pl.col("cell").is_in(cells))
+        if given := _given(kind.figures, of_cells):
+            rows = of_cells.select("name", "runs", *with_limits_of(given, of_cells.columns))
             columns = {"name": Column("cell"), **figure_columns(("runs",))}
             tables.append(Table(rows, columns, caption=kind.caption, name=kind.name))
     return tables

@@ -152,6 +152,13 @@ def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
     return truth_of_robot(scenario, floor, ())[:2]
 
 
+def number_over_time(scenario: Scenario, floor: Floor, end_s: float) -> list[tuple[float, float]]:
+    """Return from when on (s), 0 first, estimates are scored against which number, up to the end of a run."""
+    question = _Question(scenario)
+    times_s = [since_s for since_s, _ in floor.stages() if since_s < end_s]
+    return [(since_s, question.judged(floor, since_s)[0]) for since_s in times_s]
+
+
 def truth_of_robot(
     scenario: Scenario, floor: Floor, answered_s: Sequence[float]
 ) -> tuple[Array, Array, NDArray[np.int64]]:

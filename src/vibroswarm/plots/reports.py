@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
+from vibroswarm.analysis.reports_over_time import (
+    estimates_of,
+    report_headings,
+    reports_over_time,
+    true_number_over_time,
+)
 from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
@@ -39,7 +44,7 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
     told = reports_over_time(result, run)
     told = told.with_columns(pl.when(pl.col("value").abs() < LARGEST).then("value"))  # others cannot be drawn
     headings = report_headings(result, told["name"].unique().to_list())
-    truth = result.runs.filter(run=run)["fill_ratio"][0]
+    truth = true_number_over_time(result, run)
     return draw_reports(told, truth=truth, estimates=estimates_of(result), headings=headings, style=style)
 
 
@@ -47,7 +52,7 @@ def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> 
 def draw_reports(
     frame: pl.DataFrame,
     *,
-    truth: float | None = None,
+    truth: float | Sequence[tuple[float, float]] | None = None,
     estimates: Collection[str] = ("estimate",),
     headings: Mapping[str, str] = MappingProxyType({}),
     title: str = "",
@@ -57,7 +62,8 @@ def draw_reports(
 
     Args:
         frame: one row per report with the columns ``name``, ``robot``, ``time_s`` and ``value`` (null: nothing yet).
-        truth: the true number, drawn as a line in panels of ``estimates``; None: there is none.
+        truth: the true number, drawn as a line in panels of ``estimates``, or pairs of a time (s), the first one 0, and
+            the number from then on; None: there is none.
         estimates: names of the values that estimate it.
         headings: of panels, by name; those of others are their names. title: above the picture.
         style: "column", "page" or "slide".
@@ -73,11 +79,12 @@ def draw_reports(
     names = every_name[:MOST_PANELS]
     sizes = style_named(style)
     down = math.ceil(len(names) / ACROSS)
+    steps = [(0.0, truth)] if isinstance(truth, int | float) else list(truth or ())
     figure = new_figure(sizes, height_in=0.62 * sizes.height_in * down + 0.4, title=title)
     for axes, name in zip(panels_of(figure, len(names), ACROSS, sharex=True), names, strict=True):
         _draw_panel(axes, frame.filter(name=name), sizes.line_pt)
-        if name in estimates and truth is not None:
-            axes.axhline(truth, color=INK, lw=sizes.line_pt * 0.8, ls=(0, (4, 2)))
+        if name in estimates and steps:
+            _draw_truth(axes, steps, frame["time_s"].to_numpy().max(), sizes.line_pt)
         axes.set_title(headings.get(name, name.replace("_", " ")), fontsize=sizes.small_pt)
         axes.tick_params(labelsize=sizes.small_pt)
         few_ticks(axes.xaxis, sizes)
@@ -89,10 +96,21 @@ def draw_reports(
         lines,
         first_of(len(names), len(every_name), "value"),
     ]
-    if truth is not None and set(names) & set(estimates):
-        words.append(f"dashed: the true number, {number(truth, digits=4)}")
+    if steps and set(names) & set(estimates):
+        which = f", {number(steps[0][1], digits=4)}" if len(steps) == 1 else ""
+        words.append(f"dashed: the true number{which}")
     caption = f"{'; '.join(filter(None, words))}."
     return Picture(figure, frame.select("name", "robot", "time_s", "value"), caption)
+
+
+def _draw_truth(axes: Any, steps: Sequence[tuple[float, float]], end_s: float, line_pt: float) -> None:
+    """Draw the true number over time as a dashed line, across the whole panel if it stays as it is."""
+    looks: dict[str, Any] = {"color": INK, "lw": line_pt * 0.8, "ls": (0, (4, 2))}
+    since_s, values = zip(*steps, strict=True)
+    if len(steps) == 1:
+        axes.axhline(values[0], **looks)
+    else:
+        axes.step([*since_s, max(end_s, since_s[-1])], [*values, values[-1]], where="post", **looks)
 
 
 def _draw_panel(axes: Any, rows: pl.DataFrame, line_pt: float) -> None:

@@ -126,7 +126,8 @@ class RunRecord:
     """The robots' maps of the floor; None: they keep none."""
     reports: tuple[Mapping[str, Any], ...] = ()
     """What robots report, of each value that is shown: its ``name`` and unit; its ``values`` after each sample, packed,
-    sorted by robot and sample (nan: none yet); and the ``truth``, the number that it estimates, if it does."""
+    sorted by robot and sample (nan: none yet); and the ``truth``, the number that it estimates, if it does: pairs of a
+    time (s), 0 first, and the number from then on."""
     reported: int = 0
     """Number of values that robots report; those that ``reports`` lacks are not shown."""
     radio: MessageLog | None = None

@@ -18,7 +18,12 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.map_figures import keeps_floor_map, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
-from vibroswarm.analysis.reports_over_time import estimates_of, report_headings, reports_over_time
+from vibroswarm.analysis.reports_over_time import (
+    estimates_of,
+    report_headings,
+    reports_over_time,
+    true_number_over_time,
+)
 from vibroswarm.analysis.robot_knowledge import true_places_notes
 from vibroswarm.analysis.verdict import (
     Verdict,
@@ -340,7 +345,7 @@ def _reports_of(result: Result, run: int) -> dict[str, Any]:
     wide = told.pivot("name", index=["robot", "time_s"], values="value")
     values = samples.join(wide, on=["robot", "time_s"], how="left", maintain_order="left")
     headings, estimates = report_headings(result, names), estimates_of(result)
-    truth = result.runs.filter(run=run)["fill_ratio"][0]
+    truth = true_number_over_time(result, run)
     reports = tuple(
         {
             "name": headings[name],

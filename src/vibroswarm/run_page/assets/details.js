@@ -7,7 +7,7 @@ function buildDetails() {
     ["Run", run.seed === null ? `recorded, session ${run.run + 1}` : `seed ${run.seed}, run ${run.run}`],
     ["Robots", `${robots.length}, ${exactCm(2 * run.body.radius_m)} across`],
     ["Floor", `${grid}, tiles of ${tileSize(f)}${f.name ? `, ${f.name}` : ""}`],
-    [KIND_COUNT > 2 ? "Share of kind 1" : "Fill ratio", ratio(run.truth.fill_ratio)],
+    [`${KIND_COUNT > 2 ? "Share of kind 1" : "Fill ratio"}${AT_END}`, ratio(run.truth.fill_ratio)],
     ["Strategy", run.strategy],
     ["Decides", ruleWords(run.rule)],
   ];
@@ -52,6 +52,6 @@ function buildLeads() {
     ? "Under feedback this is the robot's opinion, not an estimate. " : "";
   byId("posterior-lead").replaceChildren(opinion,
     `Beta(\u03b1, \u03b2) after its latest own sample; ${hasBelief ? `left of ${line} is p, hatched the rest` : `hatched right of ${line}`}. `,
-    make("span", "nobreak", moved ? "\u25b2 ones expected on this floor: " : "\u25b2 truth: ",
+    make("span", "nobreak", `\u25b2 ${moved ? "ones expected on this floor" : "truth"}${AT_END}: `,
       make("b", "", moved ? percent(run.truth.ones) : ratio(run.truth.ones)), "."));
 }

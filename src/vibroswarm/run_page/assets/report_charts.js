@@ -19,7 +19,8 @@ function buildReports() {
 }
 
 function reportLimits({ values, truth }) {
-  let low = truth ?? Infinity, high = truth ?? -Infinity;
+  const numbers = (truth ?? []).map(([, number]) => number);
+  let low = Math.min(...numbers), high = Math.max(...numbers);
   for (const value of values) {
     if (Number.isNaN(value)) continue;
     low = Math.min(low, value);
@@ -54,11 +55,11 @@ function drawReportLines(chart, followed) {
     context.fillText(reportNumber(end), REPORT_LEFT - 5, chart.y(end));
   }
   context.strokeStyle = colours.ink;
-  if (chart.report.truth !== null) {
-    context.setLineDash([5, 3]);
-    line(context, REPORT_LEFT, chart.y(chart.report.truth), chart.width - 8, chart.y(chart.report.truth));
-    context.setLineDash([]);
-  }
+  const spans = chart.report.truth ?? [];
+  context.setLineDash([5, 3]);
+  spans.forEach(([since, number], k) =>
+    line(context, chart.x(since), chart.y(number), chart.x(spans[k + 1]?.[0] ?? END_S), chart.y(number)));
+  context.setLineDash([]);
   for (const robot of robots) {
     if (robot === followed) continue;
     context.globalAlpha = followed ? 0.25 : 0.6;

@@ -37,10 +37,10 @@ function taskLine() {
     const none = SIDES.length > 2 ? "none" : "neither";
     const choices = new Intl.ListFormat("en-GB", { type: "disjunction" }).format(SIDES.map((side) => DECISION_WORDS[side]));
     return `${choices}? `
-      + `Truth: ${right !== null ? DECISION_WORDS[right] : run.rule.asked_anew ? "depends on the last answer of each robot" : none}${vibrates}.`;
+      + `Truth${AT_END}: ${right !== null ? DECISION_WORDS[right] : run.rule.asked_anew ? "depends on the last answer of each robot" : none}${vibrates}.`;
   }
   const truth = right === null ? "neither" : right === VIBRATING ? "yes" : "no";
-  return `Does more than ${percent(edge)} of the floor vibrate? Truth: ${truth} (${percent(fill)}).`;
+  return `Does more than ${percent(edge)} of the floor vibrate? Truth${AT_END}: ${truth} (${percent(fill)}).`;
 }
 
 function verdictMore() {
