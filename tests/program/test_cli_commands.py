@@ -14,7 +14,7 @@ from vibroswarm import InputError, preset
 from vibroswarm.cli import main
 from vibroswarm.cli.command_line import Option, bound, help_of, parser_of
 from vibroswarm.cli.commands import COMMANDS
-from vibroswarm.documents.plan import CELLS_DRAWN, PAGE_S, work_sentence
+from vibroswarm.documents.plan import CELLS_DRAWN, PAGE_OF_CELL_S, PAGE_S, PAGE_SAMPLES, work_sentence
 from vibroswarm.study import detection
 from vibroswarm.study.runner import Expected, Job
 
@@ -153,6 +153,8 @@ def test_an_estimate_covers_the_whole_command():
     assert "100 runs on other seeds and the report" in drawn
     assert int(drawn.split("about ")[1].split()[0]) > 20 + PAGE_S
     assert work_sentence(left, page_cells=1000) == work_sentence(left, page_cells=CELLS_DRAWN)
+    long = work_sentence(left, page_cells=2, again_samples=10 * PAGE_SAMPLES)
+    assert int(long.split("about ")[1].split()[0]) > 20 * PAGE_OF_CELL_S + 10
     assert "100 runs of motion in this shard; about 10 s" in work_sentence(left, Job(1, 4))
     tested = left._replace(further_runs=40, further_s=20.0)
     assert "100 runs of motion and 40 runs to test beliefs and faults; about 30 s" in work_sentence(tested)

@@ -495,7 +495,7 @@ def test_plain_lines_where_there_is_no_terminal(study, tmp_path, monkeypatch, ca
     assert sweep(study, "--out", tmp_path / "out", "--runs", "2000") == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simulating: ")]
     assert re.search(
-        r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ per second, [\d.]+ s left", lines[-2]
+        r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,.]+ per second, [\d.]+ s left", lines[-2]
     )
     assert "2,000 of 2,000 runs (100 %)" in lines[-1]
     assert "\x1b" not in "".join(lines)

@@ -50,6 +50,20 @@ def test_a_line_of_a_command_says_how_long_the_rest_takes(
     assert capsys.readouterr().err == said
 
 
+def test_long_runs_have_a_rate(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Less than one run in two seconds was "0 per second"."""
+    now_s = 0.0
+    monkeypatch.setattr(of_commands.time, "monotonic", lambda: now_s)
+    with of_commands.study_progress("simulating") as show:
+        now_s = 10.0
+        show(StudyProgress(done=0, wanted=20, failed=0))
+        now_s = 40.0
+        show(StudyProgress(done=10, wanted=20, failed=0))
+    first, last = capsys.readouterr().err.splitlines()
+    assert first == "simulating: 0 of 20 runs (0 %)"
+    assert last == "simulating: 10 of 20 runs (50 %), 0.25 per second, 40 s left"
+
+
 def test_a_bar_is_shown_where_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
     study = Study.of(SHORT, 2)
     for stream, progress, shows in (

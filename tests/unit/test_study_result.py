@@ -29,6 +29,7 @@ from vibroswarm.show.document import Figure, Section, walk
 from vibroswarm.study import batch
 from vibroswarm.study.cell_comparison import comparisons
 from vibroswarm.study.equal_error import at_equal_error, pairs_at_equal_error, reached, why_not_at_equal_error
+from vibroswarm.study.plan import samples_of_run
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.summary import outcome_of
 
@@ -437,6 +438,17 @@ def test_runs_of_a_slow_source_are_simulated_again_once_and_for_a_short_time(
     assert slow.runs_again(0, 10) == [0, 1, 2, 3, 4]
     quick = Study(SHORT, runs=10, seed=3).run()
     assert quick.runs_again(0, 10) == list(range(10))
+
+
+def test_fewer_of_long_runs_are_simulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report of 200 runs of a day took several times as long as the study, and gigabytes of memory."""
+    study = Study(SHORT, runs=10, seed=3).run()
+    monkeypatch.setattr("vibroswarm.study.study_result.AGAIN_SAMPLES", 3.5 * samples_of_run(SHORT))
+    assert study.runs_again(0, 10) == [0, 1, 2]
+    monkeypatch.setattr("vibroswarm.study.study_result.AGAIN_SAMPLES", 1)
+    assert study.runs_again(0, 10) == [0]
+    stopping = Study(SHORT.with_values({"run.stop": "all_decided"}), runs=10, seed=3).run()
+    assert stopping.runs_again(0, 10) == list(range(10))
 
 
 def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_source(

@@ -183,11 +183,13 @@ def print_plan(
         tests: further studies of the command, by the name of their folder in ``out``.
     """
     from vibroswarm.documents.plan import plan_sentence, work_sentence
+    from vibroswarm.study.baselines import RUNS
     from vibroswarm.study.cell_comparison import SECOND, in_second_block, on_other_seeds
-    from vibroswarm.study.plan import plan_of
+    from vibroswarm.study.plan import plan_of, samples_of_run
     from vibroswarm.study.precision import FIRST_LOOK
     from vibroswarm.study.runner import expected
     from vibroswarm.study.store import Store
+    from vibroswarm.study.study_result import AGAIN_SAMPLES
 
     plan = plan_of(study)
     report(plan_sentence(plan))
@@ -206,4 +208,6 @@ def print_plan(
             with in_second_block():
                 second = store_of(repeated, None if out is None else out / SECOND)
         left = expected(store_of(study, out), plan, stores, job=job, again=second)
-        report(work_sentence(left, job, page_cells=page_cells))
+        longest = max(samples_of_run(cell.scenario) for cell in study.cells)
+        again_samples = min(min(study.runs or FIRST_LOOK, RUNS) * longest, AGAIN_SAMPLES)
+        report(work_sentence(left, job, page_cells=page_cells, again_samples=again_samples))

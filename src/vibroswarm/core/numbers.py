@@ -127,6 +127,11 @@ def whole(n: float) -> str:
     return f"{n:,.0f}"
 
 
+def rate_of(n: float) -> str:
+    """Write how many things are done in a time: a small number with two digits, since 0 would say that none are."""
+    return whole(n) if n >= 10 else number(n, digits=2)
+
+
 def percent(
     share: float | None, decimals: int | None = 1, *, digits: int = DIGITS, sign: bool = False
 ) -> str:

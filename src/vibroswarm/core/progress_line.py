@@ -6,7 +6,7 @@ import sys
 import time
 from typing import Final, TextIO
 
-from vibroswarm.core.numbers import count, duration, whole
+from vibroswarm.core.numbers import count, duration, rate_of, whole
 
 WIDTH: Final = 30
 """Length of the bar, characters."""
@@ -60,7 +60,7 @@ class ProgressLine:
         filled = WIDTH * done // max(wanted, 1)  # ``wanted`` may be 0
         parts = [f"{whole(done)} of {count(wanted, 'run')}"]
         if done:
-            parts.append(f"{whole(rate)} per second")
+            parts.append(f"{rate_of(rate)} per second")
         if 0 < done < wanted:
             parts.append(f"{duration((wanted - done) / rate)} left")
         parts += [note] if note else []

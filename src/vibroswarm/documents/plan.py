@@ -14,7 +14,9 @@ from vibroswarm.study.study_result import StudyResult
 PAGE_S: Final = 0.8
 """Processor time of a page without cells, s: imports, and figures of all cells."""
 PAGE_OF_CELL_S: Final = 0.8
-"""Processor time of a cell's references and figures, s."""
+"""Processor time of a cell's references and figures, s, of up to ``PAGE_SAMPLES`` samples."""
+PAGE_SAMPLES: Final = 250_000
+"""Samples of 200 of the paper's runs; more, of longer runs or more robots, take longer in proportion."""
 CELLS_DRAWN: Final = 12
 """Of more cells, a page has fewer figures."""
 
@@ -39,14 +41,16 @@ def _shared(plan: Plan) -> str:
     )
 
 
-def work_sentence(left: Expected, job: Job | None = None, *, page_cells: int | None = None) -> str:
+def work_sentence(
+    left: Expected, job: Job | None = None, *, page_cells: int | None = None, again_samples: float = 0.0
+) -> str:
     """Return what a command has to do, and how much processor time that takes in all.
 
     Args:
         left: the runs that are missing (``runner.expected``); further ones are of a league's tests. job: the part of
             the study to which they belong; None if all of it is run.
         page_cells: number of cells with references and figures of their own on the page that is written; None: no page
-            is.
+            is. again_samples: samples of a cell that are simulated again for these.
     """
     if left.runs + left.again_runs + left.further_runs == 0:
         return f"Nothing to do: {'no run of this shard is missing' if job else 'all runs exist'}."
@@ -56,7 +60,8 @@ def work_sentence(left: Expected, job: Job | None = None, *, page_cells: int | N
     if left.again_runs:
         words.append(f"{count(left.again_runs, 'run')} on other seeds")
     if page_cells is not None:
-        page_s = PAGE_S + PAGE_OF_CELL_S * min(page_cells, CELLS_DRAWN)
+        cell_s = PAGE_OF_CELL_S * max(1.0, again_samples / PAGE_SAMPLES)
+        page_s = PAGE_S + cell_s * min(page_cells, CELLS_DRAWN)
         words.append("the report")
     if left.further_runs:
         words.append(f"{count(left.further_runs, 'run')} to test beliefs and faults")

@@ -52,7 +52,7 @@ from vibroswarm.study.batch_table import (
     arrays_of,
     tables_of,
 )
-from vibroswarm.study.plan import Group, Plan, missing, plan_of
+from vibroswarm.study.plan import Group, Plan, missing, plan_of, samples_of_run
 from vibroswarm.study.settled import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, TILES, Cell, Study
 from vibroswarm.study.store import Store
@@ -87,6 +87,9 @@ ROWS_IN_A_PART: Final = 10_000
 """Rows of a cell that are read at once to compute the figures of its runs."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
+AGAIN_SAMPLES: Final = 5_000_000
+"""Most samples of a cell that are simulated again for these, which take about 0.3 kB of memory each; twenty times those
+of 200 of the paper's runs."""
 
 
 @dataclass(frozen=True)
@@ -520,12 +523,15 @@ class StudyResult(NotebookView):
     def runs_again(self, cell: int, most: int) -> list[int]:
         """Return the numbers of the runs of a cell that are simulated again for a picture or a reference.
 
-        These are its first ``most`` stored runs. With a slow source of motion they are fewer, at least one, so that
-        simulating them takes at most about ``AGAIN_S``.
+        These are its first ``most`` stored runs. They are fewer, at least one, if they would have more samples than
+        ``AGAIN_SAMPLES``, or with a slow source of motion take longer than about ``AGAIN_S``.
         """
+        scenario = self.cell(cell).scenario
+        if scenario.run.stop == "t_end":  # other runs may end long before
+            most = min(most, int(AGAIN_SAMPLES / samples_of_run(scenario)))
         if self._is_slow:
-            most = max(1, min(most, int(AGAIN_S / self._group_of[cell].run_s)))
-        return self.runs_there(cell, most)
+            most = min(most, int(AGAIN_S / self._group_of[cell].run_s))
+        return self.runs_there(cell, max(1, most))
 
     @cached_property
     def _is_slow(self) -> bool:
