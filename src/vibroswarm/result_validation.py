@@ -88,12 +88,11 @@ def _not_given(scenario: Scenario) -> set[str]:
     of_many = strategy.answers_kinds or strategy.of_many is not None
     no_belief = of_many and (sensor.kinds > 2 or sensor.model not in sensors.known())
     # ``reset`` has no belief in changes; that of a user's strategy may be nan.
-    is_own = scenario.strategy.code is not None
     tells_change = getattr(scenario.strategy.params, "tells_change", False)
-    if strategy.belief is None or no_belief or is_own or tells_change:
+    if strategy.belief is None or no_belief or strategy.is_own or tells_change:
         found.add("belief_below")
     # Only the package's strategies that count bits are known to send one at every sample.
-    if strategy.on_counts is None or is_own or scenario.faults.radio_dead:
+    if strategy.on_counts is None or strategy.is_own or scenario.faults.radio_dead:
         found.add("message")
     return found
 
@@ -340,10 +339,10 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
 
     Robots that decided have a decision time, and all others have none, also those whose decision is not known (null).
     Exactly the runs with a known consensus have counts of right, wrong and undecided robots. A robot
-    has both counts of its posterior, alpha and beta, or none. Only with a user's strategy (one with ``code``) may it
+    has both counts of its posterior, alpha and beta, or none. Only with a user's strategy (``Plugin.is_own``) may it
     have one of the two, since its state may have a field of only one of these names.
     """
-    robots, runs = tables["robots"], tables["runs"]
+    robots, runs, strategy = tables["robots"], tables["runs"], scenario.strategy.entry
     decided = (robots["decision"] >= 0).fill_null(False)
     if (decided != robots["decision_time_s"].is_not_null()).any():
         raise InputError(
@@ -370,7 +369,11 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
                 f"column '{column}' counts more than {scenario.swarm.robots} robots",
                 field=_file(folder, "runs"),
             )
-    if (robots["alpha"].is_null() != robots["beta"].is_null()).any() and scenario.strategy.code is None:
+    if (
+        (robots["alpha"].is_null() != robots["beta"].is_null()).any()
+        and strategy is not None
+        and not strategy.is_own
+    ):
         raise InputError(
             "columns 'alpha' and 'beta' must be given together or not at all", field=_file(folder, "robots")
         )

@@ -97,3 +97,32 @@ for words in {lines}:
     assert "did you mean 'corner'?" in misspelt
     assert done.stdout.startswith("2\n2\n")
     assert done.stdout.endswith("\n0\n"), done.stderr
+
+
+def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
+    package: Path, tmp_path: Path
+) -> None:
+    points = package / "mine-1.0.dist-info" / "entry_points.txt"
+    points.write_text(
+        POINTS.replace("[vibroswarm.networks]", "broken = mine.nowhere:broken\n\n[vibroswarm.networks]")
+    )
+    scenario = tmp_path / "own.toml"
+    scenario.write_text(
+        "[run]\nt_end_s = 20\n\n[strategy]\nname = 'none'\n\n[strategy.voter]\nphase_s = 30\n"
+    )
+    for words in (["--scenario", str(scenario)], ["--strategy", "voter", "--set", "run.t_end_s=20"]):
+        done = vibroswarm("run", *words, package=package)
+        assert done.returncode == 0, done.stderr
+
+    other = package / "other-1.0.dist-info"
+    shutil.copytree(package / "mine", package / "other")
+    other.mkdir()
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (other / "entry_points.txt").write_text("[vibroswarm.strategies]\nvoter = other.voter:voter\n")
+    refused = vibroswarm("run", "--strategy", "voter", package=package)
+    assert refused.returncode == 2
+    both = (
+        "other.voter:voter: is another strategy 'voter' than mine",
+        "mine.voter:voter: is another strategy 'voter'",
+    )
+    assert any(words in refused.stderr for words in both), refused.stderr

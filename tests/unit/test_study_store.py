@@ -20,7 +20,7 @@ from polars.testing import assert_frame_equal
 
 from helpers.manifests import resealed
 from helpers.scenario_fields import named
-from vibroswarm import tasks
+from vibroswarm import networks, tasks
 from vibroswarm.cli import main
 from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
@@ -28,6 +28,7 @@ from vibroswarm.documents.study_folder import study_state
 from vibroswarm.documents.study_words import warnings_of
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.source import MotionState, Source, forget, register, source
+from vibroswarm.networks import Network
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.batch_table import ROWS
@@ -489,6 +490,36 @@ def test_runs_of_registered_code_that_has_changed_are_not_continued(tmp_path: Pa
             own.run(tmp_path / "st", progress=False)
     finally:
         tasks.base.forget("halves")
+
+
+def test_cells_with_and_without_registered_code_are_of_one_version(tmp_path: Path) -> None:
+    """Batches name the registered code of their own cells, which is no difference of versions."""
+    tasks.register(Task(name="halves", truth=lambda floor, asked, p: 1))
+    try:
+        vary = {"list": [{"swarm.robots": 4}, {"task.name": "halves"}]}
+        own = Study({"run": {"t_end_s": 20.0}}, vary, 2)
+        stored = own.run(tmp_path / "st", progress=False).store
+        assert len({"task halves" in shard.made_by for shard in stored.shards}) == 2
+        assert len(stored.made_by) == 1
+        assert stored.made_by[0].items() >= versions().items()
+        assert len(merge(tmp_path / "joined", [tmp_path / "st"]).shards) == len(stored.shards)
+    finally:
+        tasks.base.forget("halves")
+
+
+def every_third(sender: int, receiver: int, d: Any, p: Any, w: Any) -> bool:
+    return bool(d.address % 3 == 2)
+
+
+def test_runs_of_a_registered_network_are_continued_by_the_next_program(tmp_path: Path) -> None:
+    """What a network has cached since, such as its lists, is no change of its code."""
+    for runs in (2, 3):
+        networks.register(Network(name="thirds", lost=every_third))
+        try:
+            own = Study({"network": {"name": "thirds"}, "run": {"t_end_s": 20.0}}, {}, runs)
+            assert own.run(tmp_path / "st", progress=False).runs().height == runs
+        finally:
+            networks.base.forget("thirds")
 
 
 def source_of(part: float) -> Source:

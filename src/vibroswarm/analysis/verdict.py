@@ -257,20 +257,26 @@ WITHIN_95: Final = 1.959963984540054
 """Half of a 95 % interval of a normal distribution, in standard deviations."""
 
 
+def posterior_mean(alpha: int | None, beta: int | None) -> float | None:
+    """Return the mean of a posterior of counts; None if one of them is None or both are 0."""
+    return alpha / (alpha + beta) if alpha is not None and beta is not None and alpha + beta else None
+
+
 def _robot(row: dict[str, Any]) -> RobotVerdict:
     """Summarise one robot from its row of the table of robots, ``row``: values by column name.
 
-    ``alpha`` and ``beta`` are None together: in a recording without them, and for a strategy without a posterior. A
-    strategy without one may report an estimate of its own with a spread.
+    ``alpha`` or ``beta`` is None in a recording without them, and for a strategy without a posterior. A strategy may
+    report an estimate of its own with a spread, also beside a posterior.
     """
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
     estimate, spread = row["estimate"], row["estimate_spread"]
     interval = None if spread is None else (estimate - WITHIN_95 * spread, estimate + WITHIN_95 * spread)
-    if alpha is not None:  # a posterior is more exact than its first two moments
-        estimate = alpha / (alpha + beta)
-        interval = (float(betaincinv(alpha, beta, 0.025)), float(betaincinv(alpha, beta, 0.975)))
+    mean = posterior_mean(alpha, beta)
+    if mean is not None and estimate in (None, mean):  # a posterior is more exact than its first two moments
+        low, high = (float(betaincinv(alpha, beta, level)) for level in (0.025, 0.975))
+        estimate, interval = mean, (low, high) if alpha and beta else None
     # ``belief`` is p, the belief in decision 0. It is None for a robot that has not decided, or has no belief.
     confidence_at_decision = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
     return RobotVerdict(

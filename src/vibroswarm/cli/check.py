@@ -74,7 +74,7 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
     if not any(text in names for names in known.values()):
         # Installed packages may register more names. `known` holds views of the registries, so it has these names too.
         for kind_name in known:
-            plugins.load_installed(kind_name)
+            plugins.load_installed(kind_name, text)
     kinds = [kind_name for kind_name, names in known.items() if text in names]
     if not kinds:  # the error message lists all known names by kind
         names_of = {kind_name: list(names) for kind_name, names in known.items()}

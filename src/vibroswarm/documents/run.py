@@ -25,6 +25,7 @@ from vibroswarm.analysis.verdict import (
     headline,
     holds_opinions,
     mean_over_time,
+    posterior_mean,
     strategy_name,
     verdict,
 )
@@ -65,7 +66,8 @@ def run_document(result: Result, run: int) -> Document:
     decidable = decidability(scenario, floor=result.floor(run).at(found.end_s))
     opinions = holds_opinions(scenario)
     posterior = "opinion" if opinions else "share of ones" if _counts(found, scenario) else "estimate"
-    if posterior == "estimate" and scenario.sensor.kinds > 2 and not found.estimated:
+    scores_own = scenario.task.entry is not None and scenario.task.entry.scored is not None
+    if posterior == "estimate" and scenario.sensor.kinds > 2 and not (found.estimated or scores_own):
         posterior = "share of kind 1"  # which the task, such as the most common kind, does not ask for
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
@@ -257,9 +259,11 @@ def failure_sentences(result: Result) -> list[str]:
 
 
 def _counts(found: Verdict, scenario: Scenario) -> bool:
-    """Return whether robots have a posterior of counts, or of two kinds no estimate at all."""
+    """Return whether robots estimate by a posterior of counts, or of two kinds not at all."""
     has_none = scenario.sensor.kinds == 2 and found.robots[0].estimate is None
-    return has_none or any(robot.alpha is not None for robot in found.robots)
+    return has_none or any(
+        one.alpha is not None and one.estimate == posterior_mean(one.alpha, one.beta) for one in found.robots
+    )
 
 
 def _answers_over_time(result: Result, run: int) -> pl.DataFrame:

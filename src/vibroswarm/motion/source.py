@@ -3,9 +3,9 @@
 A source of motion (an engine, a recording, a camera track) gives these tables:
 
 * ``samples``: one row per sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the sample is
-  taken; ``stop_start_s`` is the start of that stop. ``drive_s``, ``turn_s``, ``avoid_s`` and ``stop_s`` add up to the
-  time since the robot's previous sample (or since the start of the run). ``sample`` numbers a robot's samples in
-  this order, from 0.
+  taken: the robot still stands in that control period, and moves in the next. ``stop_start_s`` is the start of that
+  stop. ``drive_s``, ``turn_s``, ``avoid_s`` and ``stop_s`` add up to the time since the robot's previous sample (or
+  since the start of the run). ``sample`` numbers a robot's samples in this order, from 0.
 * ``ends``: one row per run and robot: the time up to which motion is known, the robot's pose at that time, and the
   start of the stop that it then makes, in which it hears nothing (null if it is not in such a stop).
 * ``segments`` (on request): arcs of constant speed and turn rate, from ``start_s`` to the robot's next row;

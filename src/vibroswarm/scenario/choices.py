@@ -202,7 +202,8 @@ class Choice(FrozenModel):
         Raises:
             InputError: there is no such entry, or a parameter is wrong.
         """
-        entries, section = cls.known(), f"{cls.kind}.{name}"
+        entries = plugins.known_for(cls.kind, None if plugins.is_code_name(name) else name)
+        section = f"{cls.kind}.{name}"
         if name not in entries:
             if isinstance(table, Mapping) and (is_chosen or plugins.is_code_name(name)):
                 return dict(table)

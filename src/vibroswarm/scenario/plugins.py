@@ -324,7 +324,7 @@ def known_for(kind: str, name: object) -> Mapping[str, Any]:
     """
     known = KINDS[kind].known
     if isinstance(name, str) and name not in known():
-        load_installed(kind)
+        load_installed(kind, name)
     return known()
 
 
@@ -353,16 +353,18 @@ def not_loaded(code: str, field: str) -> InputError:
     )
 
 
-def load_installed(kind: str) -> None:
+def load_installed(kind: str, name: str | None = None) -> None:
     """Register the objects of a kind that installed packages offer as entry points (``vibroswarm.strategies``, ...).
 
-    An object whose name is taken already is left out. Packages of other kinds are not loaded, as one may be broken.
+    An object whose name is taken already is left out. Only what is needed is loaded, as another may be broken: entry
+    points of that kind, and of that name if there are any.
 
     Raises:
-        InputError: an entry point cannot be loaded, or is not of its group's kind.
+        InputError: an entry point cannot be loaded, or is not of its group's kind, or another one has its name.
     """
     declared, register, known, group, _ = KINDS[kind]
-    for point in entry_points(group=group):
+    points, offered = entry_points(group=group), dict[str, tuple[str, Any]]()
+    for point in points.select(name=name or "") or points:
         try:
             loaded: Any = point.load()
         except Exception as error:  # whatever the package's code raises
@@ -372,7 +374,14 @@ def load_installed(kind: str) -> None:
         if not isinstance(loaded, declared):
             raise InputError(f"is not a {kind}", field=point.value)
         # Objects of every kind have a name; ``vars``, because a type checker takes ``loaded`` for a plain object.
-        if vars(loaded)["name"] not in known():
+        own = vars(loaded)["name"]
+        first, other = offered.setdefault(own, (point.value, loaded))
+        if other != loaded:
+            raise InputError(
+                f"is another {kind} '{own}' than {first}; uninstall one of the packages", field=point.value
+            )
+    for own, (_, loaded) in offered.items():
+        if own not in known():
             register(loaded)
 
 

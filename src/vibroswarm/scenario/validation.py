@@ -315,7 +315,7 @@ def _check_kinds(s: Sections) -> None:
                 field="strategy.name",
             )
         is_of_others = s.task.name == "share" and getattr(s.task.params, "kind", 1) != 1
-        if is_of_others and not (strategy.shares or strategy.code):
+        if is_of_others and not (strategy.shares or strategy.is_own):
             raise InputError(
                 f"asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' estimates that of "
                 "tiles that vibrate; choose a strategy that estimates shares of kinds, such as dirichlet or averaging",
@@ -374,7 +374,7 @@ def _check_surface(s: Sections) -> None:
     if max(sensor.kinds, sensor.readings) > 2 or not model.scales:
         own = (
             "; if it measures strengths, give its SensorModel scales=True"
-            if model.code and not model.scales
+            if model.is_own and not model.scales
             else ""
         )
         raise InputError(
@@ -389,7 +389,7 @@ def _check_surface(s: Sections) -> None:
 def _check_asks_for_change(s: Sections) -> None:
     """Refuse robots that tell whether the floor has changed where that is not asked, and the other way round."""
     known = s.strategy.entry
-    if known is None or known.code:
+    if known is None or known.is_own:
         return
     tells = bool(getattr(s.strategy.params, "tells_change", False))
     if s.task.name == "changed" and not tells:

@@ -106,6 +106,12 @@ class Plugin(NotebookView):
         object.__setattr__(self, "params", as_params(self.params, self.name))
 
     @property
+    def is_own(self) -> bool:
+        """Whether a user's file or program, or an installed package, has any of its functions."""
+        functions = (one for one in vars(self).values() if isinstance(one, FunctionType))
+        return bool(self.code) or not is_shipped(*functions)
+
+    @property
     def params_type(self) -> np.dtype[np.void]:
         """Row type of the parameters."""
         return row_type(self.params, "params")

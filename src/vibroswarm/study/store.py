@@ -368,9 +368,20 @@ class Store:
 
     @property
     def made_by(self) -> list[dict[str, str]]:
-        """The different ``simulation.versions`` that made the shards, each once."""
-        different = {json.dumps(dict(s.made_by), sort_keys=True) for s in self.shards}
-        return [json.loads(text) for text in sorted(different)]
+        """The different ``simulation.versions`` that made the shards, each once.
+
+        Shards name the registered code of their own cells only, so versions that contradict each other nowhere are one.
+        """
+        different: list[dict[str, str]] = []
+        for text in sorted({json.dumps(dict(s.made_by), sort_keys=True) for s in self.shards}):
+            versions = json.loads(text)
+            same = (one for one in different if all(one.get(k, v) == v for k, v in versions.items()))
+            alike = next(same, None)
+            if alike is None:
+                different.append(versions)
+            else:
+                alike.update(versions)
+        return different
 
     def check_versions(self) -> None:
         """Refuse to continue if other versions than those of this process made shards.
@@ -391,7 +402,9 @@ class Store:
         """
         first, *others = self.made_by or [{}]  # ``made_by`` is empty if there are no shards
         for other in others:  # ``made_by`` has no duplicates, so any second entry is an error
-            different = [f"{k} {first.get(k)} and {other[k]}" for k in other if first.get(k) != other[k]]
+            different = [
+                f"{k} {first.get(k)} and {other[k]}" for k in other if first.get(k, other[k]) != other[k]
+            ]
             raise InputError(
                 f"shards were made by different versions: {'; '.join(different)}", field=str(self.folder)
             )
