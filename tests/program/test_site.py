@@ -38,9 +38,11 @@ sys.exit(main(sys.argv[1:]))
 
 
 def build(target: Path) -> None:
-    command = [sys.executable, "-c", SPHINX, "-q", "-W", "--keep-going", "-b", "html"]
+    # Not by -c: from Python 3.13 on, Sphinx takes its text for the source of all that has the file "<string>".
+    command = [sys.executable, "-", "-q", "-W", "--keep-going", "-b", "html"]
     done = subprocess.run(
         [*command, "-d", str(target.with_name("doctrees")), str(DOCS), str(target)],
+        input=SPHINX,
         capture_output=True,
         text=True,
         check=False,
