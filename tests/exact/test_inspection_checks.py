@@ -302,6 +302,21 @@ def test_a_gain_that_is_not_in_the_reference_is_noticed_by_100_values() -> None:
     assert sum(refused[1.2]) >= 6
 
 
+def test_bits_of_a_right_law_are_not_refused() -> None:
+    """Their rates are those of the law: surfaces that it draws itself leave its error out, and 1 of 5 was refused."""
+    random = np.random.default_rng(2)
+    refused = 0
+    for seed in range(12):
+        law = law_of_measured(random.gamma(6.0, 0.3, 100), random.gamma(6.0, 0.15, 100), "measured")
+        samples = replace(drawn_samples(seed, count=800, spread_m=0.0), law=replace(law, bits=True))
+        nothing = Others(samples, {robot: np.zeros(9) for robot in range(5)}, np.zeros(800))
+        bits = random.gamma(6.0, 0.15, 800) > law.sensor.rms_threshold
+        refused += (
+            outcomes(samples.with_columns(value=1.0 * bits), nothing)["law of still places"] == "refused"
+        )
+    assert refused == 0
+
+
 @pytest.mark.parametrize("bits", [1, 2])
 def test_damage_by_measured_readings_has_one_contrast(bits: int) -> None:
     """Half-way between 0 and 1 are values that nothing measures: damage of half the rate was cleared, as if sought."""

@@ -200,6 +200,13 @@ def test_a_file_may_say_how_wrong_each_place_is(tmp_path: Path) -> None:
     assert "their own standard deviations" in found.places
     with pytest.raises(InputError, match="--spread-mm: leave it out: column 'spread_cm' has it"):
         samples_of_csv(path, law, (1.0, 1.0), 0.01)
+    text = path.read_text()
+    for name in ("spread", "spread_x_mm", "place_spread_m"):
+        path.write_text(text.replace("spread_cm", name))
+        with pytest.raises(InputError, match=f"plate.csv, {name}: give one standard deviation of places"):
+            samples_of_csv(path, law, (1.0, 1.0))
+    path.write_text(text.replace("spread_cm", "spread_of_readings"))
+    assert "taken as exact" in samples_of_csv(path, law, (1.0, 1.0)).places
 
 
 def test_calibration_counts_tiles_by_bin() -> None:

@@ -104,7 +104,10 @@ def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
 ) -> None:
     points = package / "mine-1.0.dist-info" / "entry_points.txt"
     points.write_text(
-        POINTS.replace("[vibroswarm.networks]", "broken = mine.nowhere:broken\n\n[vibroswarm.networks]")
+        POINTS.replace(
+            "[vibroswarm.networks]",
+            "broken = mine.nowhere:broken\nsoft = mine.voter:voter\n\n[vibroswarm.networks]",
+        )
     )
     scenario = tmp_path / "own.toml"
     scenario.write_text(
@@ -113,6 +116,8 @@ def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
     for words in (["--scenario", str(scenario)], ["--strategy", "voter", "--set", "run.t_end_s=20"]):
         done = vibroswarm("run", *words, package=package)
         assert done.returncode == 0, done.stderr
+    misspelt = vibroswarm("run", "--set", "strategy.eta=3", package=package)
+    assert "did you mean 'strategy.soft.eta'?" in misspelt.stderr
 
     other = package / "other-1.0.dist-info"
     shutil.copytree(package / "mine", package / "other")

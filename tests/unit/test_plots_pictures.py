@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from vibroswarm import preset, simulate, verdict
+from vibroswarm import preset, simulate, tasks, verdict
 from vibroswarm.analysis.verdict import headline
 from vibroswarm.errors import InputError
 from vibroswarm.plots import (
@@ -45,6 +45,7 @@ from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.picture import _as_laid_out, picture_bytes
 from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.plots.style import ON_DARK, ON_LIGHT, PAPER, STYLES, look, settings
+from vibroswarm.tasks import Task
 
 LONG = [
     "walk.avoidance_threshold_mm = 55",
@@ -956,6 +957,19 @@ def test_the_true_number_of_reports_follows_a_floor_that_changes() -> None:
     assert true.get_xdata()[:3].tolist() == [0.0, 20.0, 40.0]
     assert true.get_ydata().tolist() == pytest.approx([0.4, 0.6, 0.4, 0.4])
     assert picture.caption.endswith("dashed: the true number.")
+    redrawn = simulate(result.scenario.with_values({"change.to": "redraw"}), 1, 1)
+    assert draw_run_reports(redrawn).caption.endswith("dashed: the true number, 0.4.")
+
+
+def test_reports_are_drawn_without_a_true_number_where_the_code_of_the_task_is_not_loaded() -> None:
+    tasks.register(Task(name="half", truth=lambda floor, asked, p: 0.5, estimated="half", answers=("a", "b")))
+    values = {"change.at_s": 20.0, "change.to": "invert", "run.t_end_s": 60.0, "strategy.name": "mcp"}
+    try:
+        result = simulate(preset("paper").with_values(values | {"task.name": "half"}), 1, 1)
+        assert "dashed" in draw_run_reports(result).caption
+    finally:
+        tasks.base.forget("half")
+    assert "dashed" not in draw_run_reports(result).caption
 
 
 @pytest.mark.usefixtures("without_layout")

@@ -10,6 +10,7 @@ import pytest
 
 from vibroswarm import Result, Scenario, simulate, strategies, tasks, verdict
 from vibroswarm.documents.run import result_document
+from vibroswarm.errors import InputError
 from vibroswarm.strategies import Strategy
 from vibroswarm.tasks import Task
 
@@ -19,9 +20,12 @@ class One:
     decision: int
 
 
-class Corrected:
+class Counts:
     alpha: int
     beta: int
+
+
+class Corrected(Counts):
     estimate: float
     estimate_spread: float
 
@@ -46,7 +50,9 @@ def on_sample(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
 
 def on_sample_corrected(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
     s.alpha, s.beta = s.alpha + x.reading, s.beta + 1 - x.reading
-    s.estimate, s.estimate_spread = 0.25, 0.0625
+    if w.robot < 4:  # the last has none
+        s.estimate = s.alpha / (s.alpha + s.beta) if w.robot == 0 else 0.25
+        s.estimate_spread = 0.0625
     out.bit = x.reading
     return True
 
@@ -65,13 +71,15 @@ CORRECTED = Strategy(
     name="corrected", state=Corrected, begin=begin_corrected, on_sample=on_sample_corrected, **HOOKS
 )
 
+COUNTED = Strategy(name="counted", state=Counts, begin=begin, on_sample=on_sample, **HOOKS)
+
 
 @pytest.fixture(autouse=True)
 def registered() -> Iterator[None]:
-    for one in (ONE, CORRECTED):
+    for one in (ONE, CORRECTED, COUNTED):
         strategies.register(one)
     yield
-    for one in (ONE, CORRECTED):
+    for one in (ONE, CORRECTED, COUNTED):
         strategies.base.forget(one.name)
 
 
@@ -90,13 +98,39 @@ def test_a_count_without_its_counterpart_and_a_belief_of_nan_are_no_posterior() 
 def test_an_estimate_of_its_own_comes_before_the_mean_of_a_posterior() -> None:
     result = run_of("corrected", "share")
     document = result_document(result)
-    assert "ESTIMATES: 0.25; " in document.answer[0]
+    assert "0.25" in document.answer[0]
+    assert " of 4 hold it" in document.answer[0]
     assert document.tables["robots"].columns["posterior"].title == "estimate (95 %)"
-    assert verdict(result).robots[0].interval == pytest.approx((0.1275, 0.3725), abs=1e-4)
+    first, second, *_, last = verdict(result).robots
+    assert second.interval == pytest.approx((0.1275, 0.3725), abs=1e-4)
+    assert first.interval is not None
+    assert first.interval[1] - first.interval[0] == pytest.approx(0.245, abs=1e-4)
+    assert last.estimate is None
 
 
 def test_robots_without_any_count_have_no_estimate() -> None:
-    assert verdict(run_of("corrected", t_end_s=0.1)).robots[0].estimate is None
+    assert verdict(run_of("counted", t_end_s=0.1)).robots[0].estimate is None
+
+
+@pytest.mark.parametrize("kind", [3.5, -1.5, 0.5])
+def test_a_task_that_asks_for_a_kind_that_the_sensor_does_not_know_is_refused(kind: float) -> None:
+    class Params:
+        kind: float = 1
+
+    asked = Task(name="which", params=Params, truth=lambda floor, asked, p: 0, answers=("a", "b", "c"))
+    tasks.register(asked)
+    values = {
+        "sensor.model": "confusion",
+        "floor.source": "random:0.4,0.36,0.24",
+        "strategy.name": "dirichlet",
+    }
+    try:
+        with pytest.raises(
+            InputError, match=f"task.which.kind: {kind} is not a kind of tile that the sensor knows"
+        ):
+            Scenario().with_values(values | {"task.name": "which", "task.which.kind": kind})
+    finally:
+        tasks.base.forget("which")
 
 
 def test_the_number_that_a_task_scores_is_not_called_the_share_of_kind_1() -> None:

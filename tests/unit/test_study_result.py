@@ -447,6 +447,9 @@ def test_fewer_of_long_runs_are_simulated_again(monkeypatch: pytest.MonkeyPatch)
     assert study.runs_again(0, 10) == [0, 1, 2]
     monkeypatch.setattr("vibroswarm.study.study_result.AGAIN_SAMPLES", 1)
     assert study.runs_again(0, 10) == [0]
+    assert study.runs_again(0, 0) == []
+    with pytest.raises(InputError, match="most: -3"):
+        study.runs_again(0, -3)
     stopping = Study(SHORT.with_values({"run.stop": "all_decided"}), runs=10, seed=3).run()
     assert stopping.runs_again(0, 10) == list(range(10))
 

@@ -51,9 +51,9 @@ class RobotVerdict(NotebookView):
     belief: float | None
     """p at the decision or, for an undecided robot, at its last sample or timer."""
     estimate: float | None
-    """Posterior mean of the share of ones."""
+    """Posterior mean of the share of ones, or the robot's own estimate."""
     interval: tuple[float, float] | None
-    """95 % credible interval of the share of ones."""
+    """Its 95 % credible interval."""
     alpha: int | None
     beta: int | None
     """alpha and beta of the posterior at the end."""
@@ -168,7 +168,8 @@ def _verdict(result: Result, run: int | None) -> Verdict:
         raise InputError(f"there is no run {shown(run)} in this result", field="run")
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
-    robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())
+    by_counts = not has_own_estimate(result.scenario)
+    robots = tuple(_robot(row, by_counts) for row in result.robots.filter(of_run).to_dicts())
     decisions = {robot.decision for robot in robots}
     is_agreed = len(decisions) == 1 and not decisions & {-1, None}
     fill = summary["fill_ratio"]
@@ -214,6 +215,12 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
     return {"estimated": words + when, **{name: table[name][0] for name in ESTIMATES}}
 
 
+def has_own_estimate(scenario: Scenario) -> bool:
+    """Return whether robots report an estimate of their own; False for a strategy whose code is not loaded."""
+    known = strategies.known().get(scenario.strategy.name)
+    return known is not None and known.has_own_estimate
+
+
 def asked_number(scenario: Scenario) -> str:
     """Return in words the number that the task asks for; empty if it asks for a decision, or its code is not loaded."""
     known = tasks.known().get(scenario.task.name)
@@ -257,26 +264,23 @@ WITHIN_95: Final = 1.959963984540054
 """Half of a 95 % interval of a normal distribution, in standard deviations."""
 
 
-def posterior_mean(alpha: int | None, beta: int | None) -> float | None:
-    """Return the mean of a posterior of counts; None if one of them is None or both are 0."""
-    return alpha / (alpha + beta) if alpha is not None and beta is not None and alpha + beta else None
+def _robot(row: dict[str, Any], by_counts: bool) -> RobotVerdict:
+    """Summarise one robot from its row of the table of robots.
 
-
-def _robot(row: dict[str, Any]) -> RobotVerdict:
-    """Summarise one robot from its row of the table of robots, ``row``: values by column name.
-
-    ``alpha`` or ``beta`` is None in a recording without them, and for a strategy without a posterior. A strategy may
-    report an estimate of its own with a spread, also beside a posterior.
+    Args:
+        row: values by column name. ``alpha`` or ``beta`` is None in a recording without them, and for a strategy
+            without a posterior.
+        by_counts: whether robots estimate by their counts, if they have any; a strategy may report an estimate of its
+            own with a spread, also beside counts.
     """
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
     estimate, spread = row["estimate"], row["estimate_spread"]
     interval = None if spread is None else (estimate - WITHIN_95 * spread, estimate + WITHIN_95 * spread)
-    mean = posterior_mean(alpha, beta)
-    if mean is not None and estimate in (None, mean):  # a posterior is more exact than its first two moments
+    if by_counts and None not in (alpha, beta) and alpha + beta:  # more exact than the first two moments
         low, high = (float(betaincinv(alpha, beta, level)) for level in (0.025, 0.975))
-        estimate, interval = mean, (low, high) if alpha and beta else None
+        estimate, interval = alpha / (alpha + beta), (low, high) if alpha and beta else None
     # ``belief`` is p, the belief in decision 0. It is None for a robot that has not decided, or has no belief.
     confidence_at_decision = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
     return RobotVerdict(

@@ -208,6 +208,8 @@ def print_plan(
             with in_second_block():
                 second = store_of(repeated, None if out is None else out / SECOND)
         left = expected(store_of(study, out), plan, stores, job=job, again=second)
-        longest = max(samples_of_run(cell.scenario) for cell in study.cells)
-        again_samples = min(min(study.runs or FIRST_LOOK, RUNS) * longest, AGAIN_SAMPLES)
+        # Runs that stop when all have decided may end long before.
+        whole = [cell.scenario for cell in study.cells if cell.scenario.run.stop == "t_end"]
+        of_run = sum(map(samples_of_run, whole)) / len(study.cells)
+        again_samples = min(min(study.runs or FIRST_LOOK, RUNS) * of_run, AGAIN_SAMPLES)
         report(work_sentence(left, job, page_cells=page_cells, again_samples=again_samples))

@@ -216,8 +216,8 @@ def _similarities(found: Comparison) -> Table:
     frame = pl.DataFrame(rows, infer_schema_length=None)
     unused = [name for name in ("without_camera", "note") if not any(row[name] for row in rows)]
     caption = (
-        "Cosine similarity (as in the paper: of all samples; null: of evenly spread values; ceiling: expected of equal "
-        "distributions, both at equal counts; sessions: mean and range over pairs)."
+        "Cosine similarity (as in the paper: of all samples; all others at equal counts: null, of evenly spread "
+        "values; ceiling, expected of equal distributions; sessions, mean and range over pairs)."
     )
     return Table(frame.drop(unused), columns, caption, "similarities")
 

@@ -22,10 +22,10 @@ from vibroswarm.analysis.verdict import (
     asked_number,
     confidence,
     decision_words,
+    has_own_estimate,
     headline,
     holds_opinions,
     mean_over_time,
-    posterior_mean,
     strategy_name,
     verdict,
 )
@@ -98,7 +98,7 @@ def run_document(result: Result, run: int) -> Document:
 
 def verdict_document(found: Verdict) -> Document:
     """Return the document of a verdict alone, which does not know its scenario."""
-    tables = tuple(robot_tables(found, "posterior mean"))
+    tables = tuple(robot_tables(found, "estimate"))
     return Document("Verdict", _decision_duration_confidence(found), parts=tables, data=_verdict_data(found))
 
 
@@ -261,9 +261,7 @@ def failure_sentences(result: Result) -> list[str]:
 def _counts(found: Verdict, scenario: Scenario) -> bool:
     """Return whether robots estimate by a posterior of counts, or of two kinds not at all."""
     has_none = scenario.sensor.kinds == 2 and found.robots[0].estimate is None
-    return has_none or any(
-        one.alpha is not None and one.estimate == posterior_mean(one.alpha, one.beta) for one in found.robots
-    )
+    return has_none or (not has_own_estimate(scenario) and any(one.alpha is not None for one in found.robots))
 
 
 def _answers_over_time(result: Result, run: int) -> pl.DataFrame:

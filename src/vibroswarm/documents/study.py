@@ -485,12 +485,12 @@ _REFERENCE_COLUMNS: Final = {
 def _reference_parts(references: Sequence[References], table: pl.DataFrame) -> tuple[Part, ...]:
     """Return the table of references by cell, and what they are.
 
-    Cells with few stored runs have fewer runs than the caption gives.
+    Cells with few stored runs, or with long ones, have fewer runs than the caption gives.
     """
     # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
     runs = max(reference.runs for reference in references)
-    again = f"From {count(runs, 'run')} per cell, simulated again from the seed"
+    again = f"From up to {count(runs, 'run')} per cell, simulated again from the seed"
     is_pooled = any(reference.pooled is not None for reference in references)
     caption = f"{again}; half of them tuned the pooled threshold." if is_pooled else f"{again}."
     rows = table.select("name", *with_limits_of(names, table.columns))

@@ -368,9 +368,10 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     decided = agents["decision"] != -1
     counts = dict(zip(("alpha", "beta"), _counts_of(states), strict=True))
     refuse_values(scenario, counts)
-    posterior = posterior_of(scenario, swarm, strategy_used(scenario))
+    used = strategy_used(scenario)
+    posterior = posterior_of(scenario, swarm, used)
     estimate, spread = estimate_of(*posterior), spread_of(*posterior)
-    if has_own_estimate(states):
+    if used.has_own_estimate:
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     claimed = {
         # A copy, as all other columns are: ``swarm`` is overwritten by the next replay.
@@ -389,11 +390,6 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
         "sent": agents["sent"].astype(np.uint32),
         "messages_received": agents["received"].astype(np.uint32),
     }
-
-
-def has_own_estimate(states: NDArray[np.void]) -> bool:
-    """Return whether a strategy with these states estimates by other means than a posterior."""
-    return {"estimate", "estimate_spread"} <= set(states.dtype.names or ())
 
 
 def posterior_of(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import address_of, entry_for, kernel, read_only, signed, zero_rows
 from vibroswarm.core.kernel_call import call
-from vibroswarm.inference.agents import estimate_of, has_own_estimate, posterior_of, strategy_used
+from vibroswarm.inference.agents import estimate_of, posterior_of, strategy_used
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replay_arrays import DONE, Readings, Rows, Stops
@@ -466,7 +466,7 @@ class ClosedLoop:
     def estimate(self) -> NDArray[np.float64]:
         """Each robot's estimate, as in tables (``final_columns``), (robots,); nan if the strategy has none."""
         swarm = self.replayer.swarm
-        if has_own_estimate(swarm.states):
+        if self.strategy.has_own_estimate:
             return np.array(swarm.states["estimate"])
         return estimate_of(*posterior_of(self.scenario, swarm, self.strategy))
 

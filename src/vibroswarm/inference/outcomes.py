@@ -131,10 +131,13 @@ class _Question:
         """Return the right decision on a floor, or None; arguments are those of ``asked``."""
         return self.task.answer(floor, self.asked(floor, start, fill_ratio), self.params)
 
-    def judged(self, floor: Floor, time_s: float) -> tuple[float, float]:
-        """Return the number against which estimates are scored, and the right decision, nan for none."""
-        now = floor.at(time_s)
-        asked = self.asked(now, floor.at(0.0))
+    def judged(self, now: Floor, start: Floor) -> tuple[float, float]:
+        """Return the number against which estimates are scored, and the right decision, nan for none.
+
+        Args:
+            now, start: the floor at the time of the estimates, and at time 0.
+        """
+        asked = self.asked(now, start)
         answer = self.task.answer(now, asked, self.params)
         is_scored = bool(self.task.estimated) or self.task.scored is not None
         number = self.task.number(now, asked, self.params) if is_scored else asked.fill_ratio
@@ -153,10 +156,18 @@ def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
 
 
 def number_over_time(scenario: Scenario, floor: Floor, end_s: float) -> list[tuple[float, float]]:
-    """Return from when on (s), 0 first, estimates are scored against which number, up to the end of a run."""
-    question = _Question(scenario)
-    times_s = [since_s for since_s, _ in floor.stages() if since_s < end_s]
-    return [(since_s, question.judged(floor, since_s)[0]) for since_s in times_s]
+    """Return from when on (s), 0 first, estimates are scored against which number, up to the end of a run.
+
+    Neighbouring numbers differ.
+    """
+    question, start, numbers = _Question(scenario), floor.at(0.0), list[tuple[float, float]]()
+    for since_s, now in floor.stages():
+        if since_s >= end_s:
+            break
+        number, _ = question.judged(now, start)
+        if not numbers or number != numbers[-1][1]:
+            numbers.append((since_s, number))
+    return numbers
 
 
 def truth_of_robot(
@@ -209,7 +220,7 @@ def fills_and_truth(
     question, known = _Question(scenario), dict[tuple[int, float], tuple[float, float]]()
     for run, key in zip(runs, keys, strict=True):
         if key not in known:
-            known[key] = question.judged(floors[run], key[1])
+            known[key] = question.judged(floors[run].at(key[1]), floors[run].at(0.0))
     found = np.array([known[key] for key in keys], dtype=np.float64).reshape(-1, 2)
     return found[:, 0].copy(), found[:, 1].copy()
 

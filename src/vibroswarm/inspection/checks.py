@@ -115,13 +115,15 @@ def law_checks(
 
 
 def _of_whole_reference(samples: Samples) -> Samples:
-    """Return samples whose law draws surfaces by all values of its reference, if it was measured.
+    """Return samples whose law draws surfaces by all values of its reference, if these are judged by ranks.
 
     Each judge left out a third of them. Surfaces drawn by that third alone differ so much from the law that 100 values
-    count as 21. Likelihoods need them, as they favour a judge's own values (``damage``); ranks do not.
+    count as 21. Likelihoods need this, as they favour a judge's own values (``damage``), and readings of 0 and 1, which
+    are judged by the rates of the law itself.
     """
     law = samples.law
-    return samples if law.sensor.still_energies is None else replace(samples, law=replace(law, draws=()))
+    by_ranks = law.sensor.still_energies is not None and not law.bits
+    return replace(samples, law=replace(law, draws=())) if by_ranks else samples
 
 
 def _of_law(

@@ -10,7 +10,7 @@
 | size found in 50, 90 % | a50, a90 | PoD(a50) = .5, PoD(a90) = .9 |
 | penalised log likelihood | l | log likelihood + ln(det I) / 2, I the Fisher information of b0 and b1 |
 | limit of a90 | a90/95 | largest a with 2 (l_max - l(a90 = a)) <= 2.706, l at its largest over b1, with c as fitted; \
-4.605 if the curve ends below 1: a90 and c are then in one joint region |
+4.605 if the best curve ends below 1: a90 and c are then in one joint region |
 
 The most likely curve of few inspections is too steep, and its a90 too small. The penalty (Jeffreys; Firth 1993) takes
 most of that away, and keeps the slope finite where all damage above a size was found and none below. Several curves

@@ -227,6 +227,8 @@ def _vibrating(floor: Floor) -> Floor:
 LENGTHS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 TIMES: Final = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
 """Units, and how many m or s each is."""
+SPREADS: Final = re.compile(r"(place_)?spread(_[xy])?(_[a-z]{1,2})?")
+"""Names of columns that may have been meant as standard deviations of places."""
 MOST_ROBOT: Final = 2**16 - 1
 """Largest number of a robot in ``SAMPLES``."""
 MOST_ROBOTS: Final = 1000
@@ -305,7 +307,7 @@ def samples_of_csv(
             raise InputError(
                 f"leave it out: column '{by.columns['place_spread_m'].name}' has it", field="--spread-mm"
             )
-        exact = "with their own standard deviations"
+        exact = "with their own standard deviations" if (frame["spread_x_m"] > 0.0).any() else exact
     places = f"as the file has them, {exact}"
     found = _samples(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
@@ -438,15 +440,10 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
     lower = {
         name: re.sub(r" \(\d+\)$", "", name.lower()) for name in names
     }  # names that are repeated have numbers
-    uses = (
-        ("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m"), ("spread", LENGTHS, "place_spread_m"),
-    )  # fmt: skip
-    for use, units, column in uses:
+    for use, units, column in (("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m")):
         fitting = [
             (name, match[1]) for name, word in lower.items() if (match := re.fullmatch(rf"{use}_(\w+)", word))
         ]
-        if not fitting and use == "spread":
-            continue
         if not fitting:
             raise InputError(
                 f"has no column for {use} with its unit, such as {column} (units: {', '.join(units)}); "
@@ -470,6 +467,17 @@ def _column_map(names: list[str], path: Path) -> ColumnMap:
             field=str(path),
         )
     found["energy"] = Column(values[0])
+    spreads = [name for name, word in lower.items() if SPREADS.fullmatch(word)]
+    for name in spreads:
+        unit = lower[name].removeprefix("spread_")
+        if unit not in LENGTHS:
+            raise InputError(
+                "give one standard deviation of places, in x and in y, with its unit, such as spread_m (units: "
+                f"{', '.join(LENGTHS)})",
+                field=f"{path}, {name}",
+            )
+        found["place_spread_m"] = Column(name, times=LENGTHS[unit])
+    _refuse_two("spread", spreads, path)
     robots = [name for name, word in lower.items() if word == "robot"]
     _refuse_two("robot", robots, path)
     # Without a column of robots, any column of numbers stands for it, times 0: all samples are of robot 0.

@@ -79,7 +79,8 @@ def draw_reports(
     names = every_name[:MOST_PANELS]
     sizes = style_named(style)
     down = math.ceil(len(names) / ACROSS)
-    steps = [(0.0, truth)] if isinstance(truth, int | float) else list(truth or ())
+    given: Any = [] if truth is None else truth
+    steps = list(given) if np.ndim(given) else [(0.0, given)]
     figure = new_figure(sizes, height_in=0.62 * sizes.height_in * down + 0.4, title=title)
     for axes, name in zip(panels_of(figure, len(names), ACROSS, sharex=True), names, strict=True):
         _draw_panel(axes, frame.filter(name=name), sizes.line_pt)

@@ -202,7 +202,7 @@ class Choice(FrozenModel):
         Raises:
             InputError: there is no such entry, or a parameter is wrong.
         """
-        entries = plugins.known_for(cls.kind, None if plugins.is_code_name(name) else name)
+        entries = plugins.known_for(cls.kind, None if plugins.is_code_name(name) else name, is_field=True)
         section = f"{cls.kind}.{name}"
         if name not in entries:
             if isinstance(table, Mapping) and (is_chosen or plugins.is_code_name(name)):

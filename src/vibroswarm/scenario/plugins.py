@@ -313,18 +313,21 @@ def kind_of(found: object) -> str | None:
     return next((kind for kind, info in KINDS.items() if isinstance(found, info.declared)), None)
 
 
-def known_for(kind: str, name: object) -> Mapping[str, Any]:
+def known_for(kind: str, name: object, *, is_field: bool = False) -> Mapping[str, Any]:
     """Return all registered objects of a kind, by name.
 
     Args:
-        kind: one of ``KINDS``. name: if no object has this name, objects of installed packages are registered first;
-            None: they are not searched.
+        kind: one of ``KINDS``. name: if no object has this name, what installed packages offer by it is registered
+            first, or if they do not, all that they offer; None: they are not searched. is_field: the name may be that
+            of a field, for which not all is loaded.
     Raises:
         InputError: an object of an installed package cannot be loaded.
     """
     known = KINDS[kind].known
     if isinstance(name, str) and name not in known():
         load_installed(kind, name)
+        if not is_field and name not in known():
+            load_installed(kind)
     return known()
 
 
@@ -356,15 +359,16 @@ def not_loaded(code: str, field: str) -> InputError:
 def load_installed(kind: str, name: str | None = None) -> None:
     """Register the objects of a kind that installed packages offer as entry points (``vibroswarm.strategies``, ...).
 
-    An object whose name is taken already is left out. Only what is needed is loaded, as another may be broken: entry
-    points of that kind, and of that name if there are any.
+    An object whose name is taken already is left out.
 
+    Args:
+        name: of the entry points to load, as others may be broken; None: all of the kind.
     Raises:
         InputError: an entry point cannot be loaded, or is not of its group's kind, or another one has its name.
     """
     declared, register, known, group, _ = KINDS[kind]
     points, offered = entry_points(group=group), dict[str, tuple[str, Any]]()
-    for point in points.select(name=name or "") or points:
+    for point in points if name is None else points.select(name=name):
         try:
             loaded: Any = point.load()
         except Exception as error:  # whatever the package's code raises
@@ -375,14 +379,15 @@ def load_installed(kind: str, name: str | None = None) -> None:
             raise InputError(f"is not a {kind}", field=point.value)
         # Objects of every kind have a name; ``vars``, because a type checker takes ``loaded`` for a plain object.
         own = vars(loaded)["name"]
+        if own in known():
+            continue
         first, other = offered.setdefault(own, (point.value, loaded))
         if other != loaded:
             raise InputError(
-                f"is another {kind} '{own}' than {first}; uninstall one of the packages", field=point.value
+                f"is another {kind} '{own}' than {first}; uninstall or rename one of them", field=point.value
             )
-    for own, (_, loaded) in offered.items():
-        if own not in known():
-            register(loaded)
+    for _, loaded in offered.values():
+        register(loaded)
 
 
 def _module(name: str, text: str, file: str) -> ModuleType:

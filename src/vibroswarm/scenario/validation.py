@@ -306,6 +306,12 @@ def _check_kinds(s: Sections) -> None:
             "strategy for several kinds, such as dirichlet",
             field="strategy.name",
         )
+    kind = getattr(s.task.params, "kind", 1)
+    if (strategy.shares or s.task.name == "share") and kind not in range(kinds):
+        raise InputError(
+            f"{shown(kind)} is not a kind of tile that the sensor knows, which are 0 to {kinds - 1}",
+            field=f"task.{s.task.name}.kind",
+        )
     _check_task(s, task)
     if task.estimated:
         if not strategy.estimates:
@@ -314,8 +320,7 @@ def _check_kinds(s: Sections) -> None:
                 "estimates no number; choose a strategy that counts readings, such as none or mcp",
                 field="strategy.name",
             )
-        is_of_others = s.task.name == "share" and getattr(s.task.params, "kind", 1) != 1
-        if is_of_others and not (strategy.shares or strategy.is_own):
+        if s.task.name == "share" and kind != 1 and not (strategy.shares or strategy.is_own):
             raise InputError(
                 f"asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' estimates that of "
                 "tiles that vibrate; choose a strategy that estimates shares of kinds, such as dirichlet or averaging",

@@ -304,9 +304,13 @@ class Strategy(Plugin):
     @property
     def estimates(self) -> bool:
         """Whether robots have an estimate of a share: their own, or the mean of a posterior of counts."""
-        fields = set(self.state_type.names or ())
-        own = {"alpha", "beta"} <= fields or {"estimate", "estimate_spread"} <= fields
-        return own or bool(self.shares)
+        counts = {"alpha", "beta"} <= set(self.state_type.names or ())
+        return counts or self.has_own_estimate or bool(self.shares)
+
+    @property
+    def has_own_estimate(self) -> bool:
+        """Whether robots have an estimate of their own, which comes before that of a posterior."""
+        return {"estimate", "estimate_spread"} <= set(self.state_type.names or ())
 
     @property
     def has_opposite(self) -> bool:

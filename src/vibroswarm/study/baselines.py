@@ -91,8 +91,8 @@ def references_of(
     """Compute the references of the selected cells, in the order of their numbers.
 
     A cell is left out if its task is neither about the fill ratio nor about the most common of several kinds, or if
-    fewer than ``MIN_RUNS`` of its runs can be simulated again, because few are stored or the source of motion is slow
-    (``StudyResult.runs_again``). The list is empty if more than ``MOST_CELLS`` cells are selected.
+    fewer than ``MIN_RUNS`` of its runs can be simulated again, because few are stored, they are long, or the source of
+    motion is slow (``StudyResult.runs_again``). The list is empty if more than ``MOST_CELLS`` cells are selected.
 
     Args:
         progress: called after each cell, with the share of the selected cells that are done.

@@ -9,9 +9,8 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields
 from enum import Enum
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import Any, Final
@@ -55,8 +54,10 @@ def registered_code(
 
 def _hash(declared: Any) -> str:
     """Return the hash of what is registered, 16 hexadecimal digits; empty if it has no functions of its own."""
-    # Its fields only: what it has cached beside them says nothing of what it does.
-    values = {one.name: getattr(declared, one.name) for one in fields(declared) if one.name not in ABOUT}
+    cached = {
+        name for name in vars(declared) if isinstance(getattr(type(declared), name, None), cached_property)
+    }
+    values = {name: value for name, value in vars(declared).items() if name not in ABOUT | cached}
     functions = tuple(value for value in values.values() if callable(value))
     homes = {_root(_module_of(owner)) for one in functions for owner in (one, getattr(one, "__self__", one))}
     own: list[Any] = []

@@ -526,12 +526,12 @@ class StudyResult(NotebookView):
         These are its first ``most`` stored runs. They are fewer, at least one, if they would have more samples than
         ``AGAIN_SAMPLES``, or with a slow source of motion take longer than about ``AGAIN_S``.
         """
-        scenario = self.cell(cell).scenario
+        scenario, again = self.cell(cell).scenario, self.runs_there(cell, most)
         if scenario.run.stop == "t_end":  # other runs may end long before
-            most = min(most, int(AGAIN_SAMPLES / samples_of_run(scenario)))
+            again = again[: max(1, int(AGAIN_SAMPLES / samples_of_run(scenario)))]
         if self._is_slow:
-            most = min(most, int(AGAIN_S / self._group_of[cell].run_s))
-        return self.runs_there(cell, max(1, most))
+            again = again[: max(1, int(AGAIN_S / self._group_of[cell].run_s))]
+        return again
 
     @cached_property
     def _is_slow(self) -> bool:

@@ -35,12 +35,7 @@ def estimated(p: Any) -> str:
 
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
-    """Refuse a kind that the sensor does not know, and floors whose tiles have values, of which none or all vibrate."""
-    if p.kind >= asked.kinds:
-        raise InputError(
-            f"{p.kind} is not a kind of tile that the sensor knows, which are 0 to {asked.kinds - 1}",
-            field="task.share.kind",
-        )
+    """Refuse floors whose tiles have values, of which none or all vibrate."""
     if floor.surface.values is not None:
         raise InputError(
             "'share' asks for the share of tiles that vibrate, and these have values; choose mean",

@@ -19,9 +19,8 @@ function buildReports() {
 }
 
 function reportLimits({ values, truth }) {
-  const numbers = (truth ?? []).map(([, number]) => number);
-  let low = Math.min(...numbers), high = Math.max(...numbers);
-  for (const value of values) {
+  let low = Infinity, high = -Infinity;
+  for (const value of [...values, ...(truth ?? []).map(([, number]) => number)]) {
     if (Number.isNaN(value)) continue;
     low = Math.min(low, value);
     high = Math.max(high, value);
