@@ -329,11 +329,18 @@ def test_damage_by_measured_readings_has_one_contrast(bits: int) -> None:
         inspect(samples, question=Question())
 
 
-@pytest.mark.parametrize(("values", "words"), [(4, "fewer than 20"), (400, "cannot be told apart")])
-def test_a_reference_that_tells_nothing_is_refused(values: int, words: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("values", "spread", "words"),
+    [(4, 0.1, "fewer than 20"), (400, 0.1, "cannot be told apart"), (100, 0.0, "cannot be told apart")],
+)
+def test_a_reference_that_tells_nothing_is_refused(
+    values: int, spread: float, words: str, tmp_path: Path
+) -> None:
     random = np.random.default_rng(1)
     lines = [
-        f"{kind},{value:.4f}" for kind in ("still", "vibrating") for value in random.normal(1.0, 0.1, values)
+        f"{kind},{value:.4f}"
+        for kind in ("still", "vibrating")
+        for value in random.normal(1.0, spread, values)
     ]
     (tmp_path / "reference.csv").write_text("\n".join(["kind,energy", *lines]))
     with pytest.raises(InputError, match=words):

@@ -320,6 +320,17 @@ def test_a_robot_with_another_gain_is_not_certified(
 
 
 @pytest.mark.usefixtures("few_draws")
+def test_a_wrong_grid_is_named_where_robots_disagree_on_it_and_damage_on_parts_of_tiles(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    given = small(PLATE, "--tiles", "7x7", "--no-pictures")
+    assert "the grid is right, is not checked" in words_of(capsys, "inspect", *given)
+    said = words_of(capsys, "inspect", *given, "--damage", "--contrasts", "1", "--replicates", "19")
+    assert "the samples contradict the other robots' map of this grid (places" in said
+    assert "damage on a part of one is in the scan" in said
+
+
+@pytest.mark.usefixtures("few_draws")
 def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     for words, *asked in (
         ("--shapes", "--shapes", "star"),

@@ -44,7 +44,8 @@ ROWS: Final = 12
 NARROW: Final = 3
 """Tiles should be so many times as wide as places are uncertain."""
 UNCHECKED: Final = (
-    "Whether the law of the sensor holds, and robots agree on places, is not checked; add --damage."
+    "Whether the law of the sensor holds, robots agree on places, and the grid is right, is not checked; "
+    "add --damage."
 )
 
 
@@ -116,6 +117,8 @@ def _answer(found: Inspection) -> tuple[str, ...]:
         f"{verb(unsure, 'are', 'is')} open, after {number(found.times_s[-1], 0)} s. Expected number of tiles "
         f"that {'vibrate' if two else 'are of another kind than 0'}: {number(float(p.sum()), 1)}."
     )
+    if still and found.assessment is not None and found.assessment.verdict == "damage":
+        words += " A tile is taken as alike all over: damage on a part of one is in the scan, not in these numbers."
     return (*damage, words, _against_truth(found, p.size) if found.samples.truth_known else "")
 
 

@@ -151,8 +151,9 @@ def _check_contrasts(question: Question, samples: Samples) -> None:
 def _refusals(samples: Samples, checks: pl.DataFrame) -> Iterator[str]:
     """Yield the reasons not to certify anything."""
     refused = dict(checks.filter(pl.col("outcome") == "refused").select("check", "corrected").iter_rows())
+    others_map = "map of the other robots" if samples.floor is None else "other robots' map of this grid"
     for check, p in refused.items():
-        contradicted = "map of the other robots" if check == PLACES else "law of the sensor"
+        contradicted = others_map if check == PLACES else "law of the sensor"
         yield f"the samples contradict the {contradicted} ({check}, corrected p = {p_value(p)})"
     if is_sensed(samples.law.sensor) and refused.keys() - {PLACES}:
         yield (

@@ -35,6 +35,8 @@ NARROW: Final = 0.9
 """Width of the kernel: this times the spread within kinds times n^-1/5 (Silverman 1986)."""
 LEAST: Final = 0.1
 """Least spread within kinds that counts, over the range of all: energies of a kind may all be equal."""
+ROUNDING: Final = 1e-9
+"""A spread below this is rounding: all energies are equal."""
 REACH: Final = 4
 """Half width of a kernel, in its standard deviations."""
 WILD: Final = 16
@@ -112,7 +114,8 @@ def scale_of(measured: Sequence[Values]) -> Scale:
     within = math.sqrt(sum(_spread(each) ** 2 for each in scaled) / len(scaled))
     every = np.concatenate(scaled)
     low, high = (float(end) for end in np.quantile(every, (0.01, 0.99)))
-    spread = max(within, LEAST * (high - low)) or 1.0
+    spread = max(within, LEAST * (high - low))
+    spread = spread if spread > ROUNDING else 1.0
     number = min(each.size for each in measured)
     return Scale(
         unit,
