@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from base64 import b64decode, b64encode
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vibroswarm import preset, simulate
 from vibroswarm.run_page.payload import (
     HEADING_QUANTUM_RAD,
     POSITION_QUANTUM_M,
@@ -140,6 +143,30 @@ def test_a_log_in_millimetres_does_not_fill_the_memory() -> None:
     """Of segments of kilometres there were millions of points, 2.6 GB for 181 samples."""
     segments, end = chained([(100.0, 1000.0, 0.0, "drive")])
     assert len(_points(segments, end, list(KINDS))[0]) <= MOST_PIECES + 1
+
+
+def peak_bytes(work: Callable[[], Any]) -> int:
+    tracemalloc.start()
+    work()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_more_robots_hardly_take_more_memory_to_thin(record: RunRecord) -> None:
+    """All robots' points at once took most of the memory of a long run: 1.4 GB for 10^5 s."""
+    one = record.segments.filter(robot=0)
+    eight = pl.concat([one.with_columns(robot=pl.lit(robot, pl.UInt16)) for robot in range(8)])
+    peaks = [peak_bytes(lambda table=table: tracks(table, record.t_end_s)) for table in (one, eight)]  # type: ignore[misc]
+    assert peaks[1] < 2 * peaks[0]
+
+
+def test_segments_of_many_runs_are_not_held_several_times() -> None:
+    scenario = preset("paper").with_values({"run.t_end_s": 300.0})
+    segments = simulate(scenario, runs=10, segments=True).segments
+    assert segments is not None
+    peak = peak_bytes(lambda: simulate(scenario, runs=10, segments=True))
+    assert peak < 2.5 * segments.estimated_size()
 
 
 def test_no_segments_give_no_tracks(record: RunRecord) -> None:

@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, kernel, zero_rows
@@ -35,6 +36,7 @@ from vibroswarm.motion.recorder import (
     empty_record,
     end_rows,
     joined,
+    segment_frame,
     tables,
     with_samples,
     write_segments,
@@ -233,7 +235,9 @@ class KernelRun(ABC):
             moves.append(rows[rows["until"] >= since])
 
         take_moves = take_moves or keep_moves
-        segments = self.go_on(until_s, take, take_moves)
+        pieces = self.go_on(until_s, take, take_moves)
+        segments = joined(pieces or [self.record.segments[:0]])
+        pieces.clear()  # sorting takes the memory of the rows once more
         record = self.record
         if record.moves.size > 0:
             headings = self.headings()
@@ -243,7 +247,7 @@ class KernelRun(ABC):
             let_end(record.moves, record.under_way, -1, headings)  # they are under way again
         return Rows(
             samples=record.samples[:0],
-            segments=in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
+            segments=in_order(segments) if record.segments.size else None,
             ends=self.ends(),
             moves=joined(moves) if moves else None,
             failure=self.failure,
@@ -421,11 +425,16 @@ def batch_of(
     columns = SampleColumns(state.tick_ms, samples)
     # Robots make some three moves per sample; more memory is allocated when needed.
     move_columns = MoveColumns(state.tick_ms, 3 * samples if moves else 0)
-    pieces = []
+    pieces, arcs = [], []
     for run in runs:
         state.start(seed, run)
-        pieces.append(state.hand_over(end_s, columns.take, move_columns.take if moves else None))
+        piece = state.hand_over(end_s, columns.take, move_columns.take if moves else None)
+        if piece.segments is not None:  # the largest table: rows of all runs would double its memory
+            arcs.append(segment_frame(piece.segments, state.tick_ms))
+        pieces.append(piece._replace(segments=None))
     motion = with_samples(columns.frame(), pieces, state.tick_ms)
+    if segments:
+        motion = replace(motion, segments=pl.concat(arcs))
     return replace(motion, moves=move_columns.frame()) if moves else motion
 
 

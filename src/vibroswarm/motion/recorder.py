@@ -320,9 +320,14 @@ class MoveColumns(Columns):
     def frame(self) -> pl.DataFrame:
         """See ``Columns.frame``; kinds become words."""
         columns: dict[str, Any] = self.by_name()
-        columns["kind"] = pl.Series(KINDS, dtype=MOVES["kind"]).gather(pl.Series(columns["kind"]))
+        columns["kind"] = kind_words(columns["kind"])
         columns["ray_m"] = pl.Series(columns["ray_m"], nan_to_null=True)
         return pl.DataFrame(columns, schema=MOVES)
+
+
+def kind_words(kinds: NDArray[Any]) -> pl.Series:
+    """Return kinds of segments or moves, indices into ``KINDS``, as the words of the tables."""
+    return pl.Series(KINDS, dtype=MOVES["kind"]).gather(pl.Series(kinds))
 
 
 def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
@@ -407,7 +412,6 @@ def frame_of(table: type[Columns], pieces: Sequence[NDArray[np.void]], tick_ms: 
 
 def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
     """Return segment rows as a table; they must be in the order of run, time, robot."""
-    kinds = np.array(KINDS)
     # ``copy`` takes each field out of the rows as a contiguous column of its own.
     return pl.DataFrame(
         {
@@ -419,7 +423,7 @@ def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
             "heading_rad": rows["heading_rad"].copy(),
             "speed_m_s": rows["speed_m_s"].copy(),
             "turn_rate_rad_s": rows["rate_rad_s"].copy(),
-            "kind": kinds[rows["kind"]].tolist(),
+            "kind": kind_words(rows["kind"].copy()),
         },
         schema=SEGMENTS,
     )
@@ -507,7 +511,7 @@ def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) ->
     return Motion(
         samples=samples,
         ends=end_frame(joined([piece.ends for piece in pieces]), tick_ms),
-        segments=segment_frame(joined(segments), tick_ms) if segments else None,
+        segments=pl.concat([segment_frame(rows, tick_ms) for rows in segments]) if segments else None,
         moves=frame_of(MoveColumns, moves, tick_ms) if moves else None,
         failures=failure_frame([piece.failure for piece in pieces if piece.failure is not None], tick_ms),
     )

@@ -68,16 +68,14 @@ def tracks(segments: pl.DataFrame, t_end_s: float) -> tuple[list[Track], list[st
     Returns: one track per robot that has a segment before ``t_end_s``, sorted by robot; and the names of the kinds,
         into which ``Track.kind`` is an index.
     """
-    names = [*KINDS, *sorted(set(segments["kind"].cast(pl.String)) - set(KINDS))]
-    table = segments.filter(pl.col("start_s") < t_end_s).sort("robot", "start_s", maintain_order=True)
-    if table.is_empty():
-        return [], names
-    robot, kind, knots = _points(table, t_end_s, names)
-    keep = _thin(robot, kind, knots)
-    robot, kind, knots = robot[keep], kind[keep], knots[keep]
-    first = np.flatnonzero(np.diff(robot, prepend=-1))  # first knot of each robot
-    parts = zip(first, np.split(knots, first[1:]), np.split(kind, first[1:]), strict=True)
-    return [Track(int(robot[row]), own_knots, own_kind) for row, own_knots, own_kind in parts], names
+    names = [*KINDS, *sorted(set(segments["kind"].cast(pl.String).unique()) - set(KINDS))]
+    found = []
+    # One robot at a time, as the points of all robots take several times the memory of the table.
+    for (robot,), own in segments.filter(pl.col("start_s") < t_end_s).group_by("robot"):
+        kind, knots = _points(own.sort("start_s", maintain_order=True), t_end_s, names)
+        keep = _thin(kind, knots)
+        found.append(Track(robot, knots[keep], kind[keep]))
+    return sorted(found, key=lambda track: track.robot), names
 
 
 def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
@@ -106,29 +104,25 @@ def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
     return np.stack([time_s, x, y, start[..., 3] + turned * share], axis=-1)
 
 
-def _points(
-    table: pl.DataFrame, t_end_s: float, names: list[str]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Divide each segment into at most MOST_PIECES, at most ``PIECE_S``, ``PIECE_M`` and ``PIECE_RAD`` long.
+def _points(table: pl.DataFrame, t_end_s: float, names: list[str]) -> tuple[NDArray[np.int64], Floats]:
+    """Divide each segment of a robot into at most MOST_PIECES, at most ``PIECE_S``, ``PIECE_M`` and ``PIECE_RAD`` long.
 
-    The points of a segment are its start and points inside. Its end is a point too if the robot has no further segment,
-    or if the robot's next segment begins elsewhere.
+    The points of a segment are its start and points inside. Its end is a point too if it is the last, or if the next
+    segment begins elsewhere.
 
     Args:
-        table: segments sorted by robot and start. t_end_s: end of each robot's last segment, s. names: of the kinds.
-    Returns: robot, (points,); kind as an index into ``names``, (points,); time, x, y, heading, (points, 4).
+        table: the robot's segments sorted by start. t_end_s: end of the last, s. names: of the kinds.
+    Returns: kind as an index into ``names``, (points,); time, x, y, heading, (points, 4).
     """
-    robot = table["robot"].to_numpy().astype(np.int64)
     kind = table["kind"].cast(pl.String).cast(pl.Enum(names)).to_physical().to_numpy().astype(np.int64)
     columns = ["start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s"]
     start, x, y, heading, speed, rate = table.select(columns).to_numpy().astype(np.float64).T
-    last = np.append(robot[1:] != robot[:-1], True)  # whether a segment is the last of its robot
-    duration_s = np.where(last, t_end_s, np.append(start[1:], t_end_s)) - start
+    duration_s = np.append(start[1:], t_end_s) - start
     ends_at = _on_arc(x, y, heading, speed, rate, duration_s)
-    unwrapped = _unwrapped(heading, end=ends_at[2], first=np.append(True, last[:-1]))
+    unwrapped = _unwrapped(heading, end=ends_at[2])
     ends_at[2] += unwrapped - heading  # the heading at the end is changed by the same whole turns
     heading = unwrapped
-    needs_end = last | _jumps(np.stack([x, y, heading]), ends_at)
+    needs_end = np.append(_jumps(np.stack([x, y, heading]), ends_at), True)
 
     # Pieces of each segment: as many as its duration, its length and its turn require, and at least one.
     pieces = np.max(
@@ -136,11 +130,11 @@ def _points(
     )
     pieces = np.clip(np.ceil(pieces), 1, MOST_PIECES).astype(np.int64)
     count = pieces + needs_end  # points of each segment
-    row = np.repeat(np.arange(len(robot)), count)  # the segment of each point
+    row = np.repeat(np.arange(len(count)), count)  # the segment of each point
     nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # its index in the segment
     elapsed_s = duration_s[row] * nth / pieces[row]
     pose = _on_arc(x[row], y[row], heading[row], speed[row], rate[row], elapsed_s)
-    return robot[row], kind[row], np.stack([start[row] + elapsed_s, *pose], axis=1)
+    return kind[row], np.stack([start[row] + elapsed_s, *pose], axis=1)
 
 
 def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, elapsed_s: Floats) -> Floats:
@@ -153,48 +147,43 @@ def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, 
 
 
 def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
-    """Return whether the next segment begins more than 0.1 mm or half a degree from where this one ends, (segments,).
+    """Return whether the next segment begins more than 0.1 mm or half a degree from where this one ends.
 
-    The value for each robot's last segment has no meaning. Both arguments: x, y and heading, (3, segments).
+    Both arguments: x, y and heading, (3, segments). Returns: (segments - 1,).
     """
-    x, y, heading = np.abs(np.roll(starts, -1, axis=1) - ends)
+    x, y, heading = np.abs(starts[:, 1:] - ends[:, :-1])
     return np.asarray((np.hypot(x, y) > 1e-4) | (heading > np.radians(0.5)))
 
 
-def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats:
+def _unwrapped(heading: Floats, end: Floats) -> Floats:
     """Return the headings at the starts of segments, changed by whole turns to follow the end of the segment before.
 
-    Headings are in rad; ``first``: whether the segment is the first of its robot; (segments,) each.
+    Headings are in rad, (segments,) each.
     """
-    # Whole turns between the end of a segment and the start of the next, and their sum since the first segment of all.
+    # Whole turns between the end of a segment and the start of the next.
     jumps = np.append(0.0, np.round((heading[1:] - end[:-1]) / (2 * np.pi)))
-    turns: Floats = np.cumsum(np.where(first, 0.0, jumps))
-    # For each segment: the index of its robot's first segment.
-    robots_first = np.maximum.accumulate(np.where(first, np.arange(len(turns)), 0))
-    return np.asarray(heading - 2 * np.pi * (turns - turns[robots_first]))
+    return np.asarray(heading - 2 * np.pi * np.cumsum(jumps))
 
 
-def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> NDArray[np.bool_]:
-    """Choose the points to keep as knots.
+def _thin(kind: NDArray[np.int64], knots: Floats) -> NDArray[np.bool_]:
+    """Choose the points of a robot to keep as knots.
 
-    The first knots are: the first and last point of each track, each point at which the kind of segment changes, and
-    the points before and after each jump. Then, repeatedly, the point with the largest error between each two
-    neighbouring knots becomes a knot, until the arcs between knots pass all other points within the tolerances.
+    The first knots are: the first and last point, each point at which the kind of segment changes, and the points
+    before and after each jump. Then, repeatedly, the point with the largest error between each two neighbouring knots
+    becomes a knot, until the arcs between knots pass all other points within the tolerances.
 
     Args:
-        robot, kind: robot and kind of segment of each point, (points,), at least one point. knots: time, x, y, heading
-            of each point, (points, 4), sorted by robot and time.
+        kind: kind of segment of each point, (points,), at least one point. knots: time, x, y, heading of each point,
+            (points, 4), sorted by time.
     Returns: whether each point is kept, (points,).
     """
-    first = np.diff(robot, prepend=-1) != 0
     jump = np.diff(knots[:, 0], prepend=-1.0) <= 0  # two points at the same time
-    keep: NDArray[np.bool_] = first | jump | (np.diff(kind, prepend=-1) != 0)
-    keep |= np.append((first | jump)[1:], True)  # the points before these, and the last point of all
+    keep: NDArray[np.bool_] = jump | (np.diff(kind, prepend=-1) != 0)  # the first point too: no kind is -1
+    keep |= np.append(jump[1:], True)  # the points before jumps, and the last point
     point = np.arange(len(knots))  # of the arcs that may still err by too much
     while point.size:
         kept = np.flatnonzero(keep)
-        # Index in ``kept`` of the knot at, or before, each point. A robot's first and last points are knots, so both
-        # knots around any other point are of its robot.
+        # Index in ``kept`` of the knot at, or before, each point.
         arc = np.searchsorted(kept, point, side="right") - 1
         before, after = kept[arc], kept[np.minimum(arc + 1, len(kept) - 1)]
         off = knots[point] - along(knots[before], knots[after], knots[point, 0])
