@@ -10,7 +10,7 @@ import pytest
 
 from vibroswarm import Study, preset
 from vibroswarm.cli import progress as of_commands
-from vibroswarm.core import progress_line
+from vibroswarm.core import jit, progress_line
 from vibroswarm.core.progress_line import ProgressLine, in_notebook, is_watched
 from vibroswarm.study.runner import StudyProgress
 
@@ -62,6 +62,25 @@ def test_long_runs_have_a_rate(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     first, last = capsys.readouterr().err.splitlines()
     assert first == "simulating: 0 of 20 runs (0 %)"
     assert last == "simulating: 10 of 20 runs (50 %), 0.25 per second, 40 s left"
+
+
+def test_the_time_left_does_not_count_compiling(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A league on a cold cache had "1.5 h left" when 3 minutes remained."""
+    now_s = 0.0
+    monkeypatch.setattr(of_commands.time, "monotonic", lambda: now_s)
+    with of_commands.study_progress("simulating") as show:
+        for module in ("first", "second"):
+            jit._compile_listeners[-1](module)
+            now_s += 60.0
+            show(StudyProgress(done=0, wanted=300, failed=0))
+        for done in (10, 20, 110):  # the second of two workers that waited, and then the others
+            now_s += 10.0 if done != 20 else 0.5
+            show(StudyProgress(done=done, wanted=300, failed=0))
+    lines = capsys.readouterr().err.splitlines()
+    assert "left" not in "".join(lines[:-1])
+    assert lines[-1] == "simulating: 110 of 300 runs (36 %), 9.5 per second, 20 s left"
 
 
 def test_a_bar_is_shown_where_somebody_watches(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,19 +16,19 @@ consensus time is undefined (None) if fewer than half of the runs reach a consen
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.figures import FIGURES, ByRun, columns_of, interval, run_figures
+from vibroswarm.analysis.figures import FIGURES, Swarms, columns_of, figures_table, interval
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.analysis.intervals import columns_of as interval_columns
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.inference.outcomes import numbers
 
 
 @dataclass(frozen=True)
@@ -95,56 +95,72 @@ def summary(
         InputError: the tables have different runs, a run occurs twice, t_end is not above 0, or the level is not
             between 0 and 1.
     """
-    table = run_figures(robots, runs, t_end_s, agreements, costs)
-    return summary_of(table.with_columns(time_within_runs(robots, t_end_s)), t_end_s, level, seed)
+    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
+    table = figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
+    table = table.with_columns(time_within_runs(swarms))
+    return summaries_of(table, [table.height], [t_end_s], level, seed)[0]
 
 
-def summary_of(table: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0) -> CellSummary:
-    """Compute all figures of a cell from those of its runs.
+def summaries_of(
+    table: pl.DataFrame, runs: Sequence[int], ends_s: Sequence[float], level: float = 0.95, seed: int = 0
+) -> list[CellSummary]:
+    """Compute all figures of cells from those of their runs.
 
     Args:
-        table: of ``run_figures``, with the column of ``time_within_runs``. t_end_s, level, seed: as of ``summary``.
+        table: of ``figures.figures_table``, cell by cell, with the column of ``time_within_runs``.
+        runs: number of runs of each cell. ends_s: end of the runs of each cell, s. level, seed: as of ``summary``.
     """
-    robot_counts = table["robots"].to_numpy()
+    bounds = np.cumsum([0, *runs]).tolist()
+    cells = [slice(low, high) for low, high in pairwise(bounds)]
+    figures: list[dict[str, Interval]] = [{} for _ in cells]
+    for figure in FIGURES:
+        # Anew for each figure, so that few floats of many runs are in memory at a time.
+        columns = columns_of(table)
+        for found, cell, end_s in zip(figures, cells, ends_s, strict=True):
+            by_run = {name: columns[name][cell] for name in figure.read}
+            found[figure.name] = interval(figure.name, by_run, level, seed, end_s)
+    columns = columns_of(table)
+    return [
+        CellSummary(
+            runs=cell.stop - cell.start,
+            robots=int(columns["robots"][cell].sum()),
+            t_end_s=end_s,
+            level=level,
+            figures=found,
+            correlations=_correlations(columns, cell),
+        )
+        for found, cell, end_s in zip(figures, cells, ends_s, strict=True)
+    ]
+
+
+def _correlations(columns: Mapping[str, NDArray[np.float64]], cell: slice) -> dict[str, float]:
+    """Return the correlations of a cell and their design effects; ``columns`` of all runs, ``cell``: its runs."""
+    robots, known = columns["robots"][cell], ~np.isnan(columns["truth"][cell])
     # Right and wrong are defined only in runs with a truth.
-    with_truth = table.select("truth", "right", "robots").drop_nulls("truth")
-    right, counts_with_truth = (with_truth[name].to_numpy() for name in ("right", "robots"))
+    with_truth = robots[known]
     iccs = {
-        "decision_time": icc(
-            *(numbers(table[name]) for name in ("decision_time_s", "time_within", "robots"))
-        ),
-        "right": icc_of_counts(right, counts_with_truth),
-        "undecided": icc_of_counts(table["undecided"].to_numpy(), robot_counts),
+        "decision_time": icc(columns["decision_time_s"][cell], columns["time_within"][cell], robots),
+        "right": icc_of_counts(columns["right"][cell][known], with_truth),
+        "undecided": icc_of_counts(columns["undecided"][cell], robots),
     }
     # The mean size m is that of the runs of the correlation: for "right", only runs with a truth.
-    sizes = {name: counts_with_truth if name == "right" else robot_counts for name in iccs}
-    return CellSummary(
-        runs=table.height,
-        robots=int(robot_counts.sum()),
-        t_end_s=t_end_s,
-        level=level,
-        figures={
-            figure.name: interval(figure.name, columns_of(table), level, seed, t_end_s) for figure in FIGURES
-        },
-        correlations={
-            **{f"icc_{name}": value for name, value in iccs.items()},
-            **{f"design_effect_{name}": design_effect(value, sizes[name]) for name, value in iccs.items()},
-        },
-    )
+    sizes = {name: with_truth if name == "right" else robots for name in iccs}
+    return {
+        **{f"icc_{name}": value for name, value in iccs.items()},
+        **{f"design_effect_{name}": design_effect(value, sizes[name]) for name, value in iccs.items()},
+    }
 
 
-def time_within_runs(robots: pl.DataFrame, t_end_s: float) -> pl.Series:
-    """Return sums of squares of min(decision time, t_end), s^2, of a table of robots about the mean of their run.
+def time_within_runs(swarms: Swarms) -> pl.Series:
+    """Return sums of squares of min(decision time, t_end), s^2, of the robots of each run about the mean of their run.
 
-    The series ``time_within`` has a value for each run, sorted by run, as ``icc`` takes them.
+    The series ``time_within`` has a value for each run, as ``icc`` takes them.
     """
-    by_run = ByRun(robots)
-    time_s = by_run.capped_time_s(t_end_s)
-    squares = (time_s - np.repeat(by_run.mean(time_s), by_run.count)) ** 2
-    return pl.Series("time_within", by_run.sum(squares))
+    squares = (swarms.time_s - swarms.by_robot(swarms.mean(swarms.time_s))) ** 2
+    return pl.Series("time_within", swarms.sum(squares))
 
 
-def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
+def icc_of_counts(count: NDArray[Any], of: NDArray[Any]) -> float:
     """Compute the intra-run correlation of a binary outcome, such as having decided right.
 
     Args:
@@ -183,7 +199,7 @@ def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[
     return (between - inside) / total if total > 0 else math.nan  # r
 
 
-def design_effect(correlation: float, of: NDArray[np.int64]) -> float:
+def design_effect(correlation: float, of: NDArray[Any]) -> float:
     """Compute the ratio of a figure's variance to its variance with the same number of independent robots.
 
     Args:

@@ -124,23 +124,39 @@ class Swarms(NotebookView):
             raise InputError(
                 f"{t_end_s!r} cannot be the end of a run; give a time above 0, s", field="t_end_s"
             )
-        by_run, by_number = ByRun(robots), runs.sort("run")
-        if (
-            by_run.runs.tolist() != by_number["run"].to_list()
-        ):  # each run of the robots once, in ascending order
+        robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
+        runs = runs.sort("run")
+        number = robots["run"].to_numpy()
+        # A run starts at row 0, if the table has rows, and wherever the run number changes.
+        first = np.flatnonzero(np.append(number.size > 0, number[1:] != number[:-1]))
+        if number[first].tolist() != runs["run"].to_list():  # each run of the robots once, in ascending order
             raise InputError(
                 "the tables of robots and of runs must have the same runs, once each", field="runs"
             )
-        followed = {name: np.full(by_run.runs.size, np.nan) for name in FOLLOWED}
-        for name, column in FOLLOWED.items():
-            if agreements is not None and column in agreements.columns:
-                place = np.searchsorted(by_run.runs, agreements["run"].to_numpy())
-                followed[name][place] = numbers(agreements[column])
+        if agreements is not None:
+            runs = runs.join(agreements, on="run", how="left", maintain_order="left")
+        return cls.of_sorted(robots, runs, first, t_end_s, costs)
+
+    @classmethod
+    def of_sorted(
+        cls,
+        robots: pl.DataFrame,
+        runs: pl.DataFrame,
+        first: NDArray[np.intp],
+        t_end_s: ArrayLike,
+        costs: Array | None = None,
+    ) -> Swarms:
+        """Read tables with the same order of runs, possibly of several cells.
+
+        Args:
+            runs: with those columns of agreements and maps that are known. first, t_end_s, costs: as of the class.
+        """
         # Figures compare the integer codes of the categories. The cast gives a column of plain strings these codes too.
-        coded = by_number.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical())
-        of_runs = _TableColumns(coded)
-        of_runs.update(followed)
-        return cls(_TableColumns(by_run.robots), of_runs, by_run.first, t_end_s, costs)
+        of_runs = _TableColumns(runs.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical()))
+        for name, column in FOLLOWED.items():
+            known = column in runs.columns
+            of_runs[name] = numbers(runs[column]) if known else np.full(first.size, np.nan)
+        return cls(_TableColumns(robots), of_runs, first, t_end_s, costs)
 
     @classmethod
     def of_arrays(
@@ -156,13 +172,14 @@ class Swarms(NotebookView):
         """
         shape = robots["decision"].shape
         end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64)[..., None], shape[:-1])
+        of_cells = stacked(costs)
         return cls(
             {name: column.ravel() for name, column in robots.items()},
             {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()}
             | {name: np.full(math.prod(shape[:-1]), np.nan) for name in FOLLOWED},
             np.arange(0, math.prod(shape), shape[-1]),
             end_s.ravel(),
-            _stacked(costs, shape[-2]),
+            None if of_cells is None else np.repeat(of_cells, shape[-2], axis=0),
         )
 
     def sum(self, values: Array) -> Array:
@@ -212,16 +229,16 @@ class Swarms(NotebookView):
         return np.where(np.isnan(self.truth), np.nan, hit) if where_known else hit
 
 
-def _stacked(costs: Sequence[Array | None], runs: int) -> Array | None:
-    """Return the costs of several cells for each of their runs, (cells x runs, answers, answers); None if all are."""
+def stacked(costs: Sequence[Array | None]) -> Array | None:
+    """Return the costs of several cells in one array, (cells, answers, answers); None if all are."""
     if all(one is None for one in costs):
         return None
     tables = [1.0 - np.eye(2) if one is None else one for one in costs]
     most = max(len(one) for one in tables)
-    stacked = np.full((len(tables), most, most), np.nan)
-    for table, one in zip(stacked, tables, strict=True):
+    of_cells = np.full((len(tables), most, most), np.nan)
+    for table, one in zip(of_cells, tables, strict=True):
         table[: len(one), : len(one)] = one
-    return np.repeat(stacked, runs, axis=0)
+    return of_cells
 
 
 class _TableColumns(dict[str, Array]):
@@ -234,43 +251,6 @@ class _TableColumns(dict[str, Array]):
     def __missing__(self, name: str) -> Array:
         self[name] = numbers(self._table[name])
         return self[name]
-
-
-class ByRun(NotebookView):
-    """Robots grouped by run, to sum and average values of robots over each run.
-
-    Values are added in a fixed order, whatever the number of threads, so that rounding is reproducible.
-
-    ``robots`` is the table sorted by run; ``runs`` are the numbers of its runs, ``first`` the index of each run's first
-    row and ``count`` its number of robots, shape (runs,) each. Values of robots, in and out of the methods, are in the
-    order of this sorted table, which may differ from the order of the argument.
-
-    Args:
-        robots: table of robots, in any order.
-    """
-
-    def __init__(self, robots: pl.DataFrame) -> None:
-        self.robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
-        run = self.robots["run"].to_numpy()
-        # A run starts at row 0, if the table has rows, and wherever the run number changes.
-        self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
-        self.runs = run[self.first]
-        self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size)).astype(np.int64)
-
-    def sum(self, values: Array) -> Array:
-        """Sum ``values``, one for each row of the attribute ``robots``, over the robots of each run, shape (runs,)."""
-        return sum_by_run(values, self.first)
-
-    def mean(self, values: Array) -> Array:
-        """Average ``values`` over the robots of each run that have one, shape (runs,); nan if no robot has one.
-
-        ``values`` has one value for each row of the attribute ``robots``, nan for a robot without one.
-        """
-        return mean_by_run(values, self.first)
-
-    def capped_time_s(self, t_end_s: float) -> Array:
-        """Compute min(decision time, t_end) of each robot; t_end if it did not decide."""
-        return capped_time_s(numbers(self.robots["decision_time_s"]), t_end_s)
 
 
 @dataclass(frozen=True)
@@ -309,6 +289,13 @@ class RunFigure(NotebookView):
     def by_run(self) -> str:
         """Its name in the table of figures by run."""
         return self.column or self.name
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """The columns of the table of figures by run of which runs make it a figure of a cell."""
+        if self.kind == "robots":
+            return self.counted
+        return (self.by_run, STATED) if self.kind == "share" else (self.by_run,)
 
     @property
     def is_share(self) -> bool:
@@ -614,11 +601,16 @@ def run_figures(
         InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
     """
     swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
+    return figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
+
+
+def figures_table(swarms: Swarms, runs: pl.DataFrame) -> pl.DataFrame:
+    """Return the table of ``run_figures``; its first columns are those of ``runs``, with a row for each run."""
     columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
     # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
     whole = {*swarms.counts, STATED}
     typed = [column.cast(pl.Int64) if column.name in whole else column for column in columns]
-    return runs.sort("run").select("run", "truth", "consensus").with_columns(typed)
+    return runs.with_columns(typed)
 
 
 def columns_of(table: pl.DataFrame) -> dict[str, Array]:

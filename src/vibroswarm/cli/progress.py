@@ -85,20 +85,27 @@ def labelled_progress_bar(what: str, *, simulates: bool = True) -> Iterator[Call
 def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     """Yield a function that takes the progress of a study and shows runs done, rate and failures.
 
-    No run ends while a kernel is compiled, so "compiling" is shown until progress is reported again. If stderr is not a
-    terminal, lines are printed instead of a bar.
+    No run ends while a kernel is compiled, so "compiling" is shown until progress is reported again, and rate and time
+    left are those of the runs after it. If stderr is not a terminal, lines are printed instead of a bar.
 
     Args:
         what: description of the work.
     """
-    began_s = time.monotonic()
-    done = ""  # for lines that are printed during compilation
+    began_s, before, has_compiled = time.monotonic(), 0, False  # the rate is that of the runs since then
+    latest, done = 0, ""  # the text is for lines that are printed during compilation
 
     with _shown(what) as show:
 
         def update(now: StudyProgress) -> None:
-            nonlocal done
-            rate = now.done / max(time.monotonic() - began_s, 1e-9)  # the clock may not have advanced yet
+            nonlocal began_s, before, has_compiled, latest, done
+            now_s = time.monotonic()
+            if has_compiled and now.done > latest:
+                began_s, before, has_compiled = now_s, now.done, False
+            # Other batches that waited for the kernel end at once, and say nothing of the rate.
+            is_known = not has_compiled and (before == 0 or now_s - began_s >= FIRST_LINE_S)
+            # The clock may not have advanced yet.
+            rate = (now.done - before) / max(now_s - began_s, 1e-9) if is_known else 0.0
+            latest = now.done
             failed = f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
             left = f"{duration((now.wanted - now.done) / rate)} left" if rate else ""
             speed = f"{rate_of(rate)} per second" if rate else ""
@@ -114,7 +121,12 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
                 note=", ".join(filter(None, (speed, failed))),
             )
 
-        with _while_compiling(lambda: show(f"{what}: compiling{done}", description=f"{what}: compiling")):
+        def compiling() -> None:
+            nonlocal has_compiled
+            has_compiled = True
+            show(f"{what}: compiling{done}", description=f"{what}: compiling")
+
+        with _while_compiling(compiling):
             yield update
 
 

@@ -15,6 +15,8 @@ PAGE_S: Final = 0.8
 """Processor time of a page without cells, s: imports, and figures of all cells."""
 PAGE_OF_CELL_S: Final = 0.8
 """Processor time of a cell's references and figures, s, of up to ``PAGE_SAMPLES`` samples."""
+ROW_OF_CELL_S: Final = 0.004
+"""Processor time of a cell's figures with their intervals, and of its rows of tables, s."""
 PAGE_SAMPLES: Final = 250_000
 """Samples of 200 of the paper's runs; more, of longer runs or more robots, take longer in proportion."""
 CELLS_DRAWN: Final = 12
@@ -49,8 +51,8 @@ def work_sentence(
     Args:
         left: the runs that are missing (``runner.expected``); further ones are of a league's tests. job: the part of
             the study to which they belong; None if all of it is run.
-        page_cells: number of cells with references and figures of their own on the page that is written; None: no page
-            is. again_samples: samples of a cell that are simulated again for these.
+        page_cells: number of cells on the page that is written, of which ``CELLS_DRAWN`` have references and figures of
+            their own; None: no page is. again_samples: samples of a cell that are simulated again for these.
     """
     if left.runs + left.again_runs + left.further_runs == 0:
         return f"Nothing to do: {'no run of this shard is missing' if job else 'all runs exist'}."
@@ -61,7 +63,7 @@ def work_sentence(
         words.append(f"{count(left.again_runs, 'run')} on other seeds")
     if page_cells is not None:
         cell_s = PAGE_OF_CELL_S * max(1.0, again_samples / PAGE_SAMPLES)
-        page_s = PAGE_S + cell_s * min(page_cells, CELLS_DRAWN)
+        page_s = PAGE_S + cell_s * min(page_cells, CELLS_DRAWN) + ROW_OF_CELL_S * page_cells
         words.append("the report")
     if left.further_runs:
         words.append(f"{count(left.further_runs, 'run')} to test beliefs and faults")

@@ -284,7 +284,7 @@ def _gate_unreached(result: Result, run: int, found: Verdict) -> str:
     if result.seed is None or found.undecided < len(found.robots):
         return ""
     robots = result.robots.filter(run=run)
-    return gate_unreached(result.scenario, robots.select(counted(result.scenario)).item())
+    return gate_unreached(result.scenario, robots.select(counted(result.scenario.decision.gate)).item())
 
 
 MOST_REPORTED: Final = 12

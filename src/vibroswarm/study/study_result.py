@@ -20,7 +20,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.answers_over_time import is_followed
-from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, run_figures
+from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, figures_table, stacked
 from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView, study_verbs
@@ -82,9 +82,9 @@ class _TemporaryFolder:
 
 
 ROWS_AT_A_TIME: Final = 400_000
-"""Rows of a study (one per robot of a run) that are read at once by ``StudyResult.blocks``, to limit memory."""
+"""Rows of a study (one per robot of a run) that are read at once by ``StudyResult.arrays``, to limit memory."""
 ROWS_IN_A_PART: Final = 10_000
-"""Rows of a cell that are read at once to compute the figures of its runs."""
+"""Rows of a cell, or of several small ones, that are read at once to compute the figures of their runs."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
 AGAIN_SAMPLES: Final = 5_000_000
@@ -277,53 +277,51 @@ class StudyResult(NotebookView):
             cells: by number; if empty, all selected cells. start, end: first run, and one past the last.
         """
         self._check_cells(*cells)
-        chosen, frames = set(cells or self.selected), []
-        for group in self.plan.groups:
-            numbers = [cell.number for cell in group.cells if cell.number in chosen]
-            if not numbers:
-                continue
+        of_groups: dict[int, list[int]] = {}
+        for cell in sorted(set(cells or self.selected)):
+            of_groups.setdefault(self._group_of[cell].number, []).append(cell)
+        frames = []
+        for group, numbers in sorted(of_groups.items()):
             # All cells of a group have the same number of runs.
-            frame = self.store.scan(group.number, min(self.runs_of(numbers[0]), end), table, start)
+            frame = self.store.scan(group, min(self.runs_of(numbers[0]), end), table, start)
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(numbers)))
         return frames
 
-    def blocks(self, columns: Sequence[str]) -> Iterator[tuple[list[Cell], pl.DataFrame]]:
-        """Yield the selected cells with their rows, in blocks of cells that share motion, of limited size.
+    def cells_together(self, most_rows: int = 0) -> Iterator[list[Cell]]:
+        """Yield the selected cells in blocks of cells that share motion, each of one cell, or of several small ones.
 
         Reading cell by cell would take long, since each read scans the whole study.
 
         Args:
-            columns: those that are read, besides cell, run and robot.
-        Raises:
-            InputError: runs of a cell are missing, for example because some failed.
+            most_rows: of a block of several cells; 0: as many as ``parts`` reads at once.
         """
-        read = list(dict.fromkeys(["cell", "run", "robot", *columns]))
+        selected = set(self.selected)
         for group in self.plan.groups:
-            cells = [cell for cell in group.cells if cell.number in self.selected]
-            per_cell = (self.runs_of(cells[0].number) if cells else 0) * group.first.swarm.robots
-            step = max(ROWS_AT_A_TIME // max(per_cell, 1), 1)
+            cells = [cell for cell in group.cells if cell.number in selected]
+            rows = (self.runs_of(cells[0].number) if cells else 0) * group.first.swarm.robots
+            step = max((most_rows or ROWS_IN_A_PART) // max(rows, 1), 1)
             for first in range(0, len(cells), step):
-                block = cells[first : first + step]
-                stored = self.unsorted_rows(*(cell.number for cell in block))
-                for name in columns:
-                    check_choice(name, "columns", stored.collect_schema())
-                rows = stored.select(read).collect()
-                if rows.height != per_cell * len(block):
-                    self._refuse_missing(rows, block)
-                yield block, rows
+                yield cells[first : first + step]
 
     def arrays(self, columns: Sequence[str]) -> Iterator[tuple[list[Cell], Columns, Columns]]:
-        """Yield the selected cells in the blocks of ``blocks``, with their columns as arrays (``arrays_of``).
+        """Yield the selected cells in blocks of cells that share motion, with their columns as arrays (``arrays_of``).
 
         Args:
             columns: those that are read, besides run and robot.
         Raises:
-            InputError: runs of a cell are missing.
+            InputError: runs of a cell are missing, for example because some failed.
         """
-        for cells, rows in self.blocks(columns):
+        read = list(dict.fromkeys(["cell", "run", "robot", *columns]))
+        for cells in self.cells_together(ROWS_AT_A_TIME):
             numbers, robots = [cell.number for cell in cells], cells[0].scenario.swarm.robots
-            yield cells, *arrays_of(rows, numbers, self.runs_of(numbers[0]), robots)
+            runs, stored = self.runs_of(numbers[0]), self.unsorted_rows(*numbers)
+            for name in columns:
+                check_choice(name, "columns", stored.collect_schema())
+            rows = stored.select(read).collect()
+            if rows.height != runs * robots * len(cells):
+                self._refuse_missing(rows, cells)
+            yield cells, *arrays_of(rows, numbers, runs, robots)
 
     def by_run(self, figures: Sequence[str]) -> dict[str, Array]:
         """Compute figures that need only the columns ``figures.READ``, of each run of the selected cells.
@@ -354,39 +352,50 @@ class StudyResult(NotebookView):
     def figures(self, cell: int) -> pl.DataFrame:
         """Return all figures of each run of a cell (``figures.run_figures``), one row per run."""
         # A list, not a generator: no Ctrl-C is raised below a call of polars.
-        return pl.concat([figures for figures, *_ in self.parts(cell)])
+        parts = self.parts([self.cell(cell)])
+        return pl.concat(
+            [figures_table(swarms, runs.select("run", "truth", "consensus")) for swarms, _, runs in parts]
+        )
 
-    def parts(self, cell: int) -> Iterator[tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]]:
-        """Yield figures (``figures.run_figures``), table of robots and table of runs of some runs of a cell at a time.
+    def parts(self, cells: Sequence[Cell]) -> Iterator[tuple[Swarms, pl.DataFrame, pl.DataFrame]]:
+        """Yield the swarms, rows and first rows of some runs of cells at a time, sorted by cell, run and robot.
 
-        So the rows of all robots are never in memory at once.
-
-        Raises:
-            InputError: the cell has no runs yet.
-        """
-        scenario, agreements = self.cell(cell).scenario, self.agreements(cell)
-        for robots, runs in self._tables_in_parts(cell):
-            own = None if agreements is None else agreements.join(runs.select("run"), on="run", how="semi")
-            yield run_figures(robots, runs, scenario.run.t_end_s, own, costs_of(scenario)), robots, runs
-
-    def _tables_in_parts(
-        self, cell: int, columns: Sequence[str] = ()
-    ) -> Iterator[tuple[pl.DataFrame, pl.DataFrame]]:
-        """Yield the tables of robots and of runs (``tables_of``) of some runs of a cell at a time.
+        So the rows of all robots are never in memory at once. The first row of a run has all columns of the run.
 
         Args:
-            columns: those that are read, besides run and robot; empty: all.
+            cells: a block of ``cells_together``, or one cell.
         Raises:
-            InputError: the cell has no runs yet.
+            InputError: the cells have no runs yet.
         """
-        read = pl.col("run", "robot", *columns) if columns else pl.all()
-        step, is_empty = max(ROWS_IN_A_PART // self.cell(cell).scenario.swarm.robots, 1), True
-        for start in range(0, self.runs_of(cell), step):
-            for rows in self._scans("robots", (cell,), start, start + step):
+        numbers, agreements = [cell.number for cell in cells], self._agreements(cells)
+        ends_s = np.array([cell.scenario.run.t_end_s for cell in cells])
+        costs = stacked([costs_of(cell.scenario) for cell in cells])
+        for rows in self._rows_in_parts(cells):
+            first = np.flatnonzero(rows["robot"].to_numpy() == 0)
+            runs = rows[first]
+            place = np.searchsorted(numbers, runs["cell"].to_numpy())
+            if agreements is not None:
+                runs = runs.join(agreements, on=("cell", "run"), how="left", maintain_order="left")
+            of_runs = None if costs is None else costs[place]
+            yield Swarms.of_sorted(rows, runs, first, ends_s[place], of_runs), rows, runs
+
+    def _rows_in_parts(self, cells: Sequence[Cell], columns: Sequence[str] = ()) -> Iterator[pl.DataFrame]:
+        """Yield the rows of some runs of cells that share motion at a time, sorted by cell, run and robot.
+
+        Args:
+            columns: those that are read, besides cell, run and robot; empty: all.
+        Raises:
+            InputError: the cells have no runs yet.
+        """
+        read = pl.col("cell", "run", "robot", *columns) if columns else pl.all()
+        numbers = [cell.number for cell in cells]
+        step, is_empty = max(ROWS_IN_A_PART // (cells[0].scenario.swarm.robots * len(cells)), 1), True
+        for start in range(0, self.runs_of(numbers[0]), step):
+            for rows in self._scans("robots", numbers, start, start + step):
                 is_empty = False
-                yield tables_of(rows.select(read).collect().sort("run", "robot"))
+                yield rows.select(read).collect().sort("cell", "run", "robot")
         if is_empty:
-            self._scan("robots", (cell,))  # which raises
+            self._scan("robots", numbers)  # which raises
 
     def _refuse_missing(self, rows: pl.DataFrame, cells: Sequence[Cell]) -> None:
         """Raise an error about the first of these cells that has not all its runs."""
@@ -425,7 +434,8 @@ class StudyResult(NotebookView):
         """
         for name in columns:
             check_choice(name, "columns", ROWS)
-        robots, runs = zip(*self._tables_in_parts(cell, columns), strict=True)
+        parts = self._rows_in_parts([self.cell(cell)], columns)
+        robots, runs = zip(*map(tables_of, parts), strict=True)
         return pl.concat(robots), pl.concat(runs)
 
     def samples(self, *cells: int) -> pl.DataFrame:
@@ -469,16 +479,20 @@ class StudyResult(NotebookView):
         The table has the columns of agreements if decisions of this cell's robots or its floor may change, and those of
         maps if its robots keep maps. It is None if neither is so, or if the runs were made before the tables existed.
         """
-        scenario = self.cell(cell).scenario
-        tables = [
-            name for name, has in ((AGREED_TABLE, is_followed), (MAPS_TABLE, keeps_map)) if has(scenario)
-        ]
-        stored = [self._stored(name, (cell,)).drop("cell") for name in tables]
-        found = [table for table in stored if table.height]
+        found = self._agreements([self.cell(cell)])
+        return None if found is None else found.drop("cell")
+
+    def _agreements(self, cells: Sequence[Cell]) -> pl.DataFrame | None:
+        """Return the table of ``agreements`` of some cells, sorted by cell and run, with the column ``cell``."""
+        found = []
+        for name, has in ((AGREED_TABLE, is_followed), (MAPS_TABLE, keeps_map)):
+            if numbers := [cell.number for cell in cells if has(cell.scenario)]:
+                found += [table for table in [self._stored(name, numbers)] if table.height]
         if not found:
             return None
-        both = found[0] if len(found) == 1 else found[0].join(found[1], on="run", how="full", coalesce=True)
-        return both.sort("run")
+        key = ["cell", "run"]
+        both = found[0] if len(found) == 1 else found[0].join(found[1], on=key, how="full", coalesce=True)
+        return both.sort(key)
 
     def saved_tables(self, cell: int) -> dict[str, pl.DataFrame]:
         """Return the tables of a shard (``batch.do_batch``) by name, with all saved rows of a cell, sorted by run."""

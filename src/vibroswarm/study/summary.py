@@ -7,18 +7,21 @@ simulation raised an error; its runs are not stored and are in no figure (``stor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import CellSummary, summary_of, time_within_runs
+from vibroswarm.analysis.cell_summary import CellSummary, summaries_of, time_within_runs
 from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.intervals import columns_of, mean_interval, within
-from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
+from vibroswarm.analysis.figures import columns_of, figures_table, interval
+from vibroswarm.analysis.intervals import columns_of as interval_columns
+from vibroswarm.analysis.intervals import mean_interval, within
+from vibroswarm.analysis.robot_knowledge import COUNTED, counted, gate_unreached
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
@@ -26,7 +29,7 @@ from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError, warn_once
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import costs_of
+from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.study.baselines import References
 from vibroswarm.study.batch_table import WALK
 from vibroswarm.study.cell_comparison import (
@@ -39,7 +42,8 @@ from vibroswarm.study.cell_comparison import (
     comparisons,
 )
 from vibroswarm.study.equal_error import at_equal_error, why_not_at_equal_error
-from vibroswarm.study.settled import Settled, figure_of
+from vibroswarm.study.precision import Precision
+from vibroswarm.study.settled import Settled
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
@@ -147,10 +151,11 @@ class Outcome(NotebookView):
             row = {"cell": number, "name": cell.name, "report": report, "index": index}
             row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
             value, error = (mean_interval(own[name].drop_nulls().to_numpy()) for name in ("value", "error"))
-            row |= columns_of("value", value[:3]) | columns_of("error", within(error, 0.0, math.inf)[:3])
+            row |= interval_columns("value", value[:3])
+            row |= interval_columns("error", within(error, 0.0, math.inf)[:3])
             rows.append(row)
-        numbers = ("value", "value_low", "value_high", "error", "error_low", "error_high")
-        kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(numbers, pl.Float64)}
+        floats = ("value", "value_low", "value_high", "error", "error_low", "error_high")
+        kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(floats, pl.Float64)}
         return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
 
     @property
@@ -168,7 +173,7 @@ def outcome_of(
     compare: bool = True,
     equal_error: bool = False,
 ) -> Outcome:
-    """Summarise the selected cells of a study, with the rows of one cell at a time in memory.
+    """Summarise the selected cells of a study, with the rows of one cell, or of few small ones, at a time in memory.
 
     Args:
         replicate: the second block of runs, from another seed, see ``cell_comparison``; None if there is none.
@@ -180,7 +185,6 @@ def outcome_of(
     Raises:
         InputError: no selected cell has runs, or the reference is no value that is compared.
     """
-    cells = []
     result, without_runs = _with_runs(result)
     failed_replicate: StudyResult | None = None
     if replicate is not None:
@@ -192,17 +196,19 @@ def outcome_of(
         replicate, failed_replicate = (replicate_with_runs, None) if has_runs else (None, replicate)
     known: dict[int, pl.DataFrame] = {}
     all_failed = result.failed_runs()
-    for number in result.selected:
-        one, by_run = _cell_outcome(result, number, all_failed.filter(pl.col("cell") == number))
-        cells.append(one)
-        if len(result.selected) <= KEPT:
-            known[number] = by_run
+    failed = all_failed.partition_by("cell", as_dict=True)
+    found: dict[int, CellOutcome] = {}
+    for together in result.cells_together():
+        for one, by_run in _outcomes(result, together, lambda cell: failed.get((cell,), all_failed.clear())):
+            found[one.cell.number] = one
+            if len(result.selected) <= KEPT:
+                known[one.cell.number] = compared_columns(by_run)
     compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
     matched = at_equal_error(result, compared, progress) if equal_error else {}
     return Outcome(
         result=result,
         replicate=replicate,
-        cells=tuple(cells),
+        cells=tuple(found[number] for number in result.selected),
         comparisons=compared,
         without_runs=without_runs,
         answers=answers_of(compared, matched),
@@ -211,40 +217,48 @@ def outcome_of(
     )
 
 
-def _cell_outcome(result: StudyResult, number: int, failed: pl.DataFrame) -> tuple[CellOutcome, pl.DataFrame]:
-    """Summarise a cell; return its figures, and the columns of its runs with which it is compared.
+def _outcomes(
+    result: StudyResult, cells: Sequence[Cell], failed: Callable[[int], pl.DataFrame]
+) -> Iterator[tuple[CellOutcome, pl.DataFrame]]:
+    """Summarise cells that share motion; yield the outcome of each, and the figures of its runs.
 
     Args:
-        number: of the cell. failed: its failed runs.
+        failed: returns the failed runs of a cell.
     """
-    cell = result.study.cells[number]
-    t_end_s, settled = cell.scenario.run.t_end_s, result.settled(number)
+    keys = ("cell", "run", "truth", "consensus")
     parts = (
         (
-            _narrowed(figures.with_columns(time_within_runs(robots, t_end_s))),
+            _narrowed(figures_table(swarms, runs.select(keys)).with_columns(time_within_runs(swarms))),
             runs.select(*WALK),
-            robots.select(most=counted(cell.scenario)),
+            rows.group_by("cell").agg([counted(gate).alias(gate) for gate in COUNTED]),
         )
-        for figures, robots, runs in result.parts(number)
+        for swarms, rows, runs in result.parts(cells)
     )
     table, walked, most = (pl.concat(part, how="vertical_relaxed") for part in zip(*parts, strict=True))
-    summary = summary_of(table, t_end_s)
-    outcome = CellOutcome(
-        cell=cell,
-        summary=_with_corrected_interval(summary, result, number, settled),
-        walk=_walk(walked),
-        decidable=decidability(cell.scenario),
-        failed=failed,
-        settled=settled,
-        unreached=gate_unreached(cell.scenario, most["most"].max()),
-    )
-    return outcome, compared_columns(table)
+    most_of = most.group_by("cell").max().rows_by_key("cell", named=True, unique=True)
+    walk = {name: numbers(walked[name]) for name in WALK}
+    _, sizes = np.unique(table["cell"].to_numpy(), return_counts=True)
+    summaries = summaries_of(table, sizes.tolist(), [cell.scenario.run.t_end_s for cell in cells])
+    settled, end = result.settled(cells[0].number), 0
+    for cell, summary, size in zip(cells, summaries, sizes.tolist(), strict=True):
+        first, end = end, end + size
+        figures = table[first:end]
+        outcome = CellOutcome(
+            cell=cell,
+            summary=_with_corrected_interval(summary, figures, result.study.until, settled),
+            walk=_walk({name: values[first:end] for name, values in walk.items()}),
+            decidable=decidability(cell.scenario),
+            failed=failed(cell.number),
+            settled=settled,
+            unreached=gate_unreached(cell.scenario, most_of[cell.number][cell.scenario.decision.gate]),
+        )
+        yield outcome, figures
 
 
 def _narrowed(figures: pl.DataFrame) -> pl.DataFrame:
     """Return figures by run, those that are small whole numbers or null, as most are, in a byte each."""
     columns = []
-    for column in figures.drop("run", "consensus"):
+    for column in figures.drop("cell", "run", "consensus"):
         narrow = column.cast(pl.Int8, strict=False)
         is_exact = narrow.null_count() == column.null_count() and (narrow == column).all()
         columns.append(narrow if is_exact else column)
@@ -267,31 +281,27 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
 
 
 def _with_corrected_interval(
-    figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
+    summary: CellSummary, figures: pl.DataFrame, until: Precision | None, settled: Settled | None
 ) -> CellSummary:
     """Correct the interval of the figure with the wanted precision for repeated looks (``precision``)."""
-    until = result.study.until
     if settled is None or until is None:
-        return figures
-    scenario = result.study.cells[cell].scenario
-    rows, costs = result.rows(cell), costs_of(scenario)
-    interval = figure_of(rows, until.figure, scenario.run.t_end_s, settled.level, costs)
-    return replace(figures, figures={**figures.figures, until.figure: interval})
+        return summary
+    corrected = interval(until.figure, columns_of(figures), settled.level, t_end_s=summary.t_end_s)
+    return replace(summary, figures={**summary.figures, until.figure: corrected})
 
 
-def _walk(runs: pl.DataFrame) -> dict[str, Any]:
+def _walk(of_runs: Mapping[str, Array]) -> dict[str, Any]:
     """Return the means of the columns ``WALK`` over the runs that have a value, with ``_low`` and ``_high``.
 
     Args:
-        runs: table of runs of a cell with these columns.
+        of_runs: these columns of a cell, (runs,) each; nan where a run has no value.
     Returns: values by name of the column; None in place of a value that is not finite.
     """
     columns: dict[str, Any] = {}
-    for name in WALK:
-        values = runs[name].drop_nulls().to_numpy()
-        if name == "effective_samples":  # infinite in a run in which all tiles were sampled equally often
-            values = values[[math.isfinite(value) for value in values]]
-        columns |= columns_of(name, mean_interval(values))
+    for name, values in of_runs.items():
+        # effective_samples is infinite in a run in which all tiles were sampled equally often.
+        known = values[np.isfinite(values)] if name == "effective_samples" else values
+        columns |= interval_columns(name, mean_interval(known))
     return columns
 
 
