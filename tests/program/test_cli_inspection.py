@@ -452,6 +452,9 @@ def test_what_is_odd_about_a_file_is_said(capsys: pytest.CaptureFixture[str], tm
         ("948 of 948 values are outside of those of the law", [[*row, 1000 * float(v)] for *row, v in ROWS]),
         ("All samples of each robot have the same time", [[r, 7, x, y, v] for r, _, x, y, v in ROWS]),
         ("s apart, as if times were in a smaller unit", [[r, 1000 * float(t), *row] for r, t, *row in ROWS]),
+        ("No sample for 168.0 h; of several inspections", [  # a week later
+            [r, float(t) + 604800 * (k >= 500), *row] for k, (r, t, *row) in enumerate(ROWS)
+        ]),
         ("190 of 948 rows have no value", [[*row, v if k % 5 else ""] for k, (*row, v) in enumerate(ROWS)]),
         ("Robots 0 and 5 have the same times, places and values", ROWS + [[5, *row] for r, *row in ROWS if r == "0"]),
         ("The file repeats 1 row", [*ROWS, ROWS[7]]),  # which counted twice without a word

@@ -14,7 +14,7 @@ import polars as pl
 from scipy.special import ndtr
 
 from vibroswarm.calibrate.camera import corrected
-from vibroswarm.core.numbers import count, listed, number, percent, some, stated, whole
+from vibroswarm.core.numbers import count, duration, listed, number, percent, some, stated, whole
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import hash_of_run
@@ -30,7 +30,7 @@ from vibroswarm.inspection.samples import (
     session_hash,
 )
 from vibroswarm.observation.energy_model import energy_of
-from vibroswarm.recordings.assemble_recording import inside, rows_apart_s
+from vibroswarm.recordings.assemble_recording import inside, longest_silence_s, rows_apart_s
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -233,6 +233,8 @@ MOST_ROBOT: Final = 2**16 - 1
 """Largest number of a robot in ``SAMPLES``."""
 MOST_ROBOTS: Final = 1000
 """Most robots of a file: each takes about 0.1 s, and memory grows with their square."""
+LONG_S: Final = 3600.0
+"""After so long a time without a sample another inspection may have begun."""
 CORNER: Final = 0.01
 """Places within this share of width and height are in the corner, as are those in m where others are in mm."""
 CORNERED: Final = 0.05
@@ -316,13 +318,16 @@ def samples_of_csv(
     left_out = log.tracks.height
     doubts = _doubts_of_table(by, table, left_out)
     rows = pl.concat([part.select("robot", "time_s") for part in (log.samples, log.tracks)])
-    return replace(_with_doubts(found, *_doubt_of_times(rows_apart_s(rows)), *doubts), left_out=left_out)
+    times = _doubt_of_times(rows_apart_s(rows), longest_silence_s(rows))
+    return replace(_with_doubts(found, *times, *doubts), left_out=left_out)
 
 
-def _doubt_of_times(apart_s: float) -> Iterator[str]:
-    """Yield that times may not be in s, if the rows of a robot are farther apart than usual."""
+def _doubt_of_times(apart_s: float, silence_s: float = 0.0) -> Iterator[str]:
+    """Yield that times may not be in s, if the rows of a robot are farther apart than usual; or of two inspections."""
     if apart_s:
         yield f"The rows of a robot are usually {stated(apart_s)} s apart, as if times were in a smaller unit."
+    elif silence_s > LONG_S:
+        yield f"No sample for {duration(silence_s)}; of several inspections of one surface give a file of each."
 
 
 def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Iterator[str]:

@@ -218,7 +218,7 @@ def rows_apart_s(rows: pl.DataFrame, least_s: float = APART_S) -> float:
     return round(apart_s, 6) if apart_s > least_s else 0.0
 
 
-def _silent_s(rows: pl.DataFrame) -> float:
+def longest_silence_s(rows: pl.DataFrame) -> float:
     """Return the longest time without a row of any robot, s; 0 if it is short, or no longer than a few intervals."""
     silent_s = float(np.diff(np.sort(rows["time_s"].to_numpy())).max(initial=0.0))
     return round(silent_s, 6) if silent_s > max(GONE_S, SILENT * rows_apart_s(rows, 0.0)) else 0.0
@@ -271,7 +271,7 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     counts = _problem_counts(paths, rows, observations, scenario)
     both = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
     counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": rows_apart_s(both)}
-    counts |= {"silent_s": _silent_s(both), "jumps": sum(map(_jumps, paths)) if camera.height else 0}
+    counts |= {"silent_s": longest_silence_s(both), "jumps": sum(map(_jumps, paths)) if camera.height else 0}
     about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
     return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
 
