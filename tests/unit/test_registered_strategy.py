@@ -101,6 +101,7 @@ def test_an_estimate_of_its_own_comes_before_the_mean_of_a_posterior() -> None:
     assert "0.25" in document.answer[0]
     assert " of 4 hold it" in document.answer[0]
     assert document.tables["robots"].columns["posterior"].title == "estimate (95 %)"
+    assert "decision" not in document.tables["robots"].frame.columns  # a number is asked for
     first, second, *_, last = verdict(result).robots
     assert second.interval == pytest.approx((0.1275, 0.3725), abs=1e-4)
     assert first.interval is not None

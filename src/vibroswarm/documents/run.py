@@ -318,7 +318,7 @@ def _reports_over_time(result: Result, run: int) -> list[Part]:
 def robot_tables(found: Verdict, posterior: str) -> list[Table]:
     """Return the table of robots; of a large swarm, before it, one with a row for each decision.
 
-    Confidence and posterior are left out if the robots have none.
+    Confidence and posterior are left out if the robots have none, decisions if a number is asked for.
 
     Args:
         posterior: heading of the posterior mean: "share of ones", or "opinion" for strategies whose robots count the
@@ -346,7 +346,9 @@ def robot_tables(found: Verdict, posterior: str) -> list[Table]:
         | {"received": pl.Int64},
         infer_schema_length=None,
     )
-    if all(one.belief is None for one in found.robots):
+    if found.estimated:
+        robots = robots.drop("decision", "decision_time_s", "confidence")
+    elif all(one.belief is None for one in found.robots):
         robots = robots.drop("confidence")
     if robots["posterior"].null_count() == robots.height:
         robots = robots.select(pl.exclude("^posterior.*$"))
@@ -359,7 +361,7 @@ def robot_tables(found: Verdict, posterior: str) -> list[Table]:
     }
     is_large = len(found.robots) > MOST_ROBOTS
     each = Table(robots, columns, name="robots", folded=is_large)
-    return [_table_by_decision(robots, posterior), each] if is_large else [each]
+    return [_table_by_decision(robots, posterior), each] if is_large and not found.estimated else [each]
 
 
 def _table_by_decision(robots: pl.DataFrame, posterior: str) -> Table:
