@@ -71,10 +71,8 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
         # ``kind_of`` returns None for objects of no kind, which ``load_file`` refuses; ``str`` is for the type checker.
         return str(plugins.kind_of(loaded)), plugins.name_in(text)
     known = {kind_name: plugins.KINDS[kind_name].known() for kind_name in ([kind] if kind else KINDS)}
-    for wanted in (
-        text,
-        None,
-    ):  # Installed packages may register more names; `known` holds views of the registries.
+    # Installed packages may register more names. `known` holds views of the registries, so it has these names too.
+    for wanted in (text, None):
         if not any(text in names for names in known.values()):
             for kind_name in known:
                 plugins.load_installed(kind_name, wanted)

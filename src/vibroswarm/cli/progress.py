@@ -91,21 +91,22 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     Args:
         what: description of the work.
     """
-    began_s, before, has_compiled = time.monotonic(), 0, False  # the rate is that of the runs since then
-    latest, done = 0, ""  # the text is for lines that are printed during compilation
+    began_s: float | None = time.monotonic()  # the rate is that of the runs since then; None: while compiling
+    before, latest = 0, 0  # runs done by then, and at the last report
+    done = ""  # for lines that are printed during compilation
 
     with _shown(what) as show:
 
         def update(now: StudyProgress) -> None:
-            nonlocal began_s, before, has_compiled, latest, done
+            nonlocal began_s, before, latest, done
             now_s = time.monotonic()
-            if has_compiled and now.done > latest:
-                began_s, before, has_compiled = now_s, now.done, False
-            # Other batches that waited for the kernel end at once, and say nothing of the rate.
-            is_known = not has_compiled and (before == 0 or now_s - began_s >= FIRST_LINE_S)
-            # The clock may not have advanced yet.
-            rate = (now.done - before) / max(now_s - began_s, 1e-9) if is_known else 0.0
+            if began_s is None and now.done > latest:
+                began_s, before = now_s, now.done
             latest = now.done
+            # Other batches that waited for the kernel end at once, and say nothing of the rate.
+            least_s = FIRST_LINE_S if before else 1e-9  # the clock may not have advanced yet
+            passed_s = 0.0 if began_s is None else now_s - began_s
+            rate = (latest - before) / passed_s if passed_s >= least_s else 0.0
             failed = f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
             left = f"{duration((now.wanted - now.done) / rate)} left" if rate else ""
             speed = f"{rate_of(rate)} per second" if rate else ""
@@ -122,8 +123,8 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
             )
 
         def compiling() -> None:
-            nonlocal has_compiled
-            has_compiled = True
+            nonlocal began_s
+            began_s = None
             show(f"{what}: compiling{done}", description=f"{what}: compiling")
 
         with _while_compiling(compiling):

@@ -318,7 +318,7 @@ def _reports_over_time(result: Result, run: int) -> list[Part]:
 def robot_tables(found: Verdict, posterior: str) -> list[Table]:
     """Return the table of robots; of a large swarm, before it, one with a row for each decision.
 
-    Confidence and posterior are left out if the robots have none, decisions if a number is asked for.
+    Confidence and posterior are left out if the robots have none, and decisions if the task asks for a number.
 
     Args:
         posterior: heading of the posterior mean: "share of ones", or "opinion" for strategies whose robots count the

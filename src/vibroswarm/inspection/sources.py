@@ -323,7 +323,7 @@ def samples_of_csv(
 
 
 def _doubt_of_times(apart_s: float, silence_s: float = 0.0) -> Iterator[str]:
-    """Yield that times may not be in s, if the rows of a robot are farther apart than usual; or of two inspections."""
+    """Yield that times may not be in s, if the rows of a robot are far apart, or else that an inspection has a gap."""
     if apart_s:
         yield f"The rows of a robot are usually {stated(apart_s)} s apart, as if times were in a smaller unit."
     elif silence_s > LONG_S:

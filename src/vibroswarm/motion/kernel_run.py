@@ -433,7 +433,7 @@ def batch_of(
             arcs.append(segment_frame(piece.segments, state.tick_ms))
         pieces.append(piece._replace(segments=None))
     motion = with_samples(columns.frame(), pieces, state.tick_ms)
-    if segments:
+    if arcs:
         motion = replace(motion, segments=pl.concat(arcs))
     return replace(motion, moves=move_columns.frame()) if moves else motion
 

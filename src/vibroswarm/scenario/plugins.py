@@ -382,7 +382,7 @@ def load_installed(kind: str, name: str | None = None) -> None:
         if own in known():
             continue
         first, other = offered.setdefault(own, (point.value, loaded))
-        if other != loaded:
+        if other is not loaded:
             raise InputError(
                 f"is another {kind} '{own}' than {first}; uninstall or rename one of them", field=point.value
             )

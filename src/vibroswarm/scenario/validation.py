@@ -307,7 +307,8 @@ def _check_kinds(s: Sections) -> None:
             field="strategy.name",
         )
     kind = getattr(s.task.params, "kind", 1)
-    if (strategy.shares or s.task.name == "share") and kind not in range(kinds):
+    is_known = isinstance(kind, int) and 0 <= kind < kinds
+    if (strategy.shares or s.task.name == "share") and not is_known:
         raise InputError(
             f"{shown(kind)} is not a kind of tile that the sensor knows, which are 0 to {kinds - 1}",
             field=f"task.{s.task.name}.kind",

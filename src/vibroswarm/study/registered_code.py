@@ -39,8 +39,8 @@ def registered_code(
     change as code runs: lists, tables and private attributes.
 
     Args:
-        motion, method: name of the source of motion, and of the method of search. _files: ignored: code
-            that has a file is known by the hash in its name.
+        motion, method: name of the source of motion, and of the method of search. _files: ignored: code that has a file
+            is known by the hash in its name.
     """
     selected = {(one.kind, one.selected) for scenario in scenarios for one in scenario.choices}
     selected |= {("motion", motion), ("method", method)}
