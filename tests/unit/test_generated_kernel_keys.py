@@ -50,7 +50,21 @@ CELLS = {
     "    return decision\ndecision = made({})\n",
     "nested": DECISION.format("(lambda x: x + {})(1)"),
     "default": "def limit(x, most={}):\n    return x > most\n" + DECISION.format("limit(s.alpha)"),
+    "default of a keyword": "def limit(x, *, most={}):\n    return x > most\n"
+    + DECISION.format("limit(s.alpha)"),
+    "names of arguments": "@njit\ndef limit(most, a{}):\n    return most > 1\n"
+    + DECISION.format("limit(a4=2, most=3)"),
+    "how a helper is compiled": "@njit(fastmath={} > 3)\ndef limit(x):\n    return x > 1.0\n"
+    + DECISION.format("limit(s.alpha)"),
+    "class": "class Limits:\n    most = {}\n" + DECISION.format("Limits.most"),
 }
+
+JITCLASS = """from numba.experimental import jitclass
+@jitclass([("most", int64)])
+class limit:
+    def __init__(self, most):
+        self.most = most
+"""
 
 
 @pytest.mark.parametrize("kind", CELLS)
@@ -178,6 +192,12 @@ def test_a_constant_that_is_set_anew_in_a_session_is_in_the_key() -> None:
     made.decision.__globals__["LIMIT"] = 4  # type: ignore[union-attr]
     assert key_of(made) != before
     assert hooks_of(made, network("ideal")) is not hooks
+
+
+@pytest.mark.parametrize("helper", ["@vectorize\ndef limit(x):\n    return x > 1\n", JITCLASS])
+def test_what_numba_made_of_a_function_that_cannot_be_seen_has_no_key(helper: str) -> None:
+    with pytest.raises(UnknownValueError):
+        key_of(cell("from numba import int64, vectorize\n" + helper + DECISION.format("limit(s.alpha)")))
 
 
 def test_kernels_of_a_value_that_cannot_be_described_are_not_cached(caplog: pytest.LogCaptureFixture) -> None:

@@ -90,11 +90,13 @@ def _of_function(function: Callable[..., Any], seen: set[Any]) -> str:
     """Return ``compiled_text``; what is in ``seen``, which is extended, has been described already."""
     seen.add(function)
     codes = list(codes_in(function.__code__))
-    texts = [f"{code.co_code!r} {_constants(code)} {code.co_names}" for code in codes]
+    # Names of arguments count: a call may give them by name.
+    texts = [f"{code.co_code!r} {_constants(code)} {code.co_names} {code.co_varnames}" for code in codes]
     names = {name for code in codes for name in code.co_names}
     values = enclosed_by(function) | globals_of(function)
     texts += [f"{name}: {_of_value(value, names, seen)}" for name, value in values.items()]
-    texts.append(_of_value(function.__defaults__, names, seen))
+    defaults = (function.__defaults__, *(function.__kwdefaults__ or {}).items())
+    texts.append(_of_value(defaults, names, seen))
     return "; ".join(texts)
 
 
@@ -122,7 +124,10 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
     Args:
         names: those that the function uses, and so all attributes that it may read. seen: as in ``_of_function``.
     """
-    value = getattr(value, "py_func", value)  # the function of a kernel
+    options: tuple[Any, ...] = ()
+    if hasattr(value, "py_func"):  # a kernel: its function, and how that is compiled
+        options = (*value.targetoptions.items(), *value.locals.items())
+        value = value.py_func
     if isinstance(value, Enum):
         return f"{value!r} {_of_value(value.value, names, seen)}"
     if isinstance(value, PLAIN):
@@ -138,12 +143,19 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
         return f"{[_of_value(member, names, seen) for member in members]}"
     where, name = getattr(value, "__module__", None), getattr(value, "__qualname__", None)
     if isinstance(value, FunctionType) and not is_known(where):
-        return name or "" if value in seen else _of_function(value, seen)
+        text = name or "" if value in seen else _of_function(value, seen)
+        return f"{text} {_of_value(options, names, seen)}"
     if isinstance(value, BuiltinFunctionType) or (name is not None and is_known(where)):
         return f"{where}.{name}"
     if isinstance(value, type) and issubclass(value, tuple):
         return f"{name} {getattr(value, '_fields', ())}"
-    if is_known(type(value).__module__) and "0x" not in repr(value):  # such as a type of Numba
+    if type(value) is type:  # with all that is read of it
+        held = {key: getattr(value, key) for key in sorted(names) if hasattr(value, key)}
+        return f"{name} {[f'{key}: {_of_value(each, names, seen)}' for key, each in held.items()]}"
+    kind = type(value).__module__
+    # Of Numba's values only types are told apart by their text; that of a vectorized function is its name.
+    says_all = is_known(kind) and (kind.startswith("numba.core.types.") or not kind.startswith("numba."))
+    if says_all and "0x" not in repr(value):
         return repr(value)
     raise UnknownValueError(f"a value of type {type(value).__name__}")
 
