@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
 from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
+from vibroswarm.strategies import fading
 from vibroswarm.strategies.base import forget as forget_strategy
 from vibroswarm.strategies.reset import on_sample as count_reading
 
@@ -166,6 +168,12 @@ def test_each_robot_is_asked_anew_after_its_own_answer_by_hand() -> None:
     assert numbers["answer_delay_s"] == pytest.approx((10 + 50 + 50) / 3)
     assert numbers["false_changes_per_h"] == pytest.approx(0.5 * 3600 / 200)
     assert numbers["change_time_error_s"] == 4.0  # the answer at 130 s, to no change, does not count
+
+
+def test_an_answer_at_the_time_of_a_change_comes_after_it() -> None:
+    own = course((0, 10.0, 0), (1, 20.0, 0), (0, 100.0, 1), (0, 110.0, 0), **ANEW).truths[0]
+    assert own.since_s.tolist() == [0, 100, 100, 150]
+    assert own.answer.tolist() == [0, 1, 0, 1]  # the answer ends the span in which it is right
 
 
 def test_the_same_answers_are_others_since_the_start() -> None:
@@ -337,6 +345,22 @@ def test_a_map_fades() -> None:
     assert np.abs(maps[None][1] - 0.5).max() > 0.3
 
 
+def test_the_evidence_on_error_rates_fades_as_that_on_tiles_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fading, "add_own", lambda *_: True)
+    s, a = (
+        SimpleNamespace(sampled_s=10.0, decision=-1),
+        SimpleNamespace(odds=np.ones(18), evidence=np.full(9, -4.0)),
+    )
+    p, w = (
+        SimpleNamespace(memory_s=5.0, rate_pairs=True),
+        SimpleNamespace(robots=1, rows=1, columns=2, revise=False),
+    )
+    assert fading.on_sample(s, a, SimpleNamespace(t_s=15.0), None, None, p, w)
+    np.testing.assert_allclose(a.odds, math.exp(-1.0))
+    np.testing.assert_allclose(a.evidence, -4.0 * math.exp(-1.0))
+    assert s.sampled_s == 15.0
+
+
 @pytest.mark.parametrize("name", ["forget", "reset", "fading"])
 def test_answers_are_revised_only_if_they_may_be(name: str) -> None:
     for revise in (True, False):
@@ -399,9 +423,9 @@ def test_robots_answer_each_change_once_and_say_when_it_was() -> None:
 
 
 def on_sample_with_news(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
-    """Robot 1 tells with its third sample that it has counted anew, which it has not."""
+    """Robot 1 tells with its third and fifth sample that it has counted anew, which it has not."""
     sends = count_reading(s, a, x, out, d, p, w)
-    if w.robot == 1 and x.number == 2:
+    if w.robot == 1 and x.number in (2, 4):
         out.anew = 1
     return sends
 
@@ -425,6 +449,10 @@ def test_news_of_a_change_is_believed_without_doubts_of_ones_own(follows: bool) 
         forget_strategy("teller")
     told = (result.robots["robot"] != 1) & follows
     assert result.robots["decision"].to_list() == told.cast(int).to_list()
+    assert result.reports is not None
+    changes = result.reports.filter(pl.col("name") == "changes").group_by("run", "robot", maintain_order=True)
+    last = changes.agg(pl.col("value").last()).sort("run", "robot")["value"]
+    assert last.to_list() == told.cast(float).to_list()  # what is told twice is one change
 
 
 @pytest.mark.parametrize(

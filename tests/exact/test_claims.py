@@ -104,6 +104,9 @@ def test_whole_and_few_values_are_summed() -> None:
     np.testing.assert_allclose(
         claimed_rates(sensor), claimed_of(*stats.poisson.cdf(4, [2.0, 6.0])), atol=3e-3
     )
+    np.testing.assert_allclose(
+        claimed_rates(sensor, factor=2.0), claimed_of(*stats.poisson.cdf(2, [2.0, 6.0])), atol=3e-3
+    )
     forget("mine")
     few = {"measure": lambda kind, u, p: np.where(u < 0.5, 0.25, 0.75) + 0.5 * kind}
     sensor = mine(

@@ -141,6 +141,10 @@ def test_a_robot_knows_no_factor_by_what_it_has_not_heard():
     rule = rule_of(samples, declared(samples.size_m, [0.2]), Question(0.2), 4)
     other = np.where(heard, value, 5.0 * value)
     np.testing.assert_array_equal(rule.told(value, heard), rule.told(other, heard))
+    later = np.where(rule.look[:, None] > 1, 5.0 * value, value)
+    told, told_otherwise = rule.told(value, heard), rule.told(later, heard)
+    np.testing.assert_array_equal(told[:2], told_otherwise[:2])
+    assert (told[2:] != told_otherwise[2:]).all()
 
 
 @pytest.mark.parametrize("strict", [False, True])

@@ -4,6 +4,7 @@
 |---|---|---|---|
 | memory | T | s | evidence that is T old counts exp(-1) |
 | evidence of sender j on tile t | l_jt | - | at each own sample, s seconds after the one before: l_jt exp(-s / T) |
+| evidence of a pair of rates | e_k | - | likewise |
 
 All else is as in ``places``, without its options for messages. The decision may change if ``decision.revise`` is set.
 A floor that changes contradicts all senders at once: set ``trust_limit`` to 1000 and ``broken_prior`` to 0, unless
