@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.stats import binom
 
 from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
+from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.numbers import with_limits
 from vibroswarm.errors import InputError
@@ -60,6 +62,12 @@ BY_HAND = made([[0, 1], [0, -1]], [[600, 300], [1200, NAN]], [[0.48, 0.52], [0.4
 )
 def test_costs_of_two_runs_made_by_hand(name: str, first: float, second: float) -> None:
     assert costs.COSTS[name](BY_HAND)[:, 0].tolist() == pytest.approx([first, second], abs=1e-12)
+
+
+def test_searches_minimise_no_figure_of_which_more_is_better() -> None:
+    """Negative control: the figures of the costs above."""
+    right, wrong = (replace(BY_NAME[name], of_decisions=True) for name in ("robots_right", "robots_wrong"))
+    assert (right.is_cost, wrong.is_cost) == (False, True)
 
 
 def test_a_swarm_that_agrees_wrongly_costs() -> None:

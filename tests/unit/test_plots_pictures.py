@@ -538,6 +538,11 @@ def test_numbers_stand_at_the_values_where_these_are_few(xs, ticks):
     assert shown == [f"{tick:g}".replace("-", "\u2212") for tick in ticks]
 
 
+def test_measured_values_are_no_ticks():
+    (axes,) = draw_error_bars(estimates([534.0960581, 612.1787862, 637.3786844], ["none"])).figure.axes
+    assert [tick for tick in axes.get_xticks() if not float(tick).is_integer()] == []
+
+
 @pytest.mark.parametrize("xs", [[1, 2, 500], list(range(5, 40))])
 def test_of_values_that_are_many_or_crowded_whole_numbers_are_shown(xs):
     picture = draw_error_bars(estimates(xs, ["none"]))

@@ -275,7 +275,7 @@ class RunFigure(NotebookView):
     counted: tuple[str, str] = ("", "")
     """Kind "robots": which robots are counted, and among which; columns of ``Swarms.counts``."""
     of_decisions: bool = False
-    """Whether decisions and their times are enough to compute it; then searches can minimise it."""
+    """Whether decisions and their times are enough to compute it."""
     compared: bool = False
     """Whether cells are compared by it unless other figures are asked for."""
     picture: str = ""
@@ -296,6 +296,11 @@ class RunFigure(NotebookView):
         if self.kind == "robots":
             return self.counted
         return (self.by_run, STATED) if self.kind == "share" else (self.by_run,)
+
+    @property
+    def is_cost(self) -> bool:
+        """Whether searches can minimise it."""
+        return self.of_decisions and self.better < 0
 
     @property
     def is_share(self) -> bool:

@@ -137,7 +137,7 @@ COSTS: Final[dict[str, Figures]] = {
     "authors_code": authors_code,
     "decision_time": decision_time,
     "errors": errors,
-    **{figure.name: _of_figure(figure) for figure in FIGURES if figure.of_decisions},
+    **{figure.name: _of_figure(figure) for figure in FIGURES if figure.is_cost},
     "estimate_error": estimate_error,
 }
 """Costs with one figure per run, to which a statistic is applied."""

@@ -335,13 +335,15 @@ def whole_ticks(axis: Any) -> None:
 def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
     """Put ticks at the ``values`` themselves if their labels fit beside each other in the layout so far.
 
-    If they do not fit and all values are whole, put ticks at whole numbers. Otherwise do not change the ticks.
+    If they do not fit and all values are whole, put ticks at whole numbers. Otherwise do not change the ticks, nor if
+    a value has more digits than settings have: it was measured.
     ``values`` has at least one number; it may have repeated ones.
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     places = sorted({float(value) for value in values})
-    if len(places) <= MOST_TICKS:  # more never fit, and take long to lay out
+    are_settings = all(math.isclose(place, float(f"{place:.5g}"), rel_tol=1e-9) for place in places)
+    if are_settings and len(places) <= MOST_TICKS:  # more never fit, and take long to lay out
         before = axis.get_major_locator(), axis.get_major_formatter()
         axis.set_major_locator(FixedLocator(places))
         axis.set_major_formatter(FuncFormatter(lambda value, _: stated(value).replace("-", "\u2212")))
