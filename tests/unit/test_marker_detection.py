@@ -13,7 +13,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.tracking import marker_detection
 from vibroswarm.tracking.marker_detection import detect
 from vibroswarm.tracking.markers import APRILTAG_0, DICTIONARIES, Markers, first_corner, read_markers
-from vibroswarm.tracking.picture_quality import faults_of
+from vibroswarm.tracking.picture_quality import faults_of, why_none
 from vibroswarm.tracking.track import track
 from vibroswarm.tracking.video_file import frames_of
 
@@ -165,6 +165,10 @@ def test_reflections_and_compression_are_told_as_causes() -> None:
     assert faults_of([lit, frame], 20.0) == []  # white in one frame only: it moves
     (white,) = faults_of([lit, lit], 20.0)
     assert white.startswith("a place is white throughout, as reflections are, 2.7 % of the picture")
+    rim = frame.copy()
+    rim[20:74, 30:84] = 255  # white paper around a marker of the floor: 1760 px, 10 px wide
+    rim[30:64, 40:74] = 60
+    assert faults_of([rim, rim], 20.0) == []
     (small,) = faults_of([frame, frame], 20.0, 0.0015)
     assert small.startswith("the video is compressed strongly (0.0015 bits for each pixel)")
 
@@ -183,6 +187,15 @@ def test_a_dark_beginning_is_not_why_no_marker_is_seen(tmp_path: Path) -> None:
     drawn.write(tmp_path / "v.avi", [np.zeros_like(drawn.frames(1)[0]), *drawn.frames(2)])
     with pytest.raises(InputError, match="of this dictionary it shows 0, 1, 46, 47, 48, 49 only"):
         track(tmp_path / "v.avi", replace(drawn.MARKERS, robots={7: 0, 8: 1}))
+
+
+def test_small_markers_are_why_none_is_seen_where_some_of_the_floor_are() -> None:
+    small = [
+        cv2.resize(frame[..., 0], None, fx=0.35, fy=0.35, interpolation=cv2.INTER_AREA)
+        for frame in drawn.frames(2)
+    ]
+    said = why_none(small, drawn.MARKERS)
+    assert said.startswith("of this dictionary it shows 46, 47 only; other squares are 9 px wide")
 
 
 @pytest.mark.parametrize("frames", [13, 21])

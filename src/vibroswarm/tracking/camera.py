@@ -351,8 +351,8 @@ def fit_camera(
     is_below_robots = camera.position_m[2] <= robot_height_m
     if not np.isfinite(found.x).all() or is_below_robots or error_px > 0.02 * size_px[0]:
         raise InputError(
-            f"the floor markers' places do not fit the picture (by {error_px:.0f} px); check their file, and that "
-            "y grows upwards",
+            f"the floor markers' places do not fit the picture (by {error_px:.0f} px); check their file, that y grows "
+            "upwards, and that each marker is turned as its third number says",
             field="--markers",
         )
     if lens is None:  # the lens was fitted to the floor's corners too, so their error is also its own

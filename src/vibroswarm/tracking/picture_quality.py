@@ -65,15 +65,20 @@ def _edges_of(frame: Gray) -> float:
 
 
 def white_places(frames: Sequence[Gray], edge_px: float) -> list[Bools]:
-    """Return where a picture is white throughout, (height, width) of each place: all frames, and an area of a marker.
+    """Return where a picture is white throughout, (height, width) of each place: in all frames, and a marker fits in.
+
+    The white rim of a marker that lies on the floor is no such place: it is large, but narrow.
 
     Args:
         frames: of one camera that does not move. edge_px: edge of a marker.
     """
-    white = np.min(frames, axis=0) >= WHITE
-    _, labels, figures, _ = opencv().connectedComponentsWithStats(white.astype(np.uint8))
-    areas = figures[:, opencv().CC_STAT_AREA]
-    return [labels == k for k in range(1, len(areas)) if areas[k] >= edge_px**2]
+    cv2 = opencv()
+    white = (np.min(frames, axis=0) >= WHITE).astype(np.uint8)
+    side = max(math.ceil(edge_px), 1)
+    # The middles of white squares as large as a marker.
+    middles = cv2.erode(white, np.ones((side, side), dtype=np.uint8)) > 0
+    labels = cv2.connectedComponents(white)[1]
+    return [labels == k for k in np.unique(labels[middles]) if k > 0]
 
 
 def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: float = math.nan) -> list[str]:
@@ -130,15 +135,19 @@ def why_none(frames: Sequence[Gray], markers: Markers) -> str:
     )  # of equally good ones the first, which is the smallest
     if len(seen[best]) > 1 and not set(seen[best]) <= set(seen[markers.dictionary]):
         return f"its markers are of the dictionary {best} ({_listed(seen[best])})"
-    if seen[markers.dictionary]:
-        return f"of this dictionary it shows {_listed(seen[markers.dictionary])} only"
     edges = [edge for frame in frames for edge in _square_edges(frame)]
+    found = []
+    if seen[markers.dictionary]:
+        found.append(f"of this dictionary it shows {_listed(seen[markers.dictionary])} only")
     if edges and np.median(edges) < SMALL_PX:
-        return (
-            f"its squares are {number(np.median(edges), 0)} px wide, and markers of {stated(SMALL_PX)} px are read "
+        squares = "other squares" if found else "its squares"
+        found.append(
+            f"{squares} are {number(np.median(edges), 0)} px wide, and markers of {stated(SMALL_PX)} px are read "
             f"well: bring the "
             "camera nearer, film at a higher resolution, or print larger markers"
         )
+    if found:
+        return "; ".join(found)
     return f"nothing in it is like a marker: are they in it, at least {stated(SMALL_PX)} px wide and with a white rim?"
 
 
