@@ -11,13 +11,19 @@ from vibroswarm.core.atomic_io import write_text
 def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOptions) -> None:
     """Write a scenario as TOML, with every field, to edit and run again; to the terminal without --out.
 
+    That of --preset begins with the preset's comment: what it is, and its sources.
+
     example:
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
     """
+    from vibroswarm.scenario.presets import comment_of
 
     made = scenario_from(scenario, is_final=False)
+    text = made.to_toml()
+    if scenario.preset is not None:
+        text = f"{comment_of(scenario.preset)}\n{text}"
     if out is None:
-        print_text(made.to_toml())
+        print_text(text)
         return
-    write_text(out, made.to_toml(), replace=force)
+    write_text(out, text, replace=force)
     print_saved_file(out, f"scenario {made.hash}")

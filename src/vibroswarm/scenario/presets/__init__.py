@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from importlib.resources import files
+from itertools import takewhile
 
 from vibroswarm.errors import InputError, nearest
 
@@ -27,6 +28,11 @@ def preset_text(name: str) -> str:
             field="preset",
         )
     return (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def comment_of(name: str) -> str:
+    """Return the lines of comment at the head of a preset: what it is, and where its numbers are from."""
+    return "".join(takewhile(lambda line: line.startswith("#"), preset_text(name).splitlines(keepends=True)))
 
 
 @cache
