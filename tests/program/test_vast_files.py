@@ -106,4 +106,6 @@ def test_a_row_of_very_many_tiles(tmp_path, capsys):
     assert "floor.tiles: is too large; at most 4,000,000 tiles" in refusal_of(
         capsys, "show", tmp_path / "row.toml"
     )
-    assert "line 1 is too long" in refusal_of(capsys, "run", "--floor", tmp_path / "row.txt")
+    assert "line 1 is too long; a floor has at most 4,000,000 tiles" in refusal_of(
+        capsys, "run", "--floor", tmp_path / "row.txt"
+    )

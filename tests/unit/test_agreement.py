@@ -160,5 +160,10 @@ def test_evaluate_says_on_what_swarms_agreed(capsys: pytest.CaptureFixture[str],
     assert "Swarms agreed on 'less than 50 % vibrates' in " in printed
     assert "agreed on answer 0, %" in printed
     assert "cell robots undecided, % decision time, s" in printed  # no swarm is right or wrong
+    assert "asted" not in printed  # decisions of dmvd are final: nothing that could last or not
+    command[command.index("dmvd")] = f"{VOTER}:voter"
+    printed = words_of(capsys, *command, "--floor", "random:0.5")  # whose opinions may change
+    assert "Lasted: share of the agreements that held at the end" in printed
+    assert "lasted, %" in printed
     assert main([*command, "--floor", "random:0.44", "--out", str(tmp_path / "less")]) == 0
     assert "agreed on" not in capsys.readouterr().out  # the control: there an answer is right

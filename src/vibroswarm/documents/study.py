@@ -287,6 +287,7 @@ def _agrees(one: CellOutcome, *, many: bool) -> bool:
     return is_asked and (len(answers_of(scenario)) > 2) == many
 
 
+_LASTED: Final = " Lasted: share of the agreements that held at the end, where opinions may change."
 _OF_SOME_CELLS: Final = (
     *(
         _SomeCells(
@@ -294,8 +295,7 @@ _OF_SOME_CELLS: Final = (
             has_them,
             (*agreed_on, "swarm_split", "swarm_incomplete", "agreement_lasted", "consensus_time_s"),
             "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over "
-            "runs. Lasted: share of the agreements that held at the end, where opinions may change. Runs "
-            "without agreement count with their whole time.",
+            "runs. Runs without agreement count with their whole time.",
         )
         for name, has_them, agreed_on in (
             ("agreement", lambda one: _agrees(one, many=False), _AGREED_ON),
@@ -328,7 +328,8 @@ def _tables_of_some_cells(outcome: Outcome) -> list[Table]:
         if given := _given(kind.figures, of_cells):
             rows = of_cells.select("name", "runs", *with_limits_of(given, of_cells.columns))
             columns = {"name": Column("cell"), **figure_columns(("runs",))}
-            tables.append(Table(rows, columns, caption=kind.caption, name=kind.name))
+            caption = kind.caption + (_LASTED if "agreement_lasted" in given else "")
+            tables.append(Table(rows, columns, caption=caption, name=kind.name))
     return tables
 
 

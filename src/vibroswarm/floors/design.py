@@ -208,7 +208,7 @@ def _target(
     check_fill_ratio(fill_ratio)
     if rows * columns > TILE_LIMIT:
         raise InputError(
-            f"{rows} x {columns} tiles are too many to make; at most {TILE_LIMIT}", field="tiles"
+            f"{rows} x {columns} tiles are too many to make; at most {TILE_LIMIT:,}", field="tiles"
         )
     if not -1 <= moran_index <= 1:
         raise InputError(

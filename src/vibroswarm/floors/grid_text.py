@@ -58,7 +58,7 @@ def parse_tiles(text: str, field: str = "--tiles") -> Size:
     if rows < 1 or columns < 1:
         raise InputError(f"'{text}' holds no tiles; give at least 1x1", field=field)
     if rows * columns > TILE_LIMIT:
-        raise InputError(f"'{text}' is too large; at most {TILE_LIMIT} tiles", field=field)
+        raise InputError(f"'{text}' is too large; at most {TILE_LIMIT:,} tiles", field=field)
     return rows, columns
 
 
@@ -152,7 +152,7 @@ def _split(number: int, line: str, name: str) -> _Line:
 
 def _check_length(number: int, cells: int, name: str) -> None:
     if cells > TILE_LIMIT:
-        raise InputError(f"line {number} is too long; a floor has at most {TILE_LIMIT} tiles", field=name)
+        raise InputError(f"line {number} is too long; a floor has at most {TILE_LIMIT:,} tiles", field=name)
 
 
 def _kind(cell: str) -> int | None:
@@ -187,7 +187,7 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
     # ``_lines`` limits the number of cells. If later lines are shorter than the first, the array has more tiles.
     if len(lines) * columns > TILE_LIMIT:
         raise InputError(
-            f"holds {len(lines)} x {columns} tiles, which is too large; at most {TILE_LIMIT}", field=name
+            f"holds {len(lines)} x {columns} tiles, which is too large; at most {TILE_LIMIT:,}", field=name
         )
     tiles = np.zeros((len(lines), columns), dtype=np.uint8)
     for row, line in enumerate(lines):
