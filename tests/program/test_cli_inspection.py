@@ -309,11 +309,14 @@ def test_a_robot_with_another_gain_is_not_certified(
 ) -> None:
     """The control: one robot reads 1.5 times as much."""
     louder = [[r, t, x, y, 1.5 * float(v) if r == "2" else v] for r, t, x, y, v in ROWS]
-    asked = ("--contrasts", "1", "--replicates", "19", "--sizes", "10,20,30x5")
+    asked = ("--contrasts", "1", "--replicates", "19", "--sizes", "10,20,disc14,30x5")
     given = small(saved(tmp_path / "plate.csv", louder), *asked)
     said = words_of(capsys, "inspect", *given, "--out", tmp_path / "out")
     assert "Not certified: the samples contradict the law of the sensor" in said
-    assert "Scan of 10, 20, 30 x 5 and 5 x 30 cm" in said
+    assert "Scan of 10, 20, 14 (disc), 30 x 5 and 5 x 30 cm" in said
+    assert re.search(
+        r"\(\S+ of 10, \S+ of 20, \S+ of 14 \(disc\), \S+ of 30 x 5 and \S+ of 5 x 30 cm\)", said
+    )
     assert (
         '<p class="verdict refused">Not certified</p>' in (tmp_path / "out" / "certificate.html").read_text()
     )

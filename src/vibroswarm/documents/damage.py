@@ -154,7 +154,7 @@ UNTESTED: Final = (
     "Holm's correction; at most 5 % of right laws are refused. Places are tested by whether the robots agree on where "
     "it vibrates (power: share of robots with useless places that are found); where nothing vibrates they cannot be "
     "tested. The law of damage cannot be tested where there is none: it is that of the reference. Surfaces are drawn "
-    "without effects of time: gains that vary by 10 % within minutes make 8 to 16 % of false calls out of 5 %."
+    "without effects of time: gains that vary by 10 % within minutes give 8 to 16 % false calls, not 5 %."
 )
 _RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column(share=True)}
 
@@ -230,13 +230,13 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     contrasts = listed(map(stated, question.contrasts))
     heard = f"all but {stated_percent(question.loss)} of" if question.loss else "all of"
     places = listed(
-        f"{whole(places)} of {_form(form)} cm"
+        f"{whole(places)} of {_form(form)}"
         for form, places in zip(told.patches.forms, told.patches.places.tolist(), strict=True)
     )
     if question.strict:
-        rule = f"the largest L of all places ({places})"
+        rule = f"the largest L of all places ({places} cm)"
     else:
-        rule = f"the mean of L over places, all with the same weight ({places}), of the worst size"
+        rule = f"the mean of L over places, all with the same weight ({places} cm), of the worst size"
     worst = f"{with_limits(told.worst, '%')} at the worst of {BLOCKS**2} blocks of places"
     missed = f"{with_limits(told.missed, '%')} ({worst})"
     robots = (
