@@ -12,6 +12,7 @@ from scipy.special import ndtr, ndtri
 from helpers.documents import ROOT
 from helpers.inspections import drawn_samples
 from vibroswarm import inspect, preset
+from vibroswarm.documents.damage import not_certified
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
@@ -53,6 +54,9 @@ def test_swapped_laws_are_not_certified(tmp_path: Path) -> None:
     assert found.verdict == "damage"
     assert set(found.checks["outcome"]) & {"not made", "refused"}
     assert any("could not be checked" in why for why in found.refusals)
+    # Joined by commas and "and", reasons with a colon of their own ran into each other.
+    assert not_certified(found) == f"Not certified: {'; '.join(found.refusals)}."
+    assert len(found.refusals) > 1
     # The control: with the right law there is no reason.
     right = inspect(EXAMPLE / "plate.csv", laws=str(EXAMPLE / "reference.csv"), **given).assessment
     assert right is not None

@@ -204,6 +204,21 @@ def test_trials_of_many_inspections_are_pooled_and_each_surface_is_drawn_anew(
     assert np.unique(trials.size_m, return_counts=True)[1].tolist() == [8, 8, 8]
 
 
+def test_false_calls_of_the_plates_that_gave_the_threshold_must_be_too_few() -> None:
+    """The control: by its own 19 plates a threshold never calls falsely, on others in 5 %, as is promised."""
+    law = Law(preset("paper").sensor, "preset paper")
+    samples, own, fresh = replace(drawn_samples(3, count=120, spread_m=0.0), law=law), [], []
+    patches = declared(samples.size_m, [0.1, 0.2])
+    shares = shares_of(samples, patches)
+    for seed in range(60):
+        plates = intact_statistics(samples, patches, shares, 19, seed)
+        critical = critical_value(plates, 0.05)
+        own.append((plates >= critical).mean())
+        fresh.append(false_calls(samples, patches, shares, critical, intact=100, seed=1000 + seed)[0] / 100)
+    assert np.mean(own) == 0.0
+    assert np.mean(fresh) == pytest.approx(0.05, abs=0.02)
+
+
 def test_a_row_of_a_plan_does_not_depend_on_what_else_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     pooled: list[tuple[Any, Any, dict[str, Any]]] = []
 

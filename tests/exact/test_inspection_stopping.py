@@ -46,6 +46,41 @@ def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
     assert told[0, 0] == pytest.approx(0.2 * ratio / (0.8 + 0.2 * ratio), rel=1e-3)
 
 
+@pytest.mark.parametrize("strict", [False, True])
+def test_the_told_risk_of_several_places_sizes_and_contrasts_is_that_of_a_second_implementation(
+    strict: bool,
+) -> None:
+    """By the distributions of scipy, place by place; damage is uniform within half a step of each, as if normal."""
+    random, size_m, sides_m, contrasts = np.random.default_rng(6), (0.3, 0.24), (0.1, 0.16), (1.0, 0.6)
+    x_m, y_m = (side * random.random(60) for side in size_m)
+    samples = drawn_samples(6, count=60, spread_m=0.0).with_columns(x_m=x_m, y_m=y_m)
+    samples = replace(samples, law=LAW, size_m=size_m)
+    sensor, u = LAW.sensor, norm.cdf(np.linspace(-6.0, 6.0, 20001))
+    still = gamma(sensor.still_shape, sensor.still_location, sensor.still_scale)
+    vibrating = gamma(sensor.vibrating_shape, sensor.vibrating_location, sensor.vibrating_scale)
+    value, lambdas = still.rvs(60, random_state=random), []
+    blur_m = 0.025 / np.sqrt(12.0)  # places are 25 mm apart along x and y
+    for side_m in sides_m:
+        lows = [
+            np.linspace(0.0, whole - side_m, int(np.ceil((whole - side_m) / max(side_m / 4, 0.025))) + 1)
+            for whole in size_m
+        ]
+        qx, qy = (
+            norm.cdf((low[:, None] + side_m - at) / blur_m) - norm.cdf((low[:, None] - at) / blur_m)
+            for low, at in zip(lows, (x_m, y_m), strict=True)
+        )
+        for contrast in contrasts:
+            quantile = (1.0 - contrast) * still.ppf(u) + contrast * vibrating.ppf(u)
+            density = np.interp(value, quantile, np.gradient(u, quantile))
+            ratio = np.exp(np.clip(np.log(density) - still.logpdf(value), -8.0, 8.0))  # none decides alone
+            of_place = np.prod(1.0 + (ratio - 1.0) * qx[:, None] * qy[None], axis=2)
+            lambdas.append(of_place.max() if strict else of_place.mean())
+    question = Question(min(sides_m), contrasts, prior=0.2, strict=strict)
+    told = rule_of(samples, declared(size_m, sides_m), question).told(value[:, None])[0, 0]
+    assert 0.01 < told < 0.9
+    assert told == pytest.approx(0.2 * max(lambdas) / (0.8 + 0.2 * max(lambdas)), rel=0.01)
+
+
 @pytest.mark.parametrize("differ", ["tile_spread", "robot_spread"])
 @pytest.mark.parametrize("on_damage", [25, 9])
 def test_samples_share_the_factor_of_their_tile_or_robot(on_damage: int, differ: str) -> None:

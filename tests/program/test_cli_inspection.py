@@ -194,6 +194,7 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("valueless.csv", "robot,time_min,x_mm,y_mm,weight"),
     ):
         (tmp_path / name).write_text(text.replace("robot,time_min,x_mm,y_mm,value", head))
+    first, *lines = text.splitlines()
     twice = [f"{line},{line.rpartition(',')[2]}" for line in text.splitlines()]
     for name, changed in (
         ("semicolons.csv", text.replace(",", ";")),
@@ -201,6 +202,7 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("repeated.csv", "\n".join(twice)),
         ("robots.csv", "\n".join(f"{line.partition(',')[0]},{line}" for line in text.splitlines())),
         ("few.csv", "\n".join(text.splitlines()[:6])),
+        ("gone.csv", "\n".join([first, *(f"{line.rpartition(',')[0]}," for line in lines)])),
         ("many.csv", text.splitlines()[0] + "".join(f"\n{row},1.0,500,500,0.9" for row in range(1001))),
     ):
         (tmp_path / name).write_text(changed)
@@ -214,7 +216,8 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
         ("valueless.csv", "column of values"),
         ("semicolons.csv", "';' between columns; use ','"),
         ("tabs.csv", "tabs between columns; use ','"),
-        ("few.csv", "nothing can be said"),
+        ("few.csv", "has 5 samples; nothing can be said"),
+        ("gone.csv", f"has 0 samples and {len(lines)} rows without a value; nothing can be said"),
         ("many.csv", "has 1,001 different robots, not 1,000 or fewer; if it numbers samples"),
         ("missing.csv", "no such file"),
     ):
@@ -359,9 +362,13 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     assert rows[1]["sweep_a90_cm"] is None or rows[1]["sweep_a90_cm"] > 5
     assert re.search(r"are enough for squares of 25 cm: .* cm, at \S+ % false calls", document["answer"][0])
     assert document["robots_were_told"] == ["Places: estimated by the robots."]
+    # It was given with the 5 robots, the 1200 s and the floor of the preset only.
+    assert document["made_by"]["scenario"].endswith("; robots, time and floor as planned")
     few = ["--plan", "3", "--minutes", "1", "--runs", "4", "--plates", "10"]
     told = "Places: true places, which no real robot knows: an upper bound."
-    assert output_of(capsys, "inspect", *few, "--preset", "paper").startswith(told)
+    said = words_of(capsys, "inspect", *few, "--preset", "paper")
+    assert said.startswith(told)
+    assert "squares of contrast 1 drawn from the law" in said
     assert "leave out the result or file" in error_of(capsys, "plate.csv", "--plan", "3")
     for option, value in (("--minutes", "5"), ("--want-cm", "10"), ("--plates", "20"), ("--runs", "10")):
         assert f"{option}: needs --plan" in error_of(capsys, "--floor", "random:0.48", option, value)
@@ -595,7 +602,9 @@ def test_a_plate_that_is_cleared_with_a_hole_is_said_to_have_one(
     said = words_of(capsys, "inspect", tmp_path / "hole.csv", *asked)
     assert "CLEAR of damage of 20 cm or larger, contrast 1: risk" in said
     assert "on average over places (tolerated: 5 %); 9.0 % of the cells of 10 cm have no sample." in said
-    assert "OPEN" in output_of(capsys, "inspect", tmp_path / "hole.csv", *asked, "--strict")
+    strict = words_of(capsys, "inspect", tmp_path / "hole.csv", *asked, "--strict")
+    assert "OPEN" in strict
+    assert re.search(r"the largest L of all places \([^)]*\) and contrasts \(1\)\.", strict)
 
 
 def test_rows_without_a_value_are_counted_and_differences_of_robots_stated(

@@ -770,7 +770,7 @@ def test_maps_to_scale_fill_the_room_that_the_layout_leaves(name):
 def test_certainty_is_a_standard_deviation_and_marks_stand_at_their_places():
     probability = np.array([[0.5, 0.9], [0.1, 1.0], [0.0, 0.2]])
     marked = [(0.2, 0.4, 1.0, 0.5, True), (0.1, 0.3, 0.2, 0.4, False)]
-    picture = draw_certainty(probability, (2.0, 3.0), np.array([[0.5, 1.0], [1.5, 0.2]]), marked_m=marked)
+    picture = draw_certainty(probability, (2.0, 3.0), np.array([[0.5, 1.0], [2.1, 0.2]]), marked_m=marked)
     for axes, values, most in zip(
         picture.figure.axes[:2],
         (probability, np.sqrt(probability * (1 - probability))),
@@ -780,9 +780,11 @@ def test_certainty_is_a_standard_deviation_and_marks_stand_at_their_places():
         (image,) = axes.images
         assert np.allclose(image.get_array(), values)
         assert (image.get_extent(), image.get_clim()) == ([0.0, 2.0, 0.0, 3.0], (0.0, most))
+        # A place outside the surface made the map on the right smaller than the one on the left.
+        assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 2.0), (0.0, 3.0))
         places = [(*mark.get_center(), mark.get_width(), mark.get_height()) for mark in axes.patches[::2]]
         assert np.allclose(places, [(0.7, 0.65, 1.0, 0.5), (0.2, 0.5, 0.2, 0.4)])
-    assert holds(lines_of(picture, 1), [(0.5, 1.0), (1.5, 0.2)])
+    assert holds(lines_of(picture, 1), [(0.5, 1.0), (2.1, 0.2)])
     assert picture.numbers["standard_deviation"].to_list() == pytest.approx([0.5, 0.3, 0.3, 0.0, 0.0, 0.4])
 
 

@@ -115,7 +115,7 @@ def _pod_words(found: Assessment) -> str:
 
 def not_certified(found: Assessment) -> str:
     """Return the sentence that says why nothing is certified."""
-    return f"Not certified: {listed(found.refusals)}."
+    return f"Not certified: {'; '.join(found.refusals)}."
 
 
 def damage_sections(found: Inspection) -> list[Section]:
@@ -234,9 +234,11 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
         for form, places in zip(told.patches.forms, told.patches.places.tolist(), strict=True)
     )
     if question.strict:
-        rule = f"the largest L of all places ({places} cm)"
+        rule = f"the largest L of all places ({places} cm) and contrasts"
     else:
-        rule = f"the mean of L over places, all with the same weight ({places} cm), of the worst size"
+        rule = (
+            f"the mean of L over places, all with the same weight ({places} cm), of the worst size and contrast"
+        )
     worst = f"{with_limits(told.worst, '%')} at the worst of {BLOCKS**2} blocks of places"
     missed = f"{with_limits(told.missed, '%')} ({worst})"
     robots = (
@@ -247,7 +249,7 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     return (
         Text(
             f"Risk: pi Lambda / (1 - pi + pi Lambda), with the prior pi = {stated_percent(question.prior)}, L the "
-            f"likelihood ratio of damage at a place against none, and Lambda {rule} and contrast ({contrasts}). With "
+            f"likelihood ratio of damage at a place against none, and Lambda {rule} ({contrasts}). With "
             f"all samples it is {_tolerated(told.cleared_s)}; for the last robot, with its own samples and {heard} "
             f"the others', {_tolerated(told.robots_s)}."
         ),
@@ -400,9 +402,9 @@ def plan_document(
     }
     words = (
         f"{count(runs, 'simulated inspection')}, half of which give the threshold; {count(plates, 'surface')} with "
-        "squares drawn from the law of the sensor (model-assisted); a90/95 is the upper 95 % limit of a90 for so "
-        "many, at the places of these inspections: of few inspections it is often below the a90 of many (--runs). A "
-        "sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
+        "squares of contrast 1 drawn from the law of the sensor (model-assisted); a90/95 is the upper 95 % limit of "
+        "a90 for so many, at the places of these inspections: of few inspections it is often below the a90 of many "
+        "(--runs). A sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
     )
     return Document(
         title="Plan of an inspection",

@@ -146,8 +146,9 @@ class Samples(NotebookView):
             InputError: there are too few, or they are outside the surface.
         """
         if self.frame.height < FEWEST:
+            without = f" and {count(self.left_out, 'row')} without a value" if self.left_out else ""
             raise InputError(
-                f"has {count(self.frame.height, 'sample')}; nothing can be said with fewer than {FEWEST}",
+                f"has {count(self.frame.height, 'sample')}{without}; nothing can be said with fewer than {FEWEST}",
                 field=self.source,
             )
         outside = (self.beyond > 0.05).any(axis=0)

@@ -176,12 +176,13 @@ def _known_from(result: Result, run: int) -> tuple[str, bool]:
 def _samples(
     frame: pl.DataFrame, size_m: tuple[float, float], law: Law, places: str, source: str, floor: Floor | None,
     bits: bool, *, truth_known: bool, own: str, kinds: Floor | None = None, errors: PlaceErrors | None = None,
-    changed_s: Sequence[float] = (),
+    changed_s: Sequence[float] = (), left_out: int = 0,
 ) -> Samples:  # fmt: skip
     """Return samples with their log ratios.
 
     Args:
         own: hash of their session, to which no law should be fitted. changed_s: times at which the floor changed.
+        left_out: rows without a value.
     """
     known = law if law.bits == bits else replace(law, bits=bits)
     _check_classes(known, frame["value"].to_numpy())
@@ -198,7 +199,7 @@ def _samples(
             "it is: samples from before count for what is there later, and each map is scored by the floor at its time."
         )
     return Samples(
-        table, size_m, known, places, source, floor, truth_known, kinds, errors, warning=" ".join(warnings)
+        table, size_m, known, places, source, floor, truth_known, kinds, errors, left_out, " ".join(warnings)
     )
 
 
@@ -310,16 +311,15 @@ def samples_of_csv(
                 f"leave it out: column '{by.columns['place_spread_m'].name}' has it", field="--spread-mm"
             )
         exact = "with their own standard deviations" if (frame["spread_x_m"] > 0.0).any() else exact
-    places = f"as the file has them, {exact}"
+    places, left_out = f"as the file has them, {exact}", log.tracks.height
     found = _samples(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
-        truth_known=truth_known, own=session_hash(frame["value"].to_numpy()),
+        truth_known=truth_known, own=session_hash(frame["value"].to_numpy()), left_out=left_out,
     )  # fmt: skip
-    left_out = log.tracks.height
     doubts = _doubts_of_table(by, table, left_out)
     rows = pl.concat([part.select("robot", "time_s") for part in (log.samples, log.tracks)])
     times = _doubt_of_times(rows_apart_s(rows), longest_silence_s(rows))
-    return replace(_with_doubts(found, *times, *doubts), left_out=left_out)
+    return _with_doubts(found, *times, *doubts)
 
 
 def _doubt_of_times(apart_s: float, silence_s: float = 0.0) -> Iterator[str]:

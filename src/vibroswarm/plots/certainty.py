@@ -60,9 +60,11 @@ def draw_certainty(
         bar.ax.tick_params(labelsize=sizes.small_pt)
         bar.set_label(words, fontsize=sizes.small_pt)
     panels[0].set_ylabel("y (m)", fontsize=sizes.small_pt)
+    # Places outside the surface must not make this map smaller than the one beside it.
     panels[1].plot(
-        *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True
-    )
+        *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True,
+        scalex=False, scaley=False,
+    )  # fmt: skip
     for axes, (left, bottom, width, height, is_disc) in product(panels, marked_m):
         for line in ({"edgecolor": PAPER, "lw": 1.6}, {"edgecolor": INK, "lw": 0.8, "ls": "--"}):
             corner, centre = (left, bottom), (left + 0.5 * width, bottom + 0.5 * height)
