@@ -49,7 +49,9 @@ def outcomes(samples: Samples, others: Others | None = None) -> dict[str, str]:
 def test_swapped_laws_are_not_certified(tmp_path: Path) -> None:
     """Nearly everything is called, so that the law of still places cannot be checked: nothing is certified."""
     given = {"size_m": (1.0, 1.0), "question": Question(contrasts=(1.0,)), "replicates": 39}
-    found = inspect(EXAMPLE / "plate.csv", laws=str(swapped(tmp_path)), **given).assessment
+    made = inspect(EXAMPLE / "plate.csv", laws=str(swapped(tmp_path)), **given)
+    assert "where they are smaller (are the kinds exchanged?)" in made.samples.law.origin
+    found = made.assessment
     assert found is not None
     assert found.verdict == "damage"
     assert set(found.checks["outcome"]) & {"not made", "refused"}
@@ -58,7 +60,9 @@ def test_swapped_laws_are_not_certified(tmp_path: Path) -> None:
     assert not_certified(found) == f"Not certified: {'; '.join(found.refusals)}."
     assert len(found.refusals) > 1
     # The control: with the right law there is no reason.
-    right = inspect(EXAMPLE / "plate.csv", laws=str(EXAMPLE / "reference.csv"), **given).assessment
+    made = inspect(EXAMPLE / "plate.csv", laws=str(EXAMPLE / "reference.csv"), **given)
+    assert "exchanged" not in made.samples.law.origin
+    right = made.assessment
     assert right is not None
     assert right.refusals == ()
 

@@ -236,9 +236,7 @@ def stopping_parts(found: Assessment) -> tuple[Text, ...]:
     if question.strict:
         rule = f"the largest L of all places ({places} cm) and contrasts"
     else:
-        rule = (
-            f"the mean of L over places, all with the same weight ({places} cm), of the worst size and contrast"
-        )
+        rule = f"the mean of L over places, all with the same weight ({places} cm), of the worst size and contrast"
     worst = f"{with_limits(told.worst, '%')} at the worst of {BLOCKS**2} blocks of places"
     missed = f"{with_limits(told.missed, '%')} ({worst})"
     robots = (

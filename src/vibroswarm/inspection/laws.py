@@ -214,8 +214,10 @@ def law_of_measured(
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
     )
+    exchanged = still.mean() > vibrating.mean()
     origin = (
-        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones; "
+        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones"
+        f"{', where they are smaller (are the kinds exchanged?)' if exchanged else ''}; "
         f"{differ if any(spreads) else 'places and robots presumed alike'}"
     )
     own = (session_hash(np.concatenate([vibrating, still])),)
