@@ -21,6 +21,7 @@ from vibroswarm.motion.physics.sources import PLANAR, WHEELS
 from vibroswarm.motion.source import Source, forget, join, register
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Text
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.testing import motion as motion_checks
 from vibroswarm.testing import motion_tables
@@ -228,3 +229,14 @@ def test_a_failed_run_is_shown_and_kept(tmp_path: Path) -> None:
     assert Result.read(tmp_path / "kept").failures.equals(result.failures)  # type: ignore[union-attr]
     assert "RUN FAILED at 0.02 s: MuJoCo warned of" in result_document(result).answer[0]
     assert replay(result, scenario.with_values({"strategy.name": "soft"})).failures.equals(result.failures)  # type: ignore[union-attr]
+
+
+def test_a_run_says_that_robots_on_wheels_are_boxes_whatever_their_radius() -> None:
+    result = simulate(Scenario().with_values({"run.t_end_s": 20.0, "robot.body_radius_m": 0.035}), 1)
+    for source, swarm in (("mujoco", "5 robots (boxes of 33 x 25 mm), "), ("event", "5 robots, ")):
+        words = [
+            part.words
+            for part in result_document(replace(result, source=source)).parts
+            if isinstance(part, Text)
+        ]
+        assert words[0].startswith(swarm)

@@ -34,6 +34,7 @@ from vibroswarm.core.numbers import count, first_of, number, stated_percent, ver
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
+from vibroswarm.motion.source import if_loaded
 from vibroswarm.observation.decision_boundary import expected_classes_on
 from vibroswarm.plots.picture import save_figure
 from vibroswarm.plots.reports import draw_run_reports
@@ -184,8 +185,12 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
 
 
 def _swarm(result: Result) -> str:
-    scenario: Scenario = result.scenario
-    return f"{count(scenario.swarm.robots, 'robot')}, {strategy_name(scenario.strategy.name)}"
+    scenario, moved = result.scenario, if_loaded(result.source)
+    bodies = ""
+    if moved is not None and moved.footprint_m is not None:  # whatever the scenario's robots are
+        length, width = (number(1000.0 * side_m, 0) for side_m in moved.footprint_m)
+        bodies = f" (boxes of {length} x {width} mm)"
+    return f"{count(scenario.swarm.robots, 'robot')}{bodies}, {strategy_name(scenario.strategy.name)}"
 
 
 def _origin(result: Result) -> str:

@@ -224,16 +224,21 @@ def register(source: Source) -> Source:
     return _registry.register(source)
 
 
-def robot_s_of(name: str) -> float:
-    """Return the rough processor time that a source needs to simulate one robot for 1200 s (``Source.robot_s``), s.
-
-    If the source's code is not loaded, for instance when the results of a study are only shown, return ``ROBOT_S``, the
-    time of the event engine.
+def if_loaded(name: str) -> Source | None:
+    """Return the source of that name, or None if its code is not loaded, as when the results of a study are only shown.
 
     Args:
         name: the source's name, or a reference to its code: ``FILE.py:NAME``, with or without the file's hash.
     """
-    found = _registry.known().get(plugins.name_in(name) if plugins.is_code(name) else name)
+    return _registry.known().get(plugins.name_in(name) if plugins.is_code(name) else name)
+
+
+def robot_s_of(name: str) -> float:
+    """Return the rough processor time that a source needs to simulate one robot for 1200 s (``Source.robot_s``), s.
+
+    If the source is not loaded (``if_loaded``), return ``ROBOT_S``, the time of the event engine.
+    """
+    found = if_loaded(name)
     return ROBOT_S if found is None else found.robot_s
 
 
