@@ -243,16 +243,6 @@ def test_any_executor_may_be_passed_in(alone: StudyResult, tmp_path: Path) -> No
         ), "it is left open"
 
 
-def test_an_executor_needs_no_more_than_submit(alone: StudyResult, tmp_path: Path) -> None:
-    with ThreadPoolExecutor(2) as pool:
-        assert_same(STUDY.run(tmp_path / "s", executor=SimpleNamespace(submit=pool.submit)), alone)
-    for wrong in (SimpleNamespace(), ThreadPoolExecutor, 3):
-        with pytest.raises(InputError, match="is not threads, processes"):
-            STUDY.run(tmp_path / "t", executor=wrong)
-    with pytest.raises(InputError, match="submit returns 3, not a Future"):
-        STUDY.run(tmp_path / "t", executor=SimpleNamespace(submit=lambda *work: 3))
-
-
 def test_a_pool_of_processes_of_the_caller(alone: StudyResult, tmp_path: Path) -> None:
     with ProcessPoolExecutor(1, FORKED) as pool:
         some = STUDY.with_runs(100).run(tmp_path / "s", executor=pool)

@@ -65,7 +65,7 @@ def test_costs_of_two_runs_made_by_hand(name: str, first: float, second: float) 
 
 
 def test_searches_minimise_no_figure_of_which_more_is_better() -> None:
-    """Negative control: the figures of the costs above."""
+    """The control is ``robots_wrong``, of which less is better."""
     right, wrong = (replace(BY_NAME[name], of_decisions=True) for name in ("robots_right", "robots_wrong"))
     assert (right.is_cost, wrong.is_cost) == (False, True)
 

@@ -205,7 +205,7 @@ def test_trials_of_many_inspections_are_pooled_and_each_surface_is_drawn_anew(
 
 
 def test_false_calls_of_the_plates_that_gave_the_threshold_must_be_too_few() -> None:
-    """The control: by its own 19 plates a threshold never calls falsely, on others in 5 %, as is promised."""
+    """The control: none of the 19 plates that set the threshold is called; of fresh plates 5 % are."""
     law = Law(preset("paper").sensor, "preset paper")
     samples, own, fresh = replace(drawn_samples(3, count=120, spread_m=0.0), law=law), [], []
     patches = declared(samples.size_m, [0.1, 0.2])

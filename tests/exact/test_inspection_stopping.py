@@ -50,7 +50,7 @@ def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
 def test_the_told_risk_of_several_places_sizes_and_contrasts_is_that_of_a_second_implementation(
     strict: bool,
 ) -> None:
-    """By the distributions of scipy, place by place; damage is uniform within half a step of each, as if normal."""
+    """By the distributions of scipy, place by place; damage is blurred as widely as within half a step of each."""
     random, size_m, sides_m, contrasts = np.random.default_rng(6), (0.3, 0.24), (0.1, 0.16), (1.0, 0.6)
     x_m, y_m = (side * random.random(60) for side in size_m)
     samples = drawn_samples(6, count=60, spread_m=0.0).with_columns(x_m=x_m, y_m=y_m)

@@ -56,7 +56,10 @@ CELLS = {
     + DECISION.format("limit(a4=2, most=3)"),
     "how a helper is compiled": "@njit(fastmath={} > 3)\ndef limit(x):\n    return x > 1.0\n"
     + DECISION.format("limit(s.alpha)"),
-    "class": "class Limits:\n    most = {}\n" + DECISION.format("Limits.most"),
+    "signature of a helper": "SIGNATURES = {{3: 'int32(int64)', 4: 'int64(int64)'}}\n"
+    "@njit(SIGNATURES[{}])\ndef limit(x):\n    return x\n" + DECISION.format("limit(s.alpha)"),
+    "set": "LIMITS = {{1, {}}}\n" + DECISION.format("s.alpha in LIMITS"),
+    "dictionary": "LIMITS = {{'most': {}}}\n" + DECISION.format("LIMITS['most']"),
 }
 
 JITCLASS = """from numba.experimental import jitclass
@@ -194,8 +197,23 @@ def test_a_constant_that_is_set_anew_in_a_session_is_in_the_key() -> None:
     assert hooks_of(made, network("ideal")) is not hooks
 
 
-@pytest.mark.parametrize("helper", ["@vectorize\ndef limit(x):\n    return x > 1\n", JITCLASS])
-def test_what_numba_made_of_a_function_that_cannot_be_seen_has_no_key(helper: str) -> None:
+def test_the_order_of_a_set_which_differs_from_process_to_process_is_not_in_the_key() -> None:
+    one, other = (
+        f"LIMITS = {{{order}}}\n" + DECISION.format("s.alpha in LIMITS") for order in ("0, 8", "8, 0")
+    )
+    assert key_of(cell(one)) == key_of(cell(other))
+
+
+def test_errors_of_one_name_in_two_modules_are_told_apart() -> None:
+    text = "class Wrong(Exception):\n    pass\n" + DECISION.format("Wrong()")
+    assert key_of(cell(text, "one")) != key_of(cell(text, "other"))
+
+
+CLASS = "class limit:\n    def __init__(self, most):\n        self.most = most\n"
+
+
+@pytest.mark.parametrize("helper", ["@vectorize\ndef limit(x):\n    return x > 1\n", JITCLASS, CLASS])
+def test_what_was_made_of_functions_that_cannot_be_seen_has_no_key(helper: str) -> None:
     with pytest.raises(UnknownValueError):
         key_of(cell("from numba import int64, vectorize\n" + helper + DECISION.format("limit(s.alpha)")))
 

@@ -90,8 +90,7 @@ def _of_function(function: Callable[..., Any], seen: set[Any]) -> str:
     """Return ``compiled_text``; what is in ``seen``, which is extended, has been described already."""
     seen.add(function)
     codes = list(codes_in(function.__code__))
-    # Names of arguments count: a call may give them by name.
-    texts = [f"{code.co_code!r} {_constants(code)} {code.co_names} {code.co_varnames}" for code in codes]
+    texts = [f"{code.co_code!r} {_constants(code)} {code.co_names} {_arguments(code)}" for code in codes]
     names = {name for code in codes for name in code.co_names}
     values = enclosed_by(function) | globals_of(function)
     texts += [f"{name}: {_of_value(value, names, seen)}" for name, value in values.items()]
@@ -107,7 +106,12 @@ def enclosed_by(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _constants(code: CodeType) -> list[str]:
-    return [repr(value) for value in code.co_consts if not isinstance(value, CodeType)]
+    return [_of_value(value, set(), set()) for value in code.co_consts if not isinstance(value, CodeType)]
+
+
+def _arguments(code: CodeType) -> tuple[str, ...]:
+    """Return the names of arguments, by which a call may give them."""
+    return code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
 
 
 def _content(cell: CellType) -> Any:
@@ -124,10 +128,8 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
     Args:
         names: those that the function uses, and so all attributes that it may read. seen: as in ``_of_function``.
     """
-    options: tuple[Any, ...] = ()
-    if hasattr(value, "py_func"):  # a kernel: its function, and how that is compiled
-        options = (*value.targetoptions.items(), *value.locals.items())
-        value = value.py_func
+    kernel = value
+    value = getattr(kernel, "py_func", kernel)  # the function of a kernel
     if isinstance(value, Enum):
         return f"{value!r} {_of_value(value.value, names, seen)}"
     if isinstance(value, PLAIN):
@@ -136,6 +138,10 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
         return f"{value.dtype} {value.shape} {sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, tuple | list):
         return f"{type(value).__name__} {[_of_value(each, names, seen) for each in value]}"
+    if isinstance(value, set | frozenset):  # whose order differs from process to process
+        return f"{type(value).__name__} {sorted(_of_value(each, names, seen) for each in value)}"
+    if isinstance(value, dict):
+        return f"dict {[_of_value(pair, names, seen) for pair in value.items()]}"
     if isinstance(value, ModuleType):
         return _of_module(value, names, seen)
     if isinstance(value, EnumMeta):
@@ -144,20 +150,28 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
     where, name = getattr(value, "__module__", None), getattr(value, "__qualname__", None)
     if isinstance(value, FunctionType) and not is_known(where):
         text = name or "" if value in seen else _of_function(value, seen)
-        return f"{text} {_of_value(options, names, seen)}"
+        return f"{text} {_of_value(_options(kernel), names, seen)}"
     if isinstance(value, BuiltinFunctionType) or (name is not None and is_known(where)):
         return f"{where}.{name}"
     if isinstance(value, type) and issubclass(value, tuple):
         return f"{name} {getattr(value, '_fields', ())}"
-    if type(value) is type:  # with all that is read of it
-        held = {key: getattr(value, key) for key in sorted(names) if hasattr(value, key)}
-        return f"{name} {[f'{key}: {_of_value(each, names, seen)}' for key, each in held.items()]}"
+    if isinstance(value, type) and issubclass(value, BaseException):
+        return f"{where}.{name}"
     kind = type(value).__module__
-    # Of Numba's values only types are told apart by their text; that of a vectorized function is its name.
+    # Of Numba's values only types are told apart by their text; that of a vectorized function is its name. What a
+    # class holds is not in its text either.
     says_all = is_known(kind) and (kind.startswith("numba.core.types.") or not kind.startswith("numba."))
-    if says_all and "0x" not in repr(value):
+    if says_all and not isinstance(value, type) and "0x" not in repr(value):
         return repr(value)
     raise UnknownValueError(f"a value of type {type(value).__name__}")
+
+
+def _options(kernel: Any) -> dict[str, Any]:
+    """Return how a kernel is compiled; nothing of a plain function."""
+    if not hasattr(kernel, "targetoptions"):
+        return {}
+    declared = [] if kernel._can_compile else [str(each) for each in kernel.nopython_signatures]
+    return {**kernel.targetoptions, "locals": kernel.locals, "signatures": declared}
 
 
 def _of_module(module: ModuleType, names: set[str], seen: set[Any]) -> str:

@@ -15,7 +15,7 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.numbers import counts as counted
-from vibroswarm.core.numbers import is_missing, percent, stated
+from vibroswarm.core.numbers import is_missing, percent, rounded, stated
 from vibroswarm.core.numbers import number as written
 from vibroswarm.errors import InputError
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, Look, Style
@@ -335,15 +335,15 @@ def whole_ticks(axis: Any) -> None:
 def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
     """Put ticks at the ``values`` themselves if their labels fit beside each other in the layout so far.
 
-    If they do not fit and all values are whole, put ticks at whole numbers. Otherwise do not change the ticks, nor if
-    a value has more digits than settings have: it was measured.
+    If they do not fit, or a value was measured and has more digits than its label, put ticks at whole numbers if all
+    values are whole; otherwise do not change the ticks.
     ``values`` has at least one number; it may have repeated ones.
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     places = sorted({float(value) for value in values})
-    are_settings = all(math.isclose(place, float(f"{place:.5g}"), rel_tol=1e-9) for place in places)
-    if are_settings and len(places) <= MOST_TICKS:  # more never fit, and take long to lay out
+    are_stated = all(math.isclose(place, rounded(place, 6), rel_tol=1e-9) for place in places)
+    if are_stated and len(places) <= MOST_TICKS:  # more never fit, and take long to lay out
         before = axis.get_major_locator(), axis.get_major_formatter()
         axis.set_major_locator(FixedLocator(places))
         axis.set_major_formatter(FuncFormatter(lambda value, _: stated(value).replace("-", "\u2212")))

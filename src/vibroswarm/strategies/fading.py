@@ -45,7 +45,7 @@ class Memory:
         Field(
             gt=0,
             le=1e9,
-            description="Time after which evidence on a tile counts 1/e, s.",
+            description="Time after which evidence on a tile, or on a pair of rates, counts 1/e, s.",
         ),
     ] = 600.0
 

@@ -33,7 +33,7 @@ from typing import Any, Final
 from vibroswarm.core import numbers
 from vibroswarm.core.child_python import MOST_WORKERS, processors, safe_start
 from vibroswarm.core.user_code import interrupt_in
-from vibroswarm.errors import InputError, RunError, nearest, shown, whole_number_of
+from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
 from vibroswarm.study.work import GO_ON, WorkerDied
@@ -92,7 +92,7 @@ def workers_for(
 
     Args:
         executor: ``threads``, ``processes``, ``dask://HOST:PORT`` (also ``tcp://`` or ``tls://``), the path of a Dask
-            scheduler file (``.json``), or an ``Executor``, of which only ``submit`` is called.
+            scheduler file (``.json``), or an ``Executor``.
         count: number of threads or processes, or of batches that an ``Executor`` runs at a time; by default as many as
             there are processors, or as the executor has workers. Dask does not use it.
         mixed: whether Dask workers may have other versions of vibroswarm and its libraries.
@@ -105,7 +105,7 @@ def workers_for(
         count = whole_number_of(count, "workers", 1, MOST_WORKERS)
     check_executor(executor)
     own = count or processors()
-    if not isinstance(executor, str):
+    if isinstance(executor, Executor):
         yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)
     elif executor == "threads":
         cancel, known = threading.Event(), set[int]()
@@ -130,15 +130,13 @@ def check_executor(executor: str | Executor) -> None:
 
     It does not connect to the scheduler.
     """
-    if not isinstance(executor, str):
-        if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
-            raise InputError(
-                f"{shown(executor)} is not threads, processes, the address of a Dask scheduler, or an object with the "
-                "method submit of an Executor",
-                field="executor",
-            )
-        return
-    if executor in NAMES:
+    check_kind(
+        executor,
+        (str, Executor),
+        "executor",
+        "threads, processes, the address of a Dask scheduler, or an Executor",
+    )
+    if isinstance(executor, Executor) or executor in NAMES:
         return
     if not (executor.startswith(("dask://", "tcp://", "tls://")) or executor.endswith(".json")):
         raise InputError(

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from vibroswarm.errors import CodeError, InputError, RunError, shown
+from vibroswarm.errors import CodeError, InputError, RunError
 
 if TYPE_CHECKING:
     from vibroswarm.study.executors import Workers
@@ -98,7 +98,7 @@ def do_all(
             can be saved.
     Raises:
         RunError: the executor is closed, no worker is left, or a task raised it.
-        InputError: a task raised it, or ``submit`` returns no ``Future``.
+        InputError: a task raised it.
     """
     pending: dict[Future[R], tuple[T, int]] = {}
     left = [(task, 1) for task in reversed(tasks)]  # with the number of the try; the last one is next
@@ -107,16 +107,9 @@ def do_all(
             while left and len(pending) < ahead():
                 task, tries = left.pop()
                 try:
-                    future = submit(task)
+                    pending[submit(task)] = task, tries
                 except Exception as error:  # an executor that is closed or disconnected may raise anything
                     raise workers_gone(error) from error
-                if not isinstance(future, Future):
-                    raise InputError(
-                        f"its submit returns {shown(future)}, not a Future of concurrent.futures; of a Dask client, "
-                        "give client.get_executor()",
-                        field="executor",
-                    )
-                pending[future] = task, tries
             finished = wait(pending, timeout=1.0, return_when=FIRST_COMPLETED).done
             if not finished:
                 workers.check()
