@@ -410,11 +410,12 @@ def measure_spreads(count: int) -> None:
         right = np.array(scores[1.0])
         for factor in (0.5, 0.1):
             wrong = np.array(scores[factor])
+            more = wrong - right
             print(
                 f"{name}, {tiles} x {tiles} tiles, {at_s:g} s, spreads times {factor:g}: Brier score worse by "
-                f"{interval(wrong[:, 0] - right[:, 0])}; surely wrong {wrong[:, 1].mean():.2f} in place of "
-                f"{right[:, 1].mean():.2f} tiles; stated {100 * np.mean(stated) ** 0.5:.1f} cm, truly "
-                f"{100 * np.mean(errors) ** 0.5:.1f} cm, {np.mean(within):.0%} within one",
+                f"{interval(more[:, 0])}; surely wrong tiles {wrong[:, 1].mean():.2f}, more by {interval(more[:, 1])}; "
+                f"stated {100 * np.mean(stated) ** 0.5:.1f} cm, truly {100 * np.mean(errors) ** 0.5:.1f} cm, "
+                f"{np.mean(within):.0%} within one",
                 flush=True,
             )
 

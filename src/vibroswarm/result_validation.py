@@ -256,7 +256,7 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path | None) -> No
     name = _file(folder, "floors")
     size = floors["rows"].cast(pl.Int64) * floors["columns"].cast(pl.Int64)
     if (size > TILE_LIMIT).any():
-        raise InputError(f"columns 'rows' and 'columns' give more than {TILE_LIMIT} tiles", field=name)
+        raise InputError(f"columns 'rows' and 'columns' give more than {TILE_LIMIT:,} tiles", field=name)
     if (floors["tiles"].str.len_bytes() != size).any():
         raise InputError("column 'tiles' does not have rows x columns tiles", field=name)
     last_tile = floors.select("run", last=size - 1)  # largest index of a tile

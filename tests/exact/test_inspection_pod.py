@@ -353,5 +353,5 @@ def test_of_plans_that_find_the_same_size_that_with_the_fewest_robot_minutes_is_
         | {"false_calls": [0.05, 0.05, 0.05]}
     )
     for want_m in (None, 0.02):
-        (answer,) = plan_document(table, want_m, 40, 100, "made up", "exact").answer
+        (answer,) = plan_document(table, want_m, 40, 100, {}, "exact").answer
         assert answer.startswith("3 robots in 10.0 min")

@@ -113,7 +113,11 @@ def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
     text = output_of(capsys, "scenario", "--preset", "text", "--robots", "8")
     wanted = preset("text").with_values({"swarm.robots": 8})
     assert Scenario.from_toml(text) == wanted
-    assert text.startswith("# The paper's printed text taken literally")  # what a preset is, and its sources
+    # What a preset is, and its sources.
+    assert text.startswith(
+        "# The preset below, with other values:\n# The paper's printed text taken literally"
+    )
+    assert output_of(capsys, "scenario", "--preset", "text").startswith("# The paper's printed text")
     file = tmp_path / "my scenario.toml"
     assert main(["scenario", "--preset", "text", "--robots", "8", "--out", str(file)]) == 0
     assert Scenario.read(file) == wanted

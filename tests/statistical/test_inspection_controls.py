@@ -72,7 +72,7 @@ def test_a_control_must_fail(inspected: list[Samples], control: str) -> None:
     ],
 )
 def test_places_that_are_stated_too_exactly_must_fail(name: str, factor: float, score: str) -> None:
-    """Spreads a tenth of those stated, on tiles of 10 cm, cost more than chance; halved ones make maps surely wrong.
+    """On tiles of 10 cm, spreads a tenth of those stated cost more than chance; halved ones give more sure mistakes.
 
     Halved ones cost nothing in ``calibrated``, whose robots overstate them: 88 % of the errors are within one.
     """

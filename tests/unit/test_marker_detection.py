@@ -169,6 +169,10 @@ def test_reflections_and_compression_are_told_as_causes() -> None:
     rim[20:74, 30:84] = 255  # white paper around a marker of the floor: 1760 px, 10 px wide
     rim[30:64, 40:74] = 60
     assert faults_of([rim, rim], 20.0) == []
+    tube, corner = frame.copy(), frame.copy()
+    tube[20:38, 30:230] = 255  # narrower than a marker, as the picture of a lamp is
+    corner[:12, :12] = 255  # smaller
+    assert [len(faults_of([one, one], 20.0)) for one in (tube, corner)] == [1, 0]
     (small,) = faults_of([frame, frame], 20.0, 0.0015)
     assert small.startswith("the video is compressed strongly (0.0015 bits for each pixel)")
 
@@ -196,6 +200,10 @@ def test_small_markers_are_why_none_is_seen_where_some_of_the_floor_are() -> Non
     ]
     said = why_none(small, drawn.MARKERS)
     assert said.startswith("of this dictionary it shows 46, 47 only; other squares are 9 px wide")
+    # The control: large markers, with squares inside of them, of other numbers.
+    large = [cv2.resize(frame[..., 0], None, fx=2.0, fy=2.0) for frame in drawn.frames(2)]
+    others = replace(drawn.MARKERS, robots={7: 0, 8: 1})
+    assert why_none(large, others) == "of this dictionary it shows 0, 1, 46, 47, 48, 49 only"
 
 
 @pytest.mark.parametrize("frames", [13, 21])

@@ -254,7 +254,7 @@ def _plan_document(planned: Planned, damage: Damage, scenario: ScenarioOptions, 
         )  # fmt: skip
     want_m = None if planned.want_cm is None else planned.want_cm / 100.0
     plates, places = each * damaged * len(SIDES_M), ESTIMATED if is_estimated(made) else TRUE_PLACES
-    source = f"{made}, seed {seed}; robots, time and floor as planned"
+    source = {"scenario": made.hash, "seed": str(seed)}
     return plan_document(table, want_m, planned.runs, plates, source, places)
 
 

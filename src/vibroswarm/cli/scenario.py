@@ -17,11 +17,13 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
     """
     from vibroswarm.scenario.presets import comment_of
+    from vibroswarm.scenario.scenario import preset
 
     made = scenario_from(scenario, is_final=False)
     text = made.to_toml()
     if scenario.preset is not None:
-        text = f"{comment_of(scenario.preset)}\n{text}"
+        changed = "" if made == preset(scenario.preset) else "# The preset below, with other values:\n"
+        text = f"{changed}{comment_of(scenario.preset)}\n{text}"
     if out is None:
         print_text(text)
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import islice
 from typing import Final
 
@@ -376,14 +377,14 @@ def raster_figure(found: Inspection) -> Figure:
 
 
 def plan_document(
-    table: pl.DataFrame, want_m: float | None, runs: int, plates: int, source: str, places: str
+    table: pl.DataFrame, want_m: float | None, runs: int, plates: int, source: Mapping[str, str], places: str
 ) -> Document:
     """Return what robots and time buy (``missed.plan``), and what is enough for a wanted size.
 
     Args:
         want_m: size that should be found in 90 % of inspections; None: none is asked for. runs: simulated inspections.
         plates: drawn surfaces of all sizes.
-        source, places: of the inspections, in words.
+        source: scenario and seed of the inspections. places: theirs, in words.
     """
     lengths = ("a50_m", "a90_m", "a90_95_m", "sweep_a90_m")
     shown = table.with_columns(pl.col("until_s") / 60.0, *(pl.col(name) * 100.0 for name in lengths)).rename(
@@ -409,7 +410,7 @@ def plan_document(
         answer=(_planned(table, want_m),),
         knew=(f"Places: {places}.",),
         parts=(Table(shown, columns, name="plan"), Text(words)),
-        made_by={"scenario": source, **versions()},
+        made_by={**source, **versions()},
     )
 
 

@@ -388,7 +388,7 @@ def check_size(rows: int, columns: int) -> None:
     if rows < 1 or columns < 1:
         raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field="tiles")
     if rows * columns > TILE_LIMIT:
-        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT}", field="tiles")
+        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT:,}", field="tiles")
 
 
 def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:

@@ -345,7 +345,7 @@ def _picture(data: bytes, name: str) -> Image.Image:
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
                 if picture.width * picture.height > PIXEL_LIMIT:
                     raise InputError(
-                        f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",
+                        f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT:,}",
                         field=name,
                     )
                 picture.load()
@@ -353,7 +353,7 @@ def _picture(data: bytes, name: str) -> Image.Image:
         raise
     # Pillow's own limit on pixels is above PIXEL_LIMIT.
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise InputError(f"is too large a picture; at most {PIXEL_LIMIT} pixels", field=name) from None
+        raise InputError(f"is too large a picture; at most {PIXEL_LIMIT:,} pixels", field=name) from None
     except Exception as error:  # Pillow raises many kinds of error on incomplete pictures
         raise InputError(
             f"is not a complete PNG picture ({error or type(error).__name__})", field=name

@@ -214,10 +214,9 @@ def law_of_measured(
     differ = (
         f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
     )
-    exchanged = still.mean() > vibrating.mean()
+    doubt = ", where they are smaller (are the kinds exchanged?)" if still.mean() > vibrating.mean() else ""
     origin = (
-        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones"
-        f"{', where they are smaller (are the kinds exchanged?)' if exchanged else ''}; "
+        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones{doubt}; "
         f"{differ if any(spreads) else 'places and robots presumed alike'}"
     )
     own = (session_hash(np.concatenate([vibrating, still])),)

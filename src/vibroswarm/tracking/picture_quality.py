@@ -65,20 +65,20 @@ def _edges_of(frame: Gray) -> float:
 
 
 def white_places(frames: Sequence[Gray], edge_px: float) -> list[Bools]:
-    """Return where a picture is white throughout, (height, width) of each place: in all frames, and a marker fits in.
+    """Return where a picture is white throughout, (height, width) of each place: in all frames, and as a marker's area.
 
-    The white rim of a marker that lies on the floor is no such place: it is large, but narrow.
+    The white rim of a marker that lies on the floor is no such place: it is large, but narrower than half a marker.
 
     Args:
         frames: of one camera that does not move. edge_px: edge of a marker.
     """
     cv2 = opencv()
     white = (np.min(frames, axis=0) >= WHITE).astype(np.uint8)
-    side = max(math.ceil(edge_px), 1)
-    # The middles of white squares as large as a marker.
-    middles = cv2.erode(white, np.ones((side, side), dtype=np.uint8)) > 0
-    labels = cv2.connectedComponents(white)[1]
-    return [labels == k for k in np.unique(labels[middles]) if k > 0]
+    square = np.ones((math.floor(edge_px / 2) + 1,) * 2, dtype=np.uint8)
+    wide = cv2.erode(white, square, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    _, labels, figures, _ = cv2.connectedComponentsWithStats(white)
+    areas = figures[:, cv2.CC_STAT_AREA]
+    return [labels == k for k in np.unique(labels[wide]) if k > 0 and areas[k] >= edge_px**2]
 
 
 def faults_of(frames: Sequence[Gray], edge_px: float = math.nan, bits_per_px: float = math.nan) -> list[str]:
@@ -135,7 +135,7 @@ def why_none(frames: Sequence[Gray], markers: Markers) -> str:
     )  # of equally good ones the first, which is the smallest
     if len(seen[best]) > 1 and not set(seen[best]) <= set(seen[markers.dictionary]):
         return f"its markers are of the dictionary {best} ({_listed(seen[best])})"
-    edges = [edge for frame in frames for edge in _square_edges(frame)]
+    edges = [edge for frame in frames for edge in _square_edges(frame, markers.dictionary)]
     found = []
     if seen[markers.dictionary]:
         found.append(f"of this dictionary it shows {_listed(seen[markers.dictionary])} only")
@@ -143,8 +143,7 @@ def why_none(frames: Sequence[Gray], markers: Markers) -> str:
         squares = "other squares" if found else "its squares"
         found.append(
             f"{squares} are {number(np.median(edges), 0)} px wide, and markers of {stated(SMALL_PX)} px are read "
-            f"well: bring the "
-            "camera nearer, film at a higher resolution, or print larger markers"
+            "well: bring the camera nearer, film at a higher resolution, or print larger markers"
         )
     if found:
         return "; ".join(found)
@@ -162,11 +161,17 @@ def _listed(ids: Sequence[int]) -> str:
     return ", ".join(map(str, ids[:LISTED])) + more
 
 
-def _square_edges(frame: Gray) -> list[float]:
-    """Return the mean edge, px, of each nearly square figure that is no marker of the first dictionary."""
-    aruco = opencv().aruco
-    parameters = aruco.DetectorParameters()
+def _square_edges(frame: Gray, dictionary: str) -> list[float]:
+    """Return the mean edge, px, of each nearly square figure that is no marker of the dictionary, nor inside of one."""
+    cv2 = opencv()
+    parameters = cv2.aruco.DetectorParameters()
     parameters.minMarkerPerimeterRate = 4 * SQUARE_PX / max(frame.shape)
-    _, _, others = aruco.ArucoDetector(dictionary_of("4X4_50"), parameters).detectMarkers(frame)
-    edges = [np.linalg.norm(np.roll(four[0], -1, axis=0) - four[0], axis=1) for four in others]
-    return [float(of_one.mean()) for of_one in edges if of_one.min() > 0.7 * of_one.max()]
+    read, _, others = cv2.aruco.ArucoDetector(dictionary_of(dictionary), parameters).detectMarkers(frame)
+    found = []
+    for corners in others:
+        middle = corners[0].mean(axis=0).tolist()
+        edges = np.linalg.norm(np.roll(corners[0], -1, axis=0) - corners[0], axis=1)
+        is_inside = any(cv2.pointPolygonTest(marker[0], middle, False) >= 0 for marker in read)
+        if edges.min() > 0.7 * edges.max() and not is_inside:
+            found.append(float(edges.mean()))
+    return found
