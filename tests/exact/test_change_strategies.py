@@ -423,7 +423,7 @@ def test_robots_answer_each_change_once_and_say_when_it_was() -> None:
 
 
 def on_sample_with_news(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
-    """Robot 1 tells with its third and fifth sample that it has counted anew, which it has not."""
+    """With its third and its fifth sample, robot 1 says that it has started counting anew, though it has not."""
     sends = count_reading(s, a, x, out, d, p, w)
     if w.robot == 1 and x.number in (2, 4):
         out.anew = 1
@@ -452,7 +452,7 @@ def test_news_of_a_change_is_believed_without_doubts_of_ones_own(follows: bool) 
     assert result.reports is not None
     changes = result.reports.filter(pl.col("name") == "changes").group_by("run", "robot", maintain_order=True)
     last = changes.agg(pl.col("value").last()).sort("run", "robot")["value"]
-    assert last.to_list() == told.cast(float).to_list()  # what is told twice is one change
+    assert last.to_list() == told.cast(float).to_list()  # the second message reports no new change
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
     assert Scenario.from_toml(text) == wanted
     # What a preset is, and its sources.
     assert text.startswith(
-        "# The preset below, with other values:\n# The paper's printed text taken literally"
+        "# Made from this preset, with other values:\n# The paper's printed text taken literally"
     )
     assert output_of(capsys, "scenario", "--preset", "text").startswith("# The paper's printed text")
     file = tmp_path / "my scenario.toml"

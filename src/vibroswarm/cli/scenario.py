@@ -11,7 +11,7 @@ from vibroswarm.core.atomic_io import write_text
 def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOptions) -> None:
     """Write a scenario as TOML, with every field, to edit and run again; to the terminal without --out.
 
-    That of --preset begins with the preset's comment: what it is, and its sources.
+    With --preset, it begins with the preset's comment: what the preset is, and its sources.
 
     example:
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
@@ -22,7 +22,7 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
     made = scenario_from(scenario, is_final=False)
     text = made.to_toml()
     if scenario.preset is not None:
-        changed = "" if made == preset(scenario.preset) else "# The preset below, with other values:\n"
+        changed = "" if made == preset(scenario.preset) else "# Made from this preset, with other values:\n"
         text = f"{changed}{comment_of(scenario.preset)}\n{text}"
     if out is None:
         print_text(text)

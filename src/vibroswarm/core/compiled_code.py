@@ -158,8 +158,8 @@ def _of_value(value: Any, names: set[str], seen: set[Any]) -> str:
     if isinstance(value, type) and issubclass(value, BaseException):
         return f"{where}.{name}"
     kind = type(value).__module__
-    # Of Numba's values only types are told apart by their text; that of a vectorized function is its name. What a
-    # class holds is not in its text either.
+    # The text of a type of Numba says all of it; that of other values of Numba, such as vectorized functions, may be a
+    # mere name, and so is that of a class.
     says_all = is_known(kind) and (kind.startswith("numba.core.types.") or not kind.startswith("numba."))
     if says_all and not isinstance(value, type) and "0x" not in repr(value):
         return repr(value)

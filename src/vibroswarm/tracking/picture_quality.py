@@ -65,9 +65,10 @@ def _edges_of(frame: Gray) -> float:
 
 
 def white_places(frames: Sequence[Gray], edge_px: float) -> list[Bools]:
-    """Return where a picture is white throughout, (height, width) of each place: in all frames, and as a marker's area.
+    """Return where a picture is white in all frames, (height, width) of each place.
 
-    The white rim of a marker that lies on the floor is no such place: it is large, but narrower than half a marker.
+    A place has at least the area of a marker, and a square of half its edge fits in: the white rim of a marker on the
+    floor is narrower.
 
     Args:
         frames: of one camera that does not move. edge_px: edge of a marker.
